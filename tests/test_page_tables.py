@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compplan.promise.band import PARTS
-from compplan.report import forces_page, learn_page, promise_section, stability_section
+from compplan.report import forces_page, learn_page, posture_section, promise_section, stability_section
 
 
 def test_shares_of_the_square_of_a_band_add_up_to_one() -> None:
@@ -20,6 +20,15 @@ def test_shares_of_the_square_of_a_band_add_up_to_one() -> None:
     rows = promise_section._table(promise).rows  # type: ignore[arg-type]
     assert [row[3] for row in rows[:2]] == ["36\u00a0%", "64\u00a0%"]
     assert [row[2] for row in rows[:2]] == pytest.approx([3.0, 4.0])
+
+
+def test_costs_that_only_the_chosen_posture_has_stand_beside_a_dash() -> None:
+    """The time of the run is worked out for the posture that the program found, not for the plain one."""
+    plain = {"sensitivity_rms_mm": 0.2, "travel_error_rms_mm": 0.0, "inertia_rms_mm": 0.0, "joint_travel_deg": 90.0}
+    stance = SimpleNamespace(spin=np.zeros(3), changes=(), instead_of=None)
+    table = posture_section._list_costs(stance, ({**plain, "driven_s": 3.0}, plain))  # type: ignore[arg-type]
+    (row,) = (row for row in table.rows if str(row[1]).startswith("3"))
+    assert row[2] == "\u2013"
 
 
 def test_lobes_stand_over_turns_a_minute_and_depths_in_mm() -> None:

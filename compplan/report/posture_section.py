@@ -164,7 +164,8 @@ def _list_costs(stance: Stance, both: tuple[dict[str, float], dict[str, float]] 
     chosen, plain = both or (stance.costs, {})
     for key, value in chosen.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
-        other = [f"{format_number(plain[key])}\u00a0{unit}".rstrip()] if plain else []
+        beside = f"{format_number(plain[key])}\u00a0{unit}".rstrip() if key in plain else "\u2013"
+        other = [beside] if plain else []
         rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip(), *other])
     spin = np.degrees(stance.spin)
     reach = f"{format_number(float(spin.min()))} to {format_number(float(spin.max()))}\u00a0deg"
