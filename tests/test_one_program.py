@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from benchmarks.limits import sample_use
 from compplan.job.job import check_job
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import read_force_spread
+from compplan.outputs.plan import write_plan
 from compplan.plan.freedom import Freedom, find_freedom
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
 from compplan.plan.program_step import _time_slopes
@@ -125,6 +127,11 @@ def test_a_plan_that_is_bettered_is_solved_shorter_and_promises_no_less(plan: Pl
     told = plan.to_dict()
     assert told["posture"]["program"]["time_s"] == {"graph": found.time[0], "program": found.time[1]}
     assert {entry["axis"] for entry in told["reversals"]} == {*plan.robot.joint_names, "spin"}
+
+
+def test_its_page_and_programs_are_written(plan: Plan, tmp_path: Path) -> None:
+    write_plan(plan, tmp_path / "out")
+    assert "widest 95 % band" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
 
 
 def test_its_run_holds_velocity_and_acceleration_at_every_millisecond(plan: Plan) -> None:
