@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -59,29 +61,9 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     if as_json:
         click.echo(dump_json(summary))
         return
-    force = summary["force_N"]
-    click.echo(f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
-               f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
-    if "engagement" in summary:
-        cut = summary["engagement"]
-        deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
-        shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
-        click.echo(f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}")
-    if "part" in summary and "left_mm" in summary["part"]:
-        part, left = summary["part"], summary["part"]["left_mm"]
-        click.echo(f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
-                   f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
-    if walls is not None:
-        click.echo(f"finished walls: {len(walls)}, up to {1e3 * find_greatest(walls):.3g} mm off, the arm uncorrected")
-    if "log" in summary:
-        fit = summary["log"]
-        click.echo(f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
-                   f"{fit['rms_before_N']:.3g} N, with fitted numbers by {fit['rms_after_N']:.3g} N")  # fmt: skip
-        for number in fit["fitted"]:
-            click.echo(f"  {number['name']}: {number['value']:.4g} {number['unit']} "
-                       f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
-        for note in fit["notes"]:
-            click.echo(f"  {note}")
+    greatest = None if walls is None else (len(walls), 1e3 * find_greatest(walls))
+    for line in _describe(summary, greatest):
+        click.echo(line)
     for note in summary["notes"]:
         click.echo(note)
     if table is not None:
@@ -91,3 +73,30 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
         click.echo(f"wrote {table}; {hint}")
     left = ", stock.stl" if "engagement" in summary else ""
     click.echo(f"wrote forces.json, forces.csv, report.html{left} to {folder}")
+
+
+def _describe(summary: Mapping[str, Any], walls: tuple[int, float] | None) -> Iterator[str]:
+    """Say in lines what forces.json holds; walls: how many there are, and the greatest error. [mm]"""
+    force = summary["force_N"]
+    yield (f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
+           f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
+    if "engagement" in summary:
+        cut = summary["engagement"]
+        deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
+        shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
+        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}"
+    if "part" in summary and "left_mm" in summary["part"]:
+        part, left = summary["part"], summary["part"]["left_mm"]
+        yield (f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
+               f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
+    if walls is not None:
+        yield f"finished walls: {walls[0]}, up to {walls[1]:.3g} mm off, the arm uncorrected"
+    if "log" in summary:
+        fit = summary["log"]
+        yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
+               f"{fit['rms_before_N']:.3g} N, with fitted numbers by {fit['rms_after_N']:.3g} N")  # fmt: skip
+        for number in fit["fitted"]:
+            yield (f"  {number['name']}: {number['value']:.4g} {number['unit']} "
+                   f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
+        for note in fit["notes"]:
+            yield f"  {note}"

@@ -66,7 +66,7 @@ def find_touching(
             wanted = wanted + beside - np.outer(beside @ normals[number % 3], normals[number % 3])
         sides = [0.5 * length * normals[(number + 1) % 3] * side for side in (-1, 1)]
         for shift in sides if instrument == SOCKETS and length > 0.0 else (np.zeros(3),):
-            found = settle_tips(robot, nearest, wanted + shift)
+            found = bring_tips(robot, nearest, wanted + shift)
             high = locate_frames(chain, found).tcp_position[:, 2] >= min(FLOOR, lowest)
             found = found[high] if scene is None else found[high & (measure_margin(scene, found, 0.0) >= 0.0)]
             if len(found) < 3:
@@ -89,7 +89,7 @@ def find_touching(
     return np.concatenate(q), Sights(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
 
 
-def settle_tips(robot: Robot, q: Array, wanted: Array) -> Array:
+def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
     """Bring the tip to places with least joint motion; only postures within the limits come back. Shape (k, nq)."""
     chain, q = build_chain(robot), q.copy()
     for _ in range(STEPS):

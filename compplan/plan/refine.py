@@ -122,20 +122,19 @@ def better_start(start: Start, choice: StartChoice) -> Start:
         if origin.stance is None or origin.missed.any():
             continue
         found = propose_start(task if origin is start else choice.state(origin), origin, choice, prices)
-        for candidate, point in [(origin, None)] * (origin is not start) + ([found] if found else []):
+        for candidate, how in [(origin, None)] * (origin is not start) + ([found] if found else []):
             pushes = PUSHES if not preset else (1.0,)
             for push, (taken, wide, quiet) in zip(pushes, _measure(candidate, choice, pushes), strict=True):
                 value = _judge(preset, taken / time, wide / band, quiet / still)
                 LOG.debug("time %.4f -> %.4f s, band %.4f -> %.4f mm, %.0f %% of the acceleration, %s",
-                          time, taken, 1e3 * band, 1e3 * wide, 100 * push, "graph" if point is None else "program")
+                          time, taken, 1e3 * band, 1e3 * wide, 100 * push, "graph" if how is None else "program")
                 if value < best_value - LEAST_GAIN:
-                    best, best_value, brought = replace(candidate, push=push), value, (taken, wide, quiet, point)
+                    best, best_value, brought = replace(candidate, push=push), value, (taken, wide, quiet, how)
     if brought is None or best.stance is None:
         return start
-    taken, wide, quiet, point = brought
+    taken, wide, quiet, how = brought
     bound = _bound_by_graph(task, best.stance, choice)
-    steps, names = (0, ()) if point is None else (point.steps, point.names)
-    told = Bettered(start, (time, taken), (1e3 * band, 1e3 * wide), bound, steps, names)
+    told = Bettered(start, (time, taken), (1e3 * band, 1e3 * wide), bound, *(how or Brought(0, ())))
     costs = {**best.stance.costs, "driven_s": taken, "band_mm": 1e3 * quiet}
     compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
     chosen = replace(best.stance, settings=stance.settings, costs=costs, compared=compared)
