@@ -14,6 +14,7 @@ from compplan.executed.align import Places, find_nearest, measure_way, place_row
 from compplan.executed.geometry import STEP, Nodes, Path, build_path, locate_nodes
 from compplan.executed.instructions import read_instructions
 from compplan.executed.log import Log, read_log
+from compplan.path.toolpath import interpolate
 from compplan.robot import Array, Robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm
@@ -81,7 +82,7 @@ class Window:
         if key not in self.known:
             path, sharp = self.path(arm, key), self.path(arm, 0.0)
             guess = np.searchsorted(path.s, self.s * path.s[-1] / sharp.s[-1]).clip(0, len(path.s) - 1)
-            on_path = np.stack([np.interp(self.s, sharp.s, column) for column in sharp.position.T], axis=1)
+            on_path = interpolate(self.s, sharp.s, sharp.position)
             _, share = find_nearest(path.position, guess, on_path, BESIDE)
             self.known[key] = np.interp(share, np.arange(len(path.s)), path.s)
         return self.known[key]

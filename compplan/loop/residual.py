@@ -11,6 +11,7 @@ from compplan.files.columns import FileColumn
 from compplan.files.tables import read_table
 from compplan.job.job import Job
 from compplan.loop.learn import KEPT
+from compplan.path.toolpath import interpolate
 from compplan.robot import Array, Robot
 
 
@@ -35,12 +36,6 @@ class Residual:
     def at(self, length: Array) -> Array:
         """Return the deviation at places along the path. Shape (n, 3). [m]."""
         return interpolate(length, self.length, self.deviation)
-
-
-def interpolate(length: Array, places: Array, values: Array) -> Array:
-    """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
-    flat = values.reshape(len(places), -1)
-    return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
 
 
 def residual_file(robot: Robot, job: Job) -> Path | None:

@@ -34,12 +34,12 @@ from compplan.loop.guards import POSSIBLE, explain_points, rigid_columns
 from compplan.loop.hold import Learned, list_learned, teach_robot
 from compplan.loop.learn import Lesson, Own, learn_part, possible_band
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
-from compplan.loop.residual import Residual, interpolate, read_residual, residual_file
+from compplan.loop.residual import Residual, read_residual, residual_file
 from compplan.loop.surface import Surface
 from compplan.loop.travel import Travel, choose_travel, learn_force, state_own
 from compplan.measure.distance import band_radius
 from compplan.path.force_lesson import LearnedForce, read_learned_force
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.plan.result import Plan
 from compplan.plan.task import PlanTask
@@ -329,7 +329,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
         residual: What was learned, with the posture.
         length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
     """
-    near = np.stack([np.interp(length, residual.length, column) for column in residual.q.T], axis=1)
+    near = interpolate(length, residual.length, residual.q)
     if task.robot.nq < 6:
         arm, wanted = build_arm(task.robot), (task.position, task.rotation)
         q, reached = reach_tip_and_axis(arm, near, *wanted, spin_free=task.spin_free)

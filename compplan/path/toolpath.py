@@ -376,3 +376,9 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
         rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
         tolerance=None if toolpath.tolerance is None else toolpath.tolerance[move],
     )  # fmt: skip
+
+
+def interpolate(length: NDArray[Any], places: NDArray[Any], values: Array) -> Array:
+    """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
+    flat = values.reshape(len(places), -1)
+    return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])

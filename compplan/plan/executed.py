@@ -18,6 +18,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from compplan.executed.align import find_nearest
 from compplan.executed.drives import follow_command
+from compplan.path.toolpath import interpolate
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
 from compplan.program.counting import load_motion
@@ -141,10 +142,8 @@ def _measure(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> tupl
     cut = task.cut[row] & task.cut[row - 1]
     far: list[Array] = []
     for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
-        load = np.stack([np.interp(when[rows], time, column) for column in task.wrench.T], axis=1)
-        bias = None
-        if task.bias is not None:
-            bias = np.stack([np.interp(when[rows], time, column) for column in task.bias.T], axis=1)
+        load = interpolate(when[rows], time, task.wrench)
+        bias = None if task.bias is None else interpolate(when[rows], time, task.bias)
         tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
         near = find_nearest(task.position, row[rows], tip, SIDE)[0]
         far.append(np.linalg.norm(tip - near, axis=1))

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from compplan.errors import ConvergenceError
+from compplan.path.toolpath import interpolate
 from compplan.robot import Array
 
 #: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
@@ -170,4 +171,4 @@ def _lowest_end(corner: Array, after: Array, before: Array, most: Array) -> Arra
 def subdivide(along: Array, q: Array) -> tuple[Array, Array]:
     """Divide the straight move between two waypoints into twenty."""
     grid = np.linspace(along[0], along[-1], 21)
-    return grid, np.stack([np.interp(grid, along, column) for column in q.T], axis=1)
+    return grid, interpolate(grid, along, q)

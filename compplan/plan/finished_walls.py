@@ -10,7 +10,7 @@ import numpy as np
 from compplan.job.job import Job
 from compplan.path.force_law import ForceLaw
 from compplan.path.forces.walls import MOST, WallError, judge_walls
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.robot import Array
 
 
@@ -32,7 +32,7 @@ def judge_surface(
     cutter = cutting.bench.cutter
     beam = None if job.tool_beam is None else job.tool_beam.build(2.0 * cutter.radius, cutter.flute)
     part = away @ law.T_base_part[:3, :3]
-    there = np.column_stack([np.interp(cutting.arc, nominal.arc_length, column) for column in part.T])
+    there = interpolate(cutting.arc, nominal.arc_length, part)
     ending = np.minimum(np.searchsorted(nominal.arc_length, cutting.arc - 1e-12), len(nominal) - 1)
     return judge_walls(cutting, nominal.feed[ending], there, beam, job.surface.wall)
 

@@ -15,7 +15,7 @@ from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, stage_path
 from compplan.path.contact import tool_axes
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.bending import measure_bending
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.freedom import Freedom, find_freedom
@@ -307,7 +307,7 @@ def _follow(
     rotation = orient_tool(nominal, freedom.tool_x, every, *turned.values()) @ rest
     place = freedom.task.origin[freedom.rows]
     away = point.q - freedom.task.q_start[freedom.rows]
-    q = stance.q + np.stack([np.interp(every, place, column) for column in away.T], axis=1)
+    q = stance.q + interpolate(every, place, away)
     q[:, arm.held] = stance.q[:, arm.held] + moved[:, freedom.extra]
     q = refine_ik(arm, q, nominal.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) > REACHED

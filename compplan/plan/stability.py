@@ -29,7 +29,7 @@ from compplan.path.forces.stability import (
     find_multiplier,
     find_odds,
 )
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.chatter import MODES
 from compplan.plan.frequency_response import fit_responses
 from compplan.plan.plan import build_task, prepare_job
@@ -128,7 +128,7 @@ def _find_postures(job: Job, nominal: Toolpath) -> tuple[Array, Dynamics, str]:
     """Return joint positions at the waypoints of the path, and the robot with its masses."""
     robot, _, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
-    q = np.column_stack([np.interp(nominal.arc_length, task.nominal.arc_length, column) for column in task.q_start.T])
+    q = interpolate(nominal.arc_length, task.nominal.arc_length, task.q_start)
     return q, build_dynamics(robot), str(robot.sources.get("masses", "the folder does not say"))
 
 

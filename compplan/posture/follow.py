@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.path.toolpath import interpolate
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import middle_of_limits
@@ -47,7 +48,7 @@ def follow_from(
     for k, row in enumerate(rows):
         q, _ = reach_with_all(robot, chain, q, position[[row]], rotation[[row]], free_spin=free_spin, draw=k > 0)
         stations[k] = q[0]
-    path = np.stack([np.interp(np.arange(n), rows, column) for column in stations.T], axis=1)
+    path = interpolate(np.arange(n), rows, stations)
     path, reached = reach_with_all(robot, chain, path, position, rotation, free_spin=free_spin, draw=False)
     torn = np.r_[False, np.abs(np.diff(path, axis=0)).max(axis=1) > most_step]
     return path, ~reached | torn

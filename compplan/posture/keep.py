@@ -18,7 +18,7 @@ from compplan.errors import CompplanError, InputError
 from compplan.files.columns import FileColumn
 from compplan.files.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.posture.slides import least_strokes, steady_slide
 from compplan.posture.stance import Wish
 from compplan.posture.start import PostureRequest, Start, find_start
@@ -223,10 +223,10 @@ def _follow_program(
             "long; keep the program of this path, or none", where="plan.keep",
         )  # fmt: skip
     place, length = nominal.arc_length * (ends[0] / max(ends[1], 1e-12)), program.length
-    near = np.stack([np.interp(place, length, column) for column in program.q.T], axis=1)
+    near = interpolate(place, length, program.q)
     leaning = request is not None and (request.settings.lead > 0 or request.settings.lean > 0)
     if leaning:
-        axis = np.stack([np.interp(place, length, column) for column in program.axis.T], axis=1)
+        axis = interpolate(place, length, program.axis)
         nominal = replace(nominal, axis=axis / np.linalg.norm(axis, axis=1, keepdims=True))
     missed = np.zeros(len(nominal), bool)
     return near, Start(nominal, near, rotation, {}, missed, None, request, (), of_program=True)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.robot import Array
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 
@@ -153,7 +153,7 @@ def measure_inertia_error(chain: Chain, q: Array, nominal: Toolpath, frequency: 
             continue
         step = max(period, float(time[-1]) / INSTANTS)
         when = np.arange(0.0, time[-1], step)
-        run = np.stack([np.interp(when, time, column) for column in q[first : last + 1].T], axis=1)
+        run = interpolate(when, time, q[first : last + 1])
         push = np.diff(run, 2, axis=0) / step**2
         some = np.unique(np.linspace(0, len(push) - 1, LOOKED_AT).astype(int))
         columns = joint_jacobian(chain, locate_frames(chain, run[1:-1][some]))[:, :3]

@@ -24,6 +24,7 @@ from compplan.known.assumed import known_uncertainty, list_assumed
 from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
 from compplan.known.vary import pick_rivals
 from compplan.measure.distance import LEVEL, band_radius
+from compplan.path.toolpath import interpolate
 from compplan.promise.motion import Motion
 from compplan.promise.narrow import Narrowing, list_knowable, rank_narrowings
 from compplan.robot import Array, Robot
@@ -317,6 +318,4 @@ def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
     """Interpolate covariances linearly between the rows that were looked at. Shape (k, 3, 3) -> (n, 3, 3)."""
     if len(rows) == n:
         return values
-    at = np.arange(n)
-    flat = values.reshape(len(rows), 9)
-    return np.stack([np.interp(at, rows, column) for column in flat.T], axis=-1).reshape(n, 3, 3)
+    return interpolate(np.arange(n), rows, values)

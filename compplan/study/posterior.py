@@ -23,6 +23,7 @@ from compplan.job.noise import OF_ROBOT, NoiseTable
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import measure_slopes, pick_rows, stage_path
 from compplan.known.vary import group_rivals
+from compplan.path.toolpath import interpolate
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
@@ -168,4 +169,4 @@ def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmP
 
 def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
     """Interpolate a motion of the tip between the rows that were looked at. Shape (k, 3) -> (n, 3)."""
-    return np.stack([np.interp(np.arange(n), rows, column) for column in values.T], axis=1)
+    return interpolate(np.arange(n), rows, values)

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, read_table
 from compplan.path.contact import ContactTable, Frame, cutting_progress
-from compplan.path.toolpath import WRENCH, Toolpath
+from compplan.path.toolpath import WRENCH, Toolpath, interpolate
 
 words = "wrench of a CSV file along the path"
 FILE_COLUMNS = (
@@ -36,7 +36,7 @@ def read_wrench(process: FileProcess, nominal: Toolpath, folder: Path, rows_at: 
         at = nominal.arc_length if rows_at is None else rows_at
         if len(rows) != len(at):
             raise table.error(f"{len(rows)} rows, expected {len(at)}, one a waypoint; or add a column s_mm")
-        return np.column_stack([np.interp(nominal.arc_length, at, column) for column in rows.T])
+        return interpolate(nominal.arc_length, at, rows)
     s = table.values["s"]
     if len(s) < 2:
         raise table.error(f"{len(s)} rows, expected at least 2")

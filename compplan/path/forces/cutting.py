@@ -25,7 +25,7 @@ from compplan.path.forces.materials import MATERIALS, Coefficients
 from compplan.path.forces.meeting import find_engagement
 from compplan.path.forces.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.path.forces.stock import StockColumns
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 
 #: Lean of the tool axis from its mean from which on a note tells it. [deg]
 LEANS = 30.0
@@ -196,7 +196,7 @@ class CuttingForce:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
         where = nominal.arc_length
         columns = np.concatenate([self.shape.cutting, self.shape.edge], axis=1).reshape(len(self.arc), -1)
-        shape = np.column_stack([np.interp(where, self.arc, column) for column in columns.T]).reshape(-1, 6, 6)
+        shape = interpolate(where, self.arc, columns).reshape(-1, 6, 6)
         per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :3], shape[:, 3:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])

@@ -21,7 +21,7 @@ from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable
 from compplan.path.contact import path_axes
 from compplan.path.forces.cutting import CuttingForce
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 
 #: By how much a path is shifted for the derivative: the size of deviations. [m]
 SHIFT = 1e-4
@@ -109,7 +109,7 @@ class ProcessStiffness:
         if self.cutting is None:
             return None
         part = np.where(nominal.rapid[:, None], 0.0, away) @ self.R_base_part
-        there = np.column_stack([np.interp(self.cutting.arc, nominal.arc_length, column) for column in part.T])
+        there = interpolate(self.cutting.arc, nominal.arc_length, part)
         return self.cutting.shift(follow_jumps(there, self.cutting.arc, LAG * self.cutting.bench.cutter.radius))
 
 
