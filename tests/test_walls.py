@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -148,6 +149,10 @@ def test_forces_and_plan_state_a_figure_for_the_wall_and_the_plan_takes_the_arms
         told[name] = json.loads(answer.out)["surface"]
         page = (tmp_path / name / "report.html").read_text(encoding="utf-8")
         assert "Finished walls" in page and "by the thin wall" in page
+    assert "end_mill 10 mm, 2 teeth, 9000 rpm, in coefficients of the job" in page
+    removed, rubbed = 800.0 * 0.5 * 3.0 * 20.0, 15.0 * 3.0 * 5.0 * np.arccos(0.9) * 2 * 150.0  # N mm/s, both
+    kilowatts = float(re.findall(r"N m, ([0-9.]+) kW", page)[0])
+    assert kilowatts == pytest.approx(1e-6 * (removed + rubbed), rel=0.02)
     before, after = (told[name]["walls"] for name in ("forces", "plan"))
     assert len(before) == len(after) == 1 and before[0]["side"] == "left"
     assert abs(after[0]["parts_mm"]["arm"]) < 0.1 * abs(before[0]["parts_mm"]["arm"])

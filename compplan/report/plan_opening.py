@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compplan.files.notes import list_stops
+from compplan.path.forces.cutting import CuttingTable
 from compplan.plan.slow import mark_slow
 from compplan.program.counting import load_controller
 from compplan.program.frames import place_numbers, rotation_vectors
@@ -168,4 +169,16 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
     band = "not known" if verdict.band is None else format_mm(verdict.band)
     rows.append(("Tolerance and 95 % band", f"{format_set_length(verdict.tolerance)}; band {band}"))
     force = float(np.linalg.norm(plan.task.wrench[:, :3], axis=1).max(initial=0.0))
-    return [*rows, ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted")]
+    return [*rows, ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted"), *_describe_cut(plan)]
+
+
+def _describe_cut(plan: Plan) -> list[tuple[str, str]]:
+    """Return cutter, material and spindle in words, where a cutter's engagement predicts the force."""
+    process = None if plan.job is None else plan.job.process
+    if not isinstance(process, CuttingTable):
+        return []
+    spindle, material = process.spindle(), process.material or "coefficients of the job"
+    cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {spindle.teeth} teeth, {process.spindle_rpm:g} rpm"
+    moment = np.abs(np.einsum("ni,ni->n", plan.task.wrench[:, 3:], plan.task.rotation[:, :, 2])).max(initial=0.0)
+    power = 2.0 * np.pi * spindle.speed * moment
+    return [("Cutter", f"{cutter}, in {material}"), ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]
