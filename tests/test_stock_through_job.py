@@ -14,7 +14,7 @@ from compplan.files.notes import Crash
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.operations import split_job
-from compplan.job.tool_library import read_tool_library
+from compplan.job.tool_tables import read_tool_library
 from compplan.path.forces.blank import Cut, take_away, triangulate_stock
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.finished import measure_distance

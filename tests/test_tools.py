@@ -18,7 +18,7 @@ import compplan.outputs.plan as outputs
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job
-from compplan.job.tool_library import read_tool_library, take_tool
+from compplan.job.tool_tables import read_tool_library, take_tool
 from compplan.outputs.operations import deliver_operations
 from compplan.path.operations import split_operations
 from compplan.path.reading import read_toolpath

@@ -26,6 +26,8 @@ from compplan.robot import Robot
 
 #: Greatest position [mm] and mass of a tool [kg] that are taken for true.
 FARTHEST_MM, HEAVIEST_KG = 1e6, 1e4
+#: Longest path of a file, in letters.
+LONGEST_PATH = 1000
 #: Greatest departure of a quaternion's length from 1 that is taken for rounding.
 QUATERNION_ROUNDING = 1e-3
 #: Least size of a triangle of measured points, as the sine of an angle, and least distance of two [mm].
@@ -225,9 +227,12 @@ class ToolTable(PoseTable):
 
     frame: which flange frame position, rotation and centre of mass count from: the URDF's, or the maker's, as the teach
         pendant shows it.
+    cutter_file: a tool table (`compplan.job.tool_tables`) that says the cutter of [process]; cutter_name which of it.
     """
 
     frame: Literal["flange", "pendant"] = "flange"
+    cutter_file: str | None = Field(default=None, min_length=1, max_length=LONGEST_PATH)
+    cutter_name: str | None = None
     mass_kg: float | None = Field(default=None, ge=0.0, le=HEAVIEST_KG)
     centre_of_mass_mm: Place = (0.0, 0.0, 0.0)
 

@@ -15,13 +15,13 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_
 from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, Words, check_table, read_toml
-from compplan.job.frames import PartTable, PositionerTable, ToolTable
+from compplan.job.frames import LONGEST_PATH, PartTable, PositionerTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.stability import StabilityTable
 from compplan.job.tolerance import ToleranceTable
-from compplan.job.tools import NumberedTool, ToolsTable, check_tools
+from compplan.job.tools import NumberedTool, ToolsTable, check_tools, lay_cutter
 from compplan.path.cam import list_suffixes
 from compplan.path.cam.options import CamTable
 from compplan.path.force_law import turns_with_travel
@@ -41,8 +41,8 @@ from compplan.robot.folder import find_robot_folder
 KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
 #: Share of the tolerance by which corners are rounded where a job does not say.
 ROUNDED = 0.25
-#: Longest name and longest path of a file, in letters.
-LONGEST_NAME, LONGEST_PATH = 200, 1000
+#: Longest name, in letters.
+LONGEST_NAME = 200
 
 
 class Configuration(StrictTable):
@@ -333,6 +333,11 @@ def check_job(
         data = {key: value for key, value in data.items() if key != "tool"}
     if isinstance(data.get("process"), dict):
         data["process"] = lay_material(data["process"], Path(file), "process")
+    if isinstance(data.get("tool"), dict) and "cutter_file" in data["tool"]:
+        if "tools" in data:
+            raise InputError("stands beside [tools], which says every cutter", file=file, where="tool.cutter_file")
+        tool = check_table(ToolTable, data["tool"], file=file, key="tool")
+        data["process"] = lay_cutter(data.get("process", {}), tool, Path(file))
     table = data.get("toolpath")
     if isinstance(table, dict) and "file" in table:
         named = check_table(FileTable, table, file=file, key="toolpath")

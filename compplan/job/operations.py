@@ -8,7 +8,7 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import job_toolpath_file
-from compplan.job.tool_library import read_tool_library
+from compplan.job.tool_tables import read_tool_library
 from compplan.job.tools import Described, called_speed, find_listed, find_numbered, lay_process
 from compplan.path.operations import Operation, split_operations
 from compplan.path.reading import read_toolpath
@@ -109,7 +109,7 @@ def _describe(job: Job, operation: Operation) -> Described:
             message = f"the CAM file cuts with {operation.tool}, and {job.tool_table.file} has no such tool"
             raise InputError(f"{message}; add it there", file=job.file, where="tools.file")
         return found
-    found = find_numbered(job.tools, operation)
+    found = find_numbered(job.tools, operation, job.folder)
     if found is None:
         key = f'name = "{operation.name}"' if operation.name else f"number = {operation.number}"
         start = "" if operation.name or operation.number else " before it calls any tool (T0)"
@@ -122,22 +122,20 @@ def _make_job(job: Job, number: int | None, operation: Operation, described: Des
     """Return the job of one operation."""
     data: dict[str, Any] = {key: value for key, value in job.data.items() if key != "tools"}
     data["tool"] = described.tool
-    process = lay_process(
-        job.data.get("process", {}), described, called_speed(operation), listed=job.tool_table is not None
-    )
-    if process is not None:
-        data["process"] = process
     if number is not None:
         data["cam"] = {**data.get("cam", {}), "operation": number}
         data["name"] = f"{job.name or job.file.stem}, {label}"
     given = None if job.given is None else operation.toolpath
     try:
+        process = lay_process(job.data.get("process", {}), described, called_speed(operation))
+        if process is not None:
+            data["process"] = process
         made = check_job(data, job.file, toolpath=given, robot=job._mounted)
     except InputError as error:
         where = str(error.where or "")
         if where.startswith(("process", "tool")):
             message = f"{error.message} ({operation.tool}: {described.where})"
-            raise InputError(message, file=error.file, where=where) from None
+            raise InputError(message, file=error.file or job.file, where=where) from None
         raise
     made._label = label if number is not None else ""
     made._own_robot = job._own_robot

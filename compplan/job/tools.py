@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -13,7 +13,8 @@ from pydantic import Field, model_validator
 from compplan.errors import InputError
 from compplan.files.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
-from compplan.job.tool_library import LibraryTool, take_tool
+from compplan.job.tool_tables import read_tool_library, take_cutter, take_tool
+from compplan.job.tool_tables.listed import LibraryTool
 from compplan.path.operations import Operation
 from compplan.path.process import Process
 
@@ -23,6 +24,10 @@ CUTTERS = {
     "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg", "holder_mm"),
     "milling": ("diameter_mm",),
 }
+#: Keys of [tool] that name the cutter's file.
+CUTTER_KEYS = ("cutter_file", "cutter_name")
+#: Sizes of a cutter that differ by no more than this are the same. [mm, deg]
+SAME_SIZE = 1e-3
 #: Force models that know a spindle speed.
 SPINNING = ("end_mill", "drill", "milling")
 
@@ -44,7 +49,7 @@ class NumberedTool(ToolTable):
 class ToolsTable(StrictTable):
     """[tools]: a tool table; [tool] is then the spindle: its z points out, and each length counts along it.
 
-    file: CSV, a tool library of Fusion or HSM (JSON, XML), LinuxCNC's tool.tbl or Heidenhain's TOOL.T.
+    file: any form of `compplan.job.tool_tables`.
     unit: of a file that does not say it.
     """
 
@@ -60,12 +65,16 @@ class Described:
         tool: Its [tool] table, plain.
         process: What it says of the force of its cut, plain; laid over [process].
         where: Where that is said, for messages.
+        cutter: What a tool table says of its cutter, in the words of [process], and its `kind`; empty without one.
+        asked: Whether the job names that table for the cutter: it has to fit the force model then.
 
     """
 
     tool: dict[str, Any]
     process: dict[str, Any]
     where: str
+    cutter: dict[str, Any] = field(default_factory=dict)
+    asked: bool = False
 
 
 def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool, ...]:
@@ -90,13 +99,13 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
     return tuple(tools)
 
 
-def find_numbered(tools: Sequence[NumberedTool], operation: Operation) -> Described | None:
-    """Return what [[tool]] says of the tool of an operation, None where it says nothing."""
+def find_numbered(tools: Sequence[NumberedTool], operation: Operation, folder: Path) -> Described | None:
+    """Return what [[tool]] says of the tool of an operation, None where it says nothing; its files are in a folder."""
     for k, tool in enumerate(tools):
         named = tool.name is not None and operation.name and tool.name.lower() == operation.name.lower()
         if named or (not operation.name and tool.number == operation.number):
-            plain = tool.model_dump(exclude_unset=True, exclude={"number", "name", "process"})
-            return Described(plain, dict(tool.process or {}), f"tool[{k}]")
+            plain = tool.model_dump(exclude_unset=True, exclude={"number", "name", "process", *CUTTER_KEYS})
+            return Described(plain, dict(tool.process or {}), f"tool[{k}]", _read_cutter(tool, folder), asked=True)
     return None
 
 
@@ -105,7 +114,62 @@ def find_listed(
 ) -> Described | None:
     """Return what a tool table says of the tool of an operation, mounted in the spindle; None where it says nothing."""
     entry = take_tool(library, operation.number, operation.name, file)
-    return None if entry is None else Described(_mount(entry, spindle or ToolTable()), _cutter(entry), "tools.file")
+    if entry is None:
+        return None
+    return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", _describe_cutter(entry))
+
+
+def lay_cutter(process: Mapping[str, Any], tool: ToolTable, job: Path) -> dict[str, Any]:
+    """Return [process] with the cutter that [tool] cutter_file says; as it is where it names none.
+
+    Args:
+        process: The table, plain.
+        tool: [tool]; cutter_file is relative to the job.
+        job: The job file.
+
+    Raises:
+        InputError: If the file is no tool table, or says another cutter than [process] does.
+
+    """
+    cutter = _read_cutter(tool, job.parent)
+    try:
+        _check_fit(cutter, model := str(process.get("model", "columns")), "tool")
+        return _join_cutter(cutter, process, model, "tool")
+    except InputError as error:
+        raise InputError(error.message, file=job, where=error.where) from None
+
+
+def _read_cutter(tool: ToolTable, folder: Path) -> dict[str, Any]:
+    """Return the cutter of cutter_file, empty without one."""
+    if tool.cutter_file is None:
+        return {}
+    file = folder / tool.cutter_file
+    return _describe_cutter(take_cutter(read_tool_library(file), tool.cutter_name, file))
+
+
+def _check_fit(cutter: Mapping[str, Any], model: str, where: str) -> None:
+    """Refuse a cutter whose force a model does not predict."""
+    fits = {"drill": ("drill",), "mill": ("end_mill", "milling"), "": tuple(CUTTERS)}.get(cutter["kind"], ())
+    if model not in fits:
+        said = {"other": "a shape that no force model has", "": "a cutter"}.get(cutter["kind"], f"a {cutter['kind']}")
+        message = f"is {said}, and process.model is {model!r}; a mill fits end_mill and milling, a drill drill"
+        raise InputError(message, where=f"{where}.cutter_file")
+
+
+def _join_cutter(cutter: Mapping[str, Any], stated: Mapping[str, Any], model: str, where: str) -> dict[str, Any]:
+    """Return stated keys of [process] and, under them, those of a cutter that a force model has.
+
+    Raises:
+        InputError: If both state a size, differently.
+
+    """
+    found = {key: cutter[key] for key in CUTTERS[model] if key in cutter}
+    for key, value in found.items():
+        other = stated.get(key)
+        if isinstance(other, (int, float)) and isinstance(value, (int, float)) and abs(other - value) > SAME_SIZE:
+            message = f"says {key} = {value:g}, and [process] {other:g}; expected one of both"
+            raise InputError(message, where=f"{where}.cutter_file")
+    return {**found, **stated}
 
 
 def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
@@ -122,37 +186,41 @@ def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
     return plain
 
 
-def _cutter(entry: LibraryTool) -> dict[str, Any]:
-    """Return what a tool table says of a cutter, in the words of [process]."""
+def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
+    """Return what a tool table says of a cutter, in the words of [process]; its `kind` beside them."""
     said = {
         "diameter_mm": entry.diameter_mm, "teeth": entry.teeth, "corner_radius_mm": entry.corner_radius_mm,
         "flute_mm": entry.flute_mm, "point_deg": entry.point_deg, "holder_mm": entry.holder_mm or None,
-        "model": {"drill": "drill", "mill": "end_mill"}.get(entry.kind),
+        "kind": entry.kind,
     }  # fmt: skip
     return {key: value for key, value in said.items() if value is not None}
 
 
-def lay_process(
-    common: Mapping[str, Any], described: Described, speed: float | None, *, listed: bool
-) -> dict[str, Any] | None:
+def lay_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
     """Return the [process] of one tool: what holds for all, the tool's own keys over it, the file's spindle speed.
 
     Args:
         common: [process] of the job.
         described: The tool.
         speed: Spindle speed that the file calls in the operation, or None. [1/min]
-        listed: Whether a tool table describes it: it knows the cutter, not what force model is wanted.
+
+    Raises:
+        InputError: If the job asks for a cutter that its force model does not have.
 
     """
-    own = dict(described.process)
+    own, cutter = dict(described.process), described.cutter
     if not common and not own:
         return None
-    before = str(common.get("model", "columns"))
-    if listed:
-        if before not in CUTTERS:
+    model = before = str(common.get("model", "columns"))
+    if cutter:  # a tool table knows the cutter, not what force model is wanted
+        if not described.asked and (before not in CUTTERS or cutter["kind"] == "other"):
             return dict(common)
-        model = own.get("model", before) if before != "milling" else before
-        own = {key: value for key, value in own.items() if key in CUTTERS[model]} | {"model": model}
+        if before in ("end_mill", "drill"):
+            model = {"drill": "drill", "mill": "end_mill"}.get(cutter["kind"], before)
+        own = {"model": model, **own}
+        if described.asked:
+            _check_fit(cutter, str(own["model"]), described.where)
+        own = _join_cutter(cutter, own, str(own["model"]), described.where)
     model = str(own.get("model", before))
     known = model_keys(model)
     kept = {key: value for key, value in common.items() if model == before or known is None or key in known}

@@ -1,0 +1,164 @@
+"""Tool tables: our own, and the exports of CAM systems, controls and catalogues whose form is documented.
+
+| form | told by | length | cutter |
+|---|---|---|---|
+| CSV, TOML | a head line with `number`; `[[tool]]` | length_mm | diameter_mm, teeth, corner_radius_mm .. |
+| Fusion, JSON (.json, .tools) | `data`, `post-process` | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
+| HSM, XML (.xml, .hsmlib) | `tool-library` | the holder's gauge-length + body-length | diameter, corner-radius .. |
+| ISO 13399 (.p21, GTC package) | ISO-10303-21, NUMERICAL_VALUE | - | DC ZEFP RE APMX LCF SIG |
+| MTConnect, XML | CuttingToolLifeCycle | FunctionalLength (LF) | DC RE APMX SIG |
+| FreeCAD (.fctb, .fctl) | `parameter` | - | Diameter Flutes CuttingEdgeHeight TipAngle .. |
+| LinuxCNC tool.tbl | lines `T1 P1 Z.. D..` | Z | D |
+| Heidenhain TOOL.T | a line BEGIN TOOL | L | R, R2, CUT |
+
+A length counts from the gauge line of the spindle to the tip. Each form is one file here, which holds its `words`,
+`recognise(text)` and `read(text, path, unit)`; a new one is a file and a line.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+from compplan.errors import InputError
+from compplan.files.origin import note_input
+from compplan.files.plugins import Registry
+from compplan.files.tables import read_text
+from compplan.job.tool_tables.listed import LibraryTool
+
+#: Longest tool that is taken for true. [mm]
+LONGEST_MM = 5_000.0
+#: Greatest size of a zipped library, or one in UTF-16, that is read. [bytes]
+LARGEST = 50_000_000
+
+
+class ToolForm(Protocol):
+    """What the file of a form offers; `words` name it in messages."""
+
+    words: str
+
+    def recognise(self, text: str) -> bool:
+        """Tell whether a text is of this form."""
+
+    def read(self, text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
+        """Read the tools; lengths in `unit` where the file does not say it."""
+
+
+#: Forms of tool tables, by the name of their file; the first that recognises a text reads it.
+FORMS: Registry[ToolForm] = Registry[ToolForm](
+    ("fusion", "freecad", "iso13399", "hsm", "mtconnect", "heidenhain", "linuxcnc", "toml_table", "csv_table"), __name__
+)
+
+
+def read_tool_library(path: str | Path, unit: str | None = None) -> tuple[LibraryTool, ...]:
+    """Read a tool table in any of the forms above; its text says which.
+
+    Args:
+        path: The file.
+        unit: "mm" or "inch" for a file that does not say it.
+
+    Raises:
+        InputError: With file and line, if it is none of them, lacks a unit, or states a tool that cannot be.
+
+    """
+    path = Path(path)
+    text = _read(path)
+    form = next((form for form in FORMS.values() if form.recognise(text)), None)
+    if form is None:
+        known = [form.words for form in FORMS.values()]
+        raise InputError(f"is no tool table, expected {', '.join(known[:-1])} or {known[-1]}", file=path)
+    tools = tuple(form.read(text, path, unit))
+    if not tools:
+        raise InputError("holds no tool", file=path)
+    return tools
+
+
+def _read(path: Path) -> str:
+    """Return the text of a table: what a zipped library of Fusion or a GTC package holds, XML in UTF-16 too."""
+    head = path.read_bytes()[:4] if path.is_file() else b""
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff") and path.stat().st_size < LARGEST:
+        content = path.read_bytes()
+        note_input(path, content)
+        return content.decode("utf-16", errors="replace").partition("?>")[2]
+    if head != b"PK\x03\x04":
+        return read_text(path)
+    content = path.read_bytes()
+    note_input(path, content)
+    try:
+        texts = list(_unpack(content, path))
+    except (OSError, zipfile.BadZipFile, UnicodeDecodeError, RuntimeError) as error:
+        raise InputError(f"is no zipped tool library: {error}", file=path) from None
+    if not texts:
+        raise InputError("holds neither one tools.json nor .p21 files, expected a zipped tool library", file=path)
+    return "\n".join(texts)
+
+
+def _unpack(content: bytes, path: Path, nested: bool = False) -> Iterator[str]:
+    """Unpack the texts of a zipped library: its one .json, else all .p21, each of which may be zipped once more."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for suffix in (".json", ".p21", ".p21.zip"):
+            found = [info for info in archive.infolist() if info.filename.lower().endswith(suffix)]
+            if sum(info.file_size for info in found) > LARGEST:
+                raise InputError(f"unpacks to more than {LARGEST // 1_000_000} MB of tools", file=path)
+            if not found or (suffix == ".json" and len(found) > 1) or (suffix == ".p21.zip" and nested):
+                continue
+            for info in found:
+                inner = archive.read(info)
+                yield from _unpack(inner, path, nested=True) if suffix == ".p21.zip" else (inner.decode("utf-8-sig"),)
+            return
+
+
+def take_tool(tools: Sequence[LibraryTool], number: int, name: str, path: str | Path) -> LibraryTool | None:
+    """Return the tool that a file calls by its number, or by its name; None where the table has none.
+
+    Raises:
+        InputError: If the table describes it twice, without a length, or as no tool can be.
+
+    """
+    found = [tool for tool in tools if (tool.name.lower() == name.lower() if name else tool.number == number)]
+    if not found:
+        return None
+    tool = _take_one(found, repr(name) if name else f"T{number}", path)
+    if tool.length_mm is None:
+        message = f"{tool.call} has no length from the gauge line: {tool.missing}"
+        raise InputError(message, file=path, where=tool.line or None)
+    return tool
+
+
+def take_cutter(tools: Sequence[LibraryTool], name: str | None, path: str | Path) -> LibraryTool:
+    """Return the tool that a job names for its cutter: by name, by T number ("T3" or "3"), or the only one.
+
+    Raises:
+        InputError: If there is none or several, or it is described as no tool can be.
+
+    """
+    found = list(tools)
+    if name is not None:
+        found = [tool for tool in tools if name.lower() in (tool.name.lower(), f"t{tool.number}", str(tool.number))]
+    if not found or (name is None and len(found) > 1):
+        listed = ", ".join(tool.call for tool in tools[:8]) + (", .." if len(tools) > 8 else "")
+        fault = f"has no tool {name!r}" if name is not None else f"holds {len(tools)} tools"
+        raise InputError(f"{fault}; write cutter_name, one of {listed}", file=path)
+    return _take_one(found, found[0].call, path)
+
+
+def _take_one(found: Sequence[LibraryTool], call: str, path: str | Path) -> LibraryTool:
+    """Return the one tool that is described, with sizes that can be.
+
+    Raises:
+        InputError: If it is described twice, or as no tool can be.
+
+    """
+    tool = found[0]
+    if any(replace(other, line=0) != replace(tool, line=0) for other in found):
+        raise InputError(f"describes {call} {len(found)} times, expected once", file=path, where=found[1].line or None)
+    for key in ("length_mm", "diameter_mm", "corner_radius_mm", "flute_mm", "point_deg", "mass_kg"):
+        value = getattr(tool, key)
+        if value is not None and not 0.0 <= value <= LONGEST_MM:
+            message = f"{key} of {call} is {value:g}, expected 0 to {LONGEST_MM:g}"
+            raise InputError(message, file=path, where=tool.line or None)
+    return tool
