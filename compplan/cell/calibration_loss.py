@@ -27,13 +27,14 @@ class Loss:
     rms: float
 
 
-def judge_losses(robot: Robot, held: Robot, nominal: Robot, seed: int = 0) -> tuple[list[Loss], float]:
+def judge_losses(robot: Robot, held: Robot, nominal: Robot, lacks: str, seed: int = 0) -> tuple[list[Loss], float]:
     """Say what is lost, one thing at a time, and the tip error that all of it leaves (rms).
 
     Args:
         robot: The robot as measured: bending under its own weight and effects included.
         held: The robot that the controller believes, its joints rigid.
         nominal: The robot as it ships; its tool is the controller's until somebody enters another one.
+        lacks: What the controller's file has no numbers for.
         seed: Seed of the poses.
     """
     rng = np.random.default_rng(seed)
@@ -47,7 +48,7 @@ def judge_losses(robot: Robot, held: Robot, nominal: Robot, seed: int = 0) -> tu
     rigid, bent, axes = locate(stiffen(plain)), locate(plain), locate(held)
     believed = locate(replace(held, joints=(*_split(held)[0], *_split(nominal)[1]), tcp=nominal.tcp))
     losses = [
-        Loss("where axis 1 stands in the base, 2 of 6 numbers of the flange", _rms(rigid - axes)),
+        Loss(lacks, _rms(rigid - axes)),
         Loss("the tool, from flange to TCP: enter it as the TCP", _rms(axes - believed)),
         Loss(f"bending under the arm's own weight, springs {robot.grade}", _rms(bent - rigid)),
     ]

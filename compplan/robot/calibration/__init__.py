@@ -1,8 +1,10 @@
 """Calibration files of robot controllers, one file a format: read into a robot, and written from one.
 
-Each format offers `name`, `words`, `recognise(text)`, `read(text, file, nominal) -> Robot` and `write(robot, nominal)`,
-which returns the text and the robot as the controller then believes it; `write` is None for a format that is only read.
-A new format is one new file and one line here.
+Each format offers `name`, `words`, `recognise(text)`, `read(text, file, nominal) -> Robot` and
+`write(robot, nominal, own)`, which returns the text and the robot as the controller then believes it; `write` is None
+for a format that is only read.
+What a written file has no numbers for is said in `lacks`, what to do with it in `advice`.
+A new format is one new file and one line here. Joints stand at the controller's zero at q = 0 here.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Protocol
 from compplan.errors import InputError
 from compplan.files.plugins import Registry
 from compplan.robot import Robot
+from compplan.robot.calibration.numbers import OwnFile
 
 
 class CalibrationFormat(Protocol):
@@ -21,7 +24,9 @@ class CalibrationFormat(Protocol):
 
     name: str
     words: str
-    write: Callable[[Robot, Robot], tuple[str, Robot]] | None
+    lacks: str
+    advice: str
+    write: Callable[[Robot, Robot, OwnFile | None], tuple[str, Robot]] | None
 
     def recognise(self, text: str) -> bool:
         """Tell whether a text is of this format."""
@@ -32,17 +37,12 @@ class CalibrationFormat(Protocol):
         ...
 
 
-_OWN = ("universal_robots", "ur_kinematics")
+_OWN = ("universal_robots", "ur_kinematics", "kuka", "fanuc", "abb")
 #: Every format, by its name, which is that of its module.
 FORMATS: Registry[CalibrationFormat] = Registry[CalibrationFormat](_OWN, __name__)
 
-#: Files that are known and not read: what their text begins with or holds, and why.
-REFUSED = {
-    "MOC:CFG": "an ABB MOC.cfg: its cal_offset is an angle of the motor, which the joint angles hold already, and how"
-    " its error model moves the arm stands in no public document that we know",
-    "$MACHINE": "KUKA machine data: how it corrects the geometry stands in no public document that we know",
-    "$DMR_GRP": "FANUC master counts: the joint angles hold them already, and lengths are not in the file",
-}
+#: Files that are known and not read: what their text holds, and why.
+REFUSED = {"$DMR_GRP": "FANUC master counts: the joint angles hold them already; lengths stand in symotn.va"}
 
 
 def find_format(text: str, file: Path) -> CalibrationFormat:

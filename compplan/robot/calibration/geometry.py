@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.mounting import mounted_tool
 
 #: Axes that enclose less count as parallel, their common normal would lie kilometres away; at one metre 1 um. [rad]
 PARALLEL = 1e-6
@@ -79,6 +80,66 @@ def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
     return replace(nominal, joints=tuple(joints))
 
 
+def turn_zeros(robot: Robot, q: Array) -> Robot:
+    """Return the robot whose joints count from where they stood at q. Shape (n,). [rad or m]"""
+    joints, index = [], 0
+    for joint in robot.joints:
+        if joint.actuated:
+            step = np.eye(4)
+            if joint.kind == "prismatic":
+                step[:3, 3] = joint.axis * q[index]
+            else:
+                step[:3, :3] = Rotation.from_rotvec(joint.axis * q[index]).as_matrix()
+            joint, index = replace(joint, placement=joint.placement @ step), index + 1
+        joints.append(joint)
+    return replace(robot, joints=tuple(joints))
+
+
+def face_axes(zero: ZeroPose, nominal: Robot) -> ZeroPose:
+    """Return the axes with the senses that the nominal robot's joints have.
+
+    Raises:
+        InputError: If the robot has another number of axes.
+    """
+    own = find_zero_pose(nominal).direction
+    if own.shape != zero.direction.shape or nominal.prismatic.any():
+        raise InputError(f"robot {nominal.name!r} has {len(own)} axes, expected an arm of {len(zero.point)} that turn")
+    sense = np.where(np.einsum("ij,ij->i", own, zero.direction) < 0.0, -1.0, 1.0)
+    return replace(zero, direction=zero.direction * sense[:, None])
+
+
+def tool_zero(zero: ZeroPose, nominal: Robot) -> ZeroPose:
+    """Return axes and flange of a model that ends at the maker's tool 0, which is the TCP of the robot as it ships."""
+    return replace(zero, flange=zero.flange @ np.linalg.inv(mounted_tool(nominal)))
+
+
+def place_flange(zero: ZeroPose, q: Array) -> tuple[Array, Array]:
+    """Return the flange, and the axes as they stand, of an arm whose joints all turn.
+
+    Args:
+        zero: Axes and flange at the zero pose.
+        q: Joint angles. Shape (n,). [rad]
+
+    Returns:
+        Pose of the flange, shape (4, 4), and pose by which each axis has moved, shape (n, 4, 4). [m]
+    """
+    pose, moved = np.eye(4), []
+    for axis, point, angle in zip(zero.direction, zero.point, q, strict=True):
+        moved.append(pose)
+        step = np.eye(4)
+        step[:3, :3] = Rotation.from_rotvec(axis * angle).as_matrix()
+        step[:3, 3] = point - step[:3, :3] @ point
+        pose = pose @ step
+    return pose @ zero.flange, np.array(moved)
+
+
+def shift_zeros(zero: ZeroPose, q: Array) -> ZeroPose:
+    """Return axes and flange as they stand at q, which is the zero of new joint angles. Shape (n,). [rad]"""
+    flange, moved = place_flange(zero, q)
+    point = np.einsum("kij,kj->ki", moved[:, :3, :3], zero.point) + moved[:, :3, 3]
+    return ZeroPose(np.einsum("kij,kj->ki", moved[:, :3, :3], zero.direction), point, flange)
+
+
 def _turn_between(old: Array, new: Array) -> Array:
     """Return the smallest rotation that turns one unit vector into another. Shape (3, 3)."""
     normal = np.cross(old, new)
@@ -98,7 +159,7 @@ def walk_dh(dh: Array) -> ZeroPose:
     for theta, a, d, alpha in dh:
         direction.append(pose[:3, 2])
         point.append(pose[:3, 3])
-        pose = pose @ _frame(theta, a, d, alpha)
+        pose = pose @ frame_dh(theta, a, d, alpha)
     return ZeroPose(np.array(direction), np.array(point), pose)
 
 
@@ -131,7 +192,7 @@ def fit_dh(zero: ZeroPose, d_parallel: Array) -> Array:
         across = np.array([-np.sin(theta), np.cos(theta), 0.0])
         a, alpha = float(normal @ point), float(np.arctan2(-across @ axis, axis[2]))
         numbers.append((theta, a, d, alpha))
-        pose = pose @ _frame(*numbers[-1])
+        pose = pose @ frame_dh(*numbers[-1])
     return np.array(numbers)
 
 
@@ -148,7 +209,8 @@ def _common_normal(axis: Array, point: Array, d_parallel: float) -> tuple[float,
     return float(np.arctan2(normal[1], normal[0])), height
 
 
-def _frame(theta: float, a: float, d: float, alpha: float) -> Array:
+def frame_dh(theta: float, a: float, d: float, alpha: float) -> Array:
+    """Return Rz(theta) Tz(d) Tx(a) Rx(alpha). Shape (4, 4). [rad, m]"""
     pose = np.eye(4)
     turn = Rotation.from_euler("z", theta).as_matrix()
     pose[:3, :3] = turn @ Rotation.from_euler("x", alpha).as_matrix()

@@ -14,11 +14,13 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.robot import Array, Robot
 from compplan.robot.calibration.geometry import ZeroPose, find_zero_pose, fit_dh, move_axes, walk_dh
-from compplan.robot.calibration.numbers import keep_once, read_numbers, require_names
+from compplan.robot.calibration.numbers import OwnFile, keep_once, read_numbers, require_names
 
 name = "universal_robots"
 words = "calibration.conf of Universal Robots (delta_theta, delta_a, delta_d, delta_alpha)"
 KEYS = ["delta_theta", "delta_a", "delta_d", "delta_alpha"]
+lacks = "where axis 1 stands in the base, 2 of 6 numbers of the flange"
+advice = "keep the robot's own file, put these four lines in place of its own"
 LINE = re.compile(r"\s*(delta_\w+)\s*=\s*\[?([^\]#]*)\]?")
 #: Farther from the numbers of the type no shipped geometry is. [m, rad]
 ROUNDED = 1e-6
@@ -50,22 +52,23 @@ def read(text: str, file: Path, nominal: Robot) -> Robot:
     return move_axes(nominal, walk_dh(dh), file)
 
 
-def write(robot: Robot, nominal: Robot) -> tuple[str, Robot]:
+def write(robot: Robot, nominal: Robot, own: OwnFile | None = None) -> tuple[str, Robot]:
     """Return the calibration.conf of a robot, and the robot that its controller then believes.
 
     Args:
         robot: The robot as measured.
         nominal: The robot of this type as it ships.
+        own: The controller's file as it is now: not needed.
 
     Raises:
         InputError: If the robots have not the axes of a Universal Robots arm.
     """
     dh = find_type(nominal)
-    own = fit_dh(find_zero_pose(robot), dh[:, 2])
+    fitted = fit_dh(find_zero_pose(robot), dh[:, 2])
     lines = [
-        f"{key} = [ {', '.join(repr(float(v)) for v in row)}]" for key, row in zip(KEYS, (own - dh).T, strict=True)
+        f"{key} = [ {', '.join(repr(float(v)) for v in row)}]" for key, row in zip(KEYS, (fitted - dh).T, strict=True)
     ]
-    held = move_axes(robot, walk_dh(own), robot.name)
+    held = move_axes(robot, walk_dh(fitted), robot.name)
     return "[mounting]\n" + "\n".join(lines) + "\n", held
 
 
