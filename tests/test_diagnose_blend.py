@@ -193,6 +193,18 @@ def test_the_page_says_what_small_errors_are_of_and_never_plans_with_a_nominal_r
     assert "Plan with" not in told[0] and told[1].startswith("Plan with the updated robot")
 
 
+def test_what_a_calibration_takes_up_is_not_said_to_be_explained_by_nothing() -> None:
+    partly = {"status": "partly_explained", "effects": [{"effect": "backlash", "joint": "joint_2"}]}
+
+    def told(kind: str, after: float) -> str:
+        gap = {"held_out_before_rms_mm": 0.7, "held_out_after_rms_mm": after, "noise_floor_mm": 0.1}
+        return open_diagnosis(partly, gap, kind, "").verdict
+
+    assert told("calibrated", 0.12).endswith("The rest has no name, but calibration takes it up to the noise.")
+    for kind, after in (("calibrated", 0.2), ("causes", 0.12)):
+        assert told(kind, after).endswith("Something is left that nothing explains.")
+
+
 def test_a_model_whose_exact_robot_does_not_do_what_derivatives_promise_has_no_part(diagnosis: Diagnosis) -> None:
     """A zero that is off by half a turn: first order moves the tool along a line, the robot along an arc."""
     folds = fold(diagnosis)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.diagnose.answer.verdict import FLOORS_LEFT
 from compplan.files.notes import Crash, list_stops
 from compplan.plan.keeping import MEASURE
 from compplan.report.effect_words import describe_effect, name_effect
@@ -136,14 +137,16 @@ def open_diagnosis(
     if doubtful:
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
         verdicts["explained"] = (f"Found, but not for certain: {first}{more}.", "unsure")
-    verdict, tone = verdicts.get(status, (f"Found in part: {first}{more}. Something is left that nothing explains.",
-                                          "unsure"))  # fmt: skip
+    floor = gap.get("noise_floor_mm")
+    left = "Something is left that nothing explains."
+    if delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor:
+        left = "The rest has no name, but calibration takes it up to the noise."
+    verdict, tone = verdicts.get(status, (f"Found in part: {first}{more}. {left}", "unsure"))
     figures = []
     if before is not None and after is not None:
         figures = [KeyFigure(format_mm(1e-3 * before), "rms error of the robot model before"),
                    KeyFigure(format_mm(1e-3 * after), "rms error of the updated one, on rows not used for the fit",
                              "good" if after < 0.5 * before else "")]  # fmt: skip
-    floor = gap.get("noise_floor_mm")
     figures += [] if not floor else [KeyFigure(format_mm(1e-3 * floor), "noise of the measurement")]
     todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot."
     if doubtful:
