@@ -1,12 +1,13 @@
-"""Do the lines and arcs of a program stand for all rows that were planned? Each move is followed along them.
+"""Do the moves of a program stand for all rows that were planned? Each is followed along them.
 
-Nothing here goes through the writers: a move is found by where it ends, its line or arc is worked out anew.
+Nothing here goes through the writers: a move is found by where it ends, its line, arc or cubic is worked out anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ TURN = 0.02
 FEED, FEED_STEP = 0.012, 0.06
 #: Rows that are searched at once, and cycles below which a move may join rows of any speed.
 WINDOW, SHORT = 256, 2.0
+#: Time beside a rest in which the controller changes the speed by itself [s], and what counts as its end.
+RAMP, REACHED = 0.5, 1.01
 
 
 @dataclass(frozen=True)
@@ -101,17 +104,16 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
 
     """
     said: list[str] = []
+    rests = ends[[move.stops for move in moves]]
+    speed = _send(rows, rests)
     for k in range(1, len(moves)):
         a, b, move = int(ends[k - 1]), int(ends[k]), moves[k]
         if move.kind == "joint":
             if b > a + 1:
                 said.append(f"a joint move leads from row {a} to row {b}")
             continue
-        via = None
-        if move.kind == "arc":
-            assert move.via is not None
-            via = (bases[k] @ move.via)[:3, 3]
-        wrong = _follow(rows, a, b, via) or _time(rows, a, b, via, move.feed)
+        way = _lay_move(rows.position[a : b + 1], move, bases[k])
+        wrong = _follow(rows, a, b, way) or _time(rows, a, b, way.length, speed[a + 1 : b + 1], move.feed)
         if wrong:
             said.append(f"{wrong} between rows {a} and {b}")
         if len(said) > 2:
@@ -119,25 +121,89 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
     return said[:1]
 
 
-def _follow(rows: PlannedRows, a: int, b: int, via: Array | None) -> str:
-    """Say how far rows lie beside a line, or an arc through a place, where that is too far."""
-    if b == a + 1 and via is None:
-        return ""
-    x, start, end = rows.position[a : b + 1], rows.position[a], rows.position[b]
-    if via is None:
-        chord = end - start
-        square = float(chord @ chord)
-        share = (x - start) @ chord / square if square > 0.0 else np.linspace(0.0, 1.0, len(x))
-        off = np.linalg.norm(x - start - share[:, None] * chord, axis=1)
-    else:
-        off, share = _follow_arc(x, via)
+def _send(rows: PlannedRows, rests: NDArray[np.int_]) -> Array:
+    """Return the speed of the move to each row, starts from rest and stops left to the controller. Shape (m,) [mm/s].
+
+    There a program has the speed that the plan comes to within `RAMP`, row by row faster, and stays near.
+    """
+    lasts = np.r_[1.0, np.diff(rows.time)]
+    speed = np.r_[0.0, np.linalg.norm(np.diff(rows.position, axis=0), axis=1)] / np.maximum(lasts, 1e-9)
+    sent = speed.copy()
+    for first, last in zip(rests[:-1].tolist(), rests[1:].tolist(), strict=True):
+        for order in (range(first + 1, last + 1), range(last, first, -1)):
+            time, inside = 0.0, list[int]()
+            for row in order:
+                time += lasts[row]
+                if time >= RAMP and inside:
+                    break
+                inside.append(row)
+            top = max(speed[row] for row in inside) / REACHED if inside else 0.0
+            count = next((k for k, row in enumerate(inside) if speed[row] >= top), 0)
+            rises = all(speed[b] > speed[a] for a, b in pairwise(inside[: count + 1]))
+            if count and count + 1 < len(order):  # it may not fall at once again
+                rises = rises and speed[order[count + 1]] > REACHED * speed[inside[count - 1]]
+            if count and rises:
+                sent[inside[:count]] = speed[inside[count]]
+    return sent
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A move along the rows that it stands for: how far each lies from it, its share of it, and its length [mm]."""
+
+    off: Array
+    share: Array
+    length: float
+
+
+def _lay_move(x: Array, move: Move, base: Array) -> _Way:
+    if move.kind == "curve":
+        assert move.bend is not None
+        return _lay_curve(x, base[:3, :3] @ move.bend[0], base[:3, :3] @ move.bend[1])
+    if move.kind == "arc":
+        assert move.via is not None
+        return _follow_arc(x, (base @ move.via)[:3, 3])
+    chord = x[-1] - x[0]
+    square = float(chord @ chord)
+    share = (x - x[0]) @ chord / square if square > 0.0 else np.linspace(0.0, 1.0, len(x))
+    return _Way(np.linalg.norm(x - x[0] - share[:, None] * chord, axis=1), share, float(np.sqrt(square)))
+
+
+def _lay_curve(x: Array, leaves: Array, comes: Array) -> _Way:
+    """Hold rows against a cubic from the first to the last, of these derivatives by its share at its ends. [mm]."""
+    points = np.array([x[0], x[0] + leaves / 3.0, x[-1] - comes / 3.0, x[-1]])  # of Bezier
+
+    def place(u: Array) -> Array:
+        v = 1.0 - u
+        return np.column_stack([v**3, 3 * u * v * v, 3 * u * u * v, u**3]) @ points
+
+    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1))]
+    share = along / max(float(along[-1]), 1e-12)
+    for _ in range(4):  # to the foot of each row
+        v, edges = 1.0 - share, np.diff(points, axis=0)
+        slope = 3.0 * np.column_stack([v * v, 2 * share * v, share * share]) @ edges
+        step = np.einsum("ni,ni->n", x - place(share), slope) / np.maximum(np.einsum("ni,ni->n", slope, slope), 1e-12)
+        share = np.clip(share + step, 0.0, 1.0)
+    half = 0.5 * (share[:-1] + share[1:])
+    chord = np.diff(x, axis=0)
+    arm = place(half) - x[:-1]
+    part = np.einsum("ni,ni->n", arm, chord) / np.maximum(np.einsum("ni,ni->n", chord, chord), 1e-18)
+    bulge = np.linalg.norm(arm - part[:, None] * chord, axis=1)
+    fine = place(np.linspace(0.0, 1.0, 16 * len(x)))
+    length = float(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum())
+    return _Way(np.maximum(np.linalg.norm(x - place(share), axis=1), np.r_[0.0, bulge]), share, length)
+
+
+def _follow(rows: PlannedRows, a: int, b: int, way: _Way) -> str:
+    """Say how far rows lie beside a move where that is too far."""
+    off, share = way.off, way.share
     if off.max() > rows.tolerance[a + 1 : b + 1].min() + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um beside the move"
     if (np.diff(share) < -1e-6).any():
         return "the path turns back"
     turned = Rotation.from_matrix(rows.rotation[a : b + 1])
-    way = (turned[0].inv() * turned).as_rotvec(degrees=True)
-    most = float(np.linalg.norm(way - share[:, None] * way[-1], axis=1).max())
+    around = (turned[0].inv() * turned).as_rotvec(degrees=True)
+    most = float(np.linalg.norm(around - share[:, None] * around[-1], axis=1).max())
     return f"the tool is turned by {most:.3g} deg beside an even turn" if most > TURN else ""
 
 
@@ -153,8 +219,8 @@ def _lay_arc(start: Array, via: Array, end: Array) -> tuple[Array, Array, Array,
     return centre, first, np.cross(across, first), across
 
 
-def _follow_arc(x: Array, via: Array) -> tuple[Array, Array]:
-    """Return how far rows lie from an arc, and it from their chords, and the share of it at each."""
+def _follow_arc(x: Array, via: Array) -> _Way:
+    """Hold rows against an arc from the first to the last through a place, and it against their chords. [mm]."""
     centre, u, v, across = _lay_arc(x[0], via, x[-1])
     arm = x - centre
     radius = float(np.linalg.norm(arm[0]))
@@ -163,27 +229,20 @@ def _follow_arc(x: Array, via: Array) -> tuple[Array, Array]:
         angle = np.where(angle < 0.0, angle + 2.0 * np.pi, angle)
     bulge = radius * (1.0 - np.cos(0.5 * np.diff(angle, prepend=0.0)))
     off = np.hypot(np.hypot(arm @ u, arm @ v) - radius, arm @ across)
-    return np.maximum(off, bulge), angle / max(float(angle[-1]), 1e-12)
+    return _Way(np.maximum(off, bulge), angle / max(float(angle[-1]), 1e-12), radius * float(angle[-1]))
 
 
-def _time(rows: PlannedRows, a: int, b: int, via: Array | None, feed: float | None) -> str:
-    """Say where the feed of a move takes another time than planned, or less than a cycle."""
-    x, lasts = rows.position[a : b + 1], float(rows.time[b] - rows.time[a])
-    if feed is None or rows.free[b]:
+def _time(rows: PlannedRows, a: int, b: int, length: float, speed: Array, feed: float | None) -> str:
+    """Say where the feed of a move takes another time than that of the speeds to be sent, or less than a cycle."""
+    if feed is None or rows.free[b] or length < 1e-6:
         return ""
-    length = float(np.linalg.norm(x[-1] - x[0]))
-    if via is not None:
-        centre, u, v, _ = _lay_arc(x[0], via, x[-1])
-        angle = np.arctan2((x[-1] - centre) @ v, (x[-1] - centre) @ u) % (2.0 * np.pi)
-        length = float(np.linalg.norm(x[0] - centre) * angle)
-    if length < 1e-6:
-        return ""
+    step = np.linalg.norm(np.diff(rows.position[a : b + 1], axis=0), axis=1)
+    lasts = float(np.where(step > 0.0, step / np.maximum(speed, 1e-9), np.diff(rows.time[a : b + 1])).sum())
     wanted = length / max(lasts, rows.cycle)
     if abs(feed - wanted) > FEED * wanted + FEED_STEP:
         return f"a feed of {feed:.4g} mm/s, the plan takes {wanted:.4g}"
     if lasts <= SHORT * rows.cycle:
         return ""
-    speed = np.linalg.norm(np.diff(x, axis=0), axis=1) / np.maximum(np.diff(rows.time[a : b + 1]), 1e-9)
     off = np.abs(speed - wanted)
     if off.max() > FEED * wanted + FEED_STEP:
         return f"a feed of {feed:.4g} mm/s, the plan has {speed[off.argmax()]:.4g}"

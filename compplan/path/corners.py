@@ -74,7 +74,8 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
         moved[own[1:-1]] = np.linalg.norm((position - divided.position)[own[1:-1]], axis=1)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     notes = (*divided.notes, _describe(len(corners), float(moved.max())))
-    return replace(divided, position=position, axis=axis, rounded=moved, notes=notes)
+    arc = None if divided.arc is None else np.where((moved > 0.0) | (np.r_[0.0, moved[:-1]] > 0.0), 0, divided.arc)
+    return replace(divided, position=position, axis=axis, rounded=moved, notes=notes, arc=arc)
 
 
 def _reach_corners(

@@ -87,7 +87,7 @@ def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]
     wrench = None if toolpath.wrench is None else toolpath.wrench[rows]
     return Toolpath(
         toolpath.position[rows], toolpath.axis[rows], feed, rapid, wrench, toolpath.frame, toolpath.source,
-        toolpath.notes, placed,
+        toolpath.notes, placed, arc=None if toolpath.arc is None else toolpath.arc[rows],
     )  # fmt: skip
 
 

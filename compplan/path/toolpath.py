@@ -58,6 +58,7 @@ class Toolpath(Shown):
         rounded: How far each waypoint was moved off the programmed path to round a corner, or None. Shape (n,). [m]
         tolerance: How far the tip may be off the move that ends here, across and along the travel; nan along it where
             the whole distance counts. None where one tolerance is for all. Shape (n, 2). [m]
+        arc: Number of the arc of the file that the move that ends here is a chord of, 0 for none; or None. Shape (n,).
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -75,16 +76,17 @@ class Toolpath(Shown):
     events: tuple[Event, ...] = ()
     rounded: Array | None = None
     tolerance: Array | None = None
+    arc: NDArray[np.int_] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.position)
         shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6), "rounded": (n,)}
-        shapes["tolerance"] = (n, 2)
+        shapes |= {"tolerance": (n, 2), "arc": (n,)}
         for name, shape in shapes.items():
             array = getattr(self, name)
-            if array is None and name in ("wrench", "rounded", "tolerance"):
+            if array is None and name in ("wrench", "rounded", "tolerance", "arc"):
                 continue
-            array = np.array(array, dtype=bool if name == "rapid" else np.float64)
+            array = np.array(array, dtype={"rapid": bool, "arc": np.int_}.get(name, np.float64))
             if array.shape != shape:
                 raise ShapeError(f"toolpath {name} has shape {array.shape}, expected {shape}")
             array.setflags(write=False)
@@ -282,7 +284,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     events = move_events(toolpath.events, index.astype(float))
     rounded = None if toolpath.rounded is None else toolpath.rounded[index]
     allowed = None if toolpath.tolerance is None else toolpath.tolerance[index]
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded, allowed)
+    arc = None if toolpath.arc is None else toolpath.arc[index]
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded, allowed, arc)
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
@@ -331,6 +334,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
     return replace(
         toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench,
         events=events, tolerance=None if toolpath.tolerance is None else toolpath.tolerance[ends],
+        arc=None if toolpath.arc is None else toolpath.arc[ends],
     )  # fmt: skip
 
 
@@ -375,6 +379,7 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
         wrench=wrench, events=move_events(toolpath.events, places),
         rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
         tolerance=None if toolpath.tolerance is None else toolpath.tolerance[move],
+        arc=None if toolpath.arc is None else toolpath.arc[move],
     )  # fmt: skip
 
 

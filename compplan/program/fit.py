@@ -1,10 +1,11 @@
-"""As few moves as the path needs: lines and arcs through rows of a program, within a tolerance of all its rows.
+"""As few moves as the path needs: lines, arcs and cubics through rows of a program, within a tolerance of all its rows.
 
-A fitted move begins and ends at rows of the program, an arc also goes through one between them. Every row that is left
-out lies within the tolerance of the move that stands for it, and the arc between two rows within it of their chord. The
-tool turns evenly along a move. Where the plan's speed changes by more than `FEED`, another move begins, so that each
-takes the time that the plan takes for it. A move that the controller would not have the time for is joined to a
-neighbour, or else driven slower.
+A fitted move begins and ends at rows of the program; an arc goes by the rows between as near as it can, a cubic leaves
+its ends as the path does. Every row that is left out lies within the tolerance of the move that stands for it, and what
+is bent within it of the chord between two rows. Arcs of the CAM file are tried first, as a whole. The tool turns evenly
+along a move. Where the plan's speed changes by more than `FEED`, another move begins, so that each takes the time that
+the plan takes for it; starts from rest and stops are left to the controller. A move that it would not have the time for
+is joined to a neighbour, or else driven slower.
 """
 
 from __future__ import annotations
@@ -19,7 +20,20 @@ from numpy.typing import NDArray
 from compplan.files.tables import Array
 from compplan.program.frames import quaternions
 from compplan.program.program import Program
+from compplan.program.shapes import (
+    ARC_LENGTH,
+    ARC_ROWS,
+    CURVE_ROWS,
+    find_circle,
+    find_tangents,
+    find_via,
+    follow_arc,
+    follow_curve,
+    follow_line,
+)
 
+#: Kinds of moves beside arcs, which are called by a row that they go by.
+LINE, CURVE = -1, -2
 #: Greatest ratio of two speeds within a move.
 FEED = 1.01
 #: Cycles below which a move may join rows of any speed.
@@ -28,10 +42,8 @@ SHORT = 2.0
 TURN = float(np.radians(0.01))
 #: Greatest departure of joints that carry the part from an even motion. [deg or mm]
 CARRIED = 0.02
-#: Rows that an arc has to go by, its length [mm], greatest radius [mm], and greatest sweep [rad].
-ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.25, 2e4, float(np.radians(170.0))
-#: Least share of an arc at which the point between may lie, at either end.
-MIDDLE = 0.2
+#: Time from a rest, or before one, in which the controller speeds up or slows down by itself. [s]
+RAMP = 0.5
 #: Rows that are looked at at once, and how a search goes on from a move that fits.
 BLOCK, GROW = 2048, 1.6
 
@@ -41,7 +53,7 @@ class Fitted:
     """Hold a fitted program.
 
     Args:
-        program: The program at the ends of its moves; `via` of it are poses that arcs go through.
+        program: The program at the ends of its moves, with `via` of its arcs and `bend` of its cubics.
         rows: The row of each in the whole program. Shape (m,).
         slowed: How many moves are driven slower than planned, so that the controller has the time for them.
 
@@ -52,26 +64,27 @@ class Fitted:
     slowed: int = 0
 
 
-def fit_moves(program: Program, *, arcs: bool = True) -> Fitted:
-    """Fit lines and arcs to the linear moves of a program; one without a tolerance stays as it is.
+def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> Fitted:
+    """Fit lines, arcs and cubics to the linear moves of a program; one without a tolerance stays as it is.
 
     Args:
         program: The program, with poses; `tolerance` and `cycle` of it say how closely, and the least time of a move.
         arcs: Whether the language has arcs.
+        curves: Whether it has cubics.
 
     """
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
         return Fitted(program, np.arange(n))
-    track = _Track(program, 1e3 * program.tolerance, arcs)
-    alone = program.alone(linear=True)
-    kept = np.flatnonzero(alone | program.stops(linear=True) | _mark_ends(program))
+    alone, stops = program.alone(linear=True), program.stops(linear=True)
+    track = _Track(program, 1e3 * program.tolerance, stops, arcs, curves)
+    kept = np.flatnonzero(alone | stops | _mark_ends(program))
     pieces: list[tuple[int, int]] = []
     for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
-        pieces += [(last, -1)] if alone[last] else track.divide(first, last)
+        pieces += [(last, LINE)] if alone[last] else track.divide(first, last)
     ends = np.array([0, *(end for end, _ in pieces)])
-    middle = np.array([-1, *(via for _, via in pieces)])
-    return _take_rows(program, track, ends, middle)
+    kind = np.array([LINE, *(kind for _, kind in pieces)])
+    return _take_rows(program, track, ends, kind)
 
 
 def _mark_ends(program: Program) -> NDArray[np.bool_]:
@@ -84,18 +97,23 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
     return marked
 
 
-def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], middle: NDArray[np.int_]) -> Fitted:
+def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Fitted:
     """Return the program at some of its rows, with the feed that takes the time of the plan."""
     assert program.tcp is not None and program.time is not None
-    length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], middle[1:], strict=True))])
-    time, cut = np.diff(program.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
+    length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
+    time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
     cut[0] = False
     short = cut & (time < program.cycle * (1.0 - 1e-9))
     moved = cut & (length > 0.0) & (time > 0.0)
     feed = program.feed[ends].copy()
     feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
-    via = np.full((len(ends), 4, 4), np.nan)
-    via[middle >= 0] = program.tcp[middle[middle >= 0]]
+    via, bend = np.full((len(ends), 4, 4), np.nan), np.full((len(ends), 2, 3), np.nan)
+    via[kind >= 0] = program.tcp[kind[kind >= 0]]
+    for k in np.flatnonzero(kind >= 0).tolist():
+        beside = 1e-3 * find_via(track.x[ends[k - 1] : ends[k] + 1], int(kind[k] - ends[k - 1]))
+        via[k, :3, 3] = program.part[:3, :3] @ beside + program.part[:3, 3]
+    for k in np.flatnonzero(kind == CURVE).tolist():
+        bend[k] = 1e-3 * track.bend(ends[k - 1], ends[k])
     place = np.searchsorted(ends, [event.place for event in program.events])
     events = [
         replace(event, place=int(new) if event.place >= 0 else -1)
@@ -103,53 +121,84 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], middle: 
     ]
     some: dict[str, Any] = {
         name: None if (values := getattr(program, name)) is None else values[ends]
-        for name in ("joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser")
+        for name in ("joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of")
     }
     words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
     fewer = replace(
-        program, **some, feed=feed, via=via, words=words, native=native, events=tuple(events), tolerance=0.0
+        program, **some, feed=feed, via=via, bend=bend, words=words, native=native, events=tuple(events), tolerance=0.0
     )
     return Fitted(fewer, ends, int(np.count_nonzero(short)))
 
 
 class _Track:
-    """The tip along a program's rows: what a line or an arc between two of them leaves."""
+    """The tip along a program's rows: what a line, an arc or a cubic between two of them leaves."""
 
-    def __init__(self, program: Program, tolerance: float, arcs: bool) -> None:
+    def __init__(
+        self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool, curves: bool
+    ) -> None:
         assert program.time is not None
         poses = program.positions
-        self.x, self.turn, self.time = 1e3 * poses[:, :3, 3], quaternions(poses), program.time
-        self.tolerance, self.arcs, self.cycle = np.full(len(program), tolerance), arcs, program.cycle
+        self.x, self.turn = 1e3 * poses[:, :3, 3], quaternions(poses)
+        self.tolerance, self.arcs, self.curves = np.full(len(program), tolerance), arcs, curves
+        self.cycle = program.cycle
         self.tolerance *= 1.0 if program.coarser is None else program.coarser
         self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
         self.along = np.cumsum(self.step)
+        self.tangent = np.zeros_like(self.x)
         lasts = np.diff(program.time, prepend=program.time[0])
-        self.speed = self.step / np.maximum(lasts, 1e-9)
+        self.speed = _leave_ramps(self.step / np.maximum(lasts, 1e-9), lasts, stops)
+        moves = (self.step > 0.0) & ~program.alone(linear=True)
+        self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
+        drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
+        edges = np.flatnonzero(np.diff(drawn, append=-1))
+        #: The row at which the arc of the file ends that leads on from each, itself where there is none.
+        self.drawn = np.arange(len(program))
+        on = np.flatnonzero(drawn[1:])
+        self.drawn[on] = edges[np.searchsorted(edges, on + 1)]
+        self.begins = np.flatnonzero(np.diff(drawn) * (drawn[1:] > 0))
         self.carried = program.joints[:, program.carries] if program.moves_part else np.zeros((len(program), 0))
         self.free = np.zeros(len(program), bool) if program.free is None else program.free
         self.guess = 4
 
     def divide(self, first: int, last: int) -> list[tuple[int, int]]:
-        """Return end and middle row (-1: a line) of each move from one row to another."""
+        """Return end and kind of each move from one row to another."""
         pieces: list[tuple[int, int]] = []
         at = first
+        if self.curves:
+            self.tangent[first : last + 1] = find_tangents(self.x[first : last + 1], self.along[first : last + 1])
         while at < last:
-            end, middle = self._reach(at, self._bound_speed(at, last))
-            pieces.append((end, middle))
-            at = end
+            most = self._bound_speed(at, last)
+            after = np.searchsorted(self.begins, at, side="right")
+            before_arc = min(most, int(self.begins[after])) if after < len(self.begins) else most
+            piece = self._keep_arc(at, min(most, int(self.drawn[at]))) or self._reach(at, before_arc)
+            pieces.append(piece)
+            at = piece[0]
         return self._lengthen(first, pieces)
 
+    def _keep_arc(self, at: int, end: int) -> tuple[int, int] | None:
+        """Return an arc of the file from a row up to another, or to a half or a third of it, where one fits."""
+        for pieces in (1, 2, 3) if end > at else ():
+            way = self.along[at] + (self.along[end] - self.along[at]) / pieces
+            far = end if pieces == 1 else int(np.searchsorted(self.along, way - 1e-9))
+            if far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
+                return far, middle
+        return None
+
     def _reach(self, at: int, most: int) -> tuple[int, int]:
-        """Return how far one move from a row leads at most, and the middle of it where it is an arc."""
-        end = self._search(at, most, min(at + self.guess, most), lambda b: self.fits(at, b, -1))
-        middle = -1
+        """Return how far one move from a row leads at most, and its kind."""
+        end, kind = self._search(at, most, min(at + self.guess, most), lambda b: self.fits(at, b, LINE)), LINE
         if self.arcs and end < most:
             begin = max(end + 1, min(at + max(self.guess, ARC_ROWS), most))
             far = self._search(at, most, begin, lambda b: self.fits(at, b, self._find_middle(at, b)))
             if far > end and far - at >= ARC_ROWS:
-                end, middle = far, self._find_middle(at, far)
+                end, kind = far, self._find_middle(at, far)
+        if self.curves and end < most:
+            begin = max(end + 1, min(at + max(self.guess, CURVE_ROWS), most))
+            far = self._search(at, most, begin, lambda b: self.fits(at, b, CURVE))
+            if far > end and far - at >= CURVE_ROWS:
+                end, kind = far, CURVE
         self.guess = max(end - at, 2)
-        return end, middle
+        return end, kind
 
     def _search(self, at: int, most: int, begin: int, fits: Callable[[int], bool]) -> int:
         """Return the farthest row that a move leads to, near enough; the next one where none farther does."""
@@ -182,7 +231,7 @@ class _Track:
     def _lengthen(self, first: int, pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
         """Join moves that take less than a cycle to a neighbour, where path and speed allow it."""
         joined: list[tuple[int, int]] = []
-        for end, middle in pieces:
+        for end, kind in pieces:
             while joined:
                 start = joined[-2][0] if len(joined) > 1 else first
                 here = joined[-1][0]
@@ -190,23 +239,24 @@ class _Track:
                     break
                 if self.time[end] - self.time[start] > SHORT * self.cycle and self._bound_speed(start, end) < end:
                     break
-                trials = [m for m in (-1, self._find_middle(start, end)) if self.fits(start, end, m)]
+                kinds = (LINE, self._find_middle(start, end), CURVE)[: 3 if self.curves else 2 if self.arcs else 1]
+                trials = [trial for trial in kinds if self.fits(start, end, trial)]
                 if not trials:
                     break
-                middle = trials[0]
+                kind = trials[0]
                 joined.pop()
-            joined.append((end, middle))
+            joined.append((end, kind))
         return joined
 
     def _find_middle(self, a: int, b: int) -> int:
         """Return the row that lies nearest to half of the way."""
         return int(np.clip(np.searchsorted(self.along, 0.5 * (self.along[a] + self.along[b])), a + 1, b - 1))
 
-    def fits(self, a: int, b: int, middle: int) -> bool:
-        """Tell whether all rows between two lie near enough to a line, or an arc through a middle row."""
+    def fits(self, a: int, b: int, kind: int) -> bool:
+        """Tell whether all rows between two lie near enough to a line, an arc by a middle row, or a cubic."""
         if b - a < 2:
             return True
-        found = self._follow_line(a, b) if middle < 0 else self._follow_arc(a, b, middle)
+        found = self._follow(a, b, kind)
         if found is None:
             return False
         off, share = found
@@ -217,42 +267,29 @@ class _Track:
             return False
         return bool(self._measure_turn(a, b, share) <= TURN)
 
-    def _follow_line(self, a: int, b: int) -> tuple[Array, Array] | None:
-        """Return how far rows lie from the line between two, and at which share of it."""
-        arm, chord = self.x[a : b + 1] - self.x[a], self.x[b] - self.x[a]
-        square = float(chord @ chord)
-        if square <= 0.0:
-            return np.linalg.norm(arm, axis=1), np.linspace(0.0, 1.0, b - a + 1)
-        share = arm @ chord / square
-        return np.linalg.norm(arm - share[:, None] * chord, axis=1), share
+    def _follow(self, a: int, b: int, kind: int) -> tuple[Array, Array] | None:
+        """Return how far rows lie from a move, and at which share of it; None where there is no such move."""
+        x, along = self.x[a : b + 1], self.along[a : b + 1]
+        if kind == LINE:
+            return follow_line(x)
+        if b - a < (CURVE_ROWS if kind == CURVE else ARC_ROWS) or along[-1] - along[0] < ARC_LENGTH:
+            return None
+        return follow_curve(x, along, self.bend(a, b)) if kind == CURVE else follow_arc(x, find_via(x, kind - a))
 
-    def _follow_arc(self, a: int, b: int, middle: int) -> tuple[Array, Array] | None:
-        """Return the same of the arc through a middle row; None where there is none that controllers take."""
-        circle = find_circle(self.x[a], self.x[middle], self.x[b])
-        if circle is None or b - a < ARC_ROWS or self.along[b] - self.along[a] < ARC_LENGTH:
-            return None
-        centre, u, v, normal = circle
-        radius = float(np.linalg.norm(self.x[a] - centre))
-        arm = self.x[a : b + 1] - centre
-        along, aside, height = arm @ u, arm @ v, arm @ normal
-        angle = np.unwrap(np.arctan2(aside, along))
-        sweep = float(angle[-1])
-        if radius > ARC_RADIUS or not 0.0 < sweep < ARC_SWEEP:
-            return None
-        share = angle / sweep
-        if not MIDDLE <= share[middle - a] <= 1.0 - MIDDLE:
-            return None
-        bulge = radius * (1.0 - np.cos(0.5 * np.diff(angle, prepend=0.0)))
-        return np.maximum(np.hypot(np.hypot(along, aside) - radius, height), bulge), share
+    def bend(self, a: int, b: int) -> Array:
+        """Return the derivatives of the cubic between two rows by its share. Shape (2, 3). [mm]"""
+        return np.asarray((self.along[b] - self.along[a]) * self.tangent[[a, b]])
 
     def _measure_turn(self, a: int, b: int, share: Array) -> float:
         """Return how far the tool turns beside an even turn along a move. [rad]"""
         turned = _turn_from(self.turn[a], self.turn[a : b + 1])
         return float(np.linalg.norm(turned - share[:, None] * turned[-1], axis=1).max())
 
-    def measure(self, a: int, b: int, middle: int) -> float:
+    def measure(self, a: int, b: int, kind: int) -> float:
         """Return the length of a move. [mm]"""
-        circle = None if middle < 0 else find_circle(self.x[a], self.x[middle], self.x[b])
+        if kind == CURVE:
+            return float(self.along[b] - self.along[a])
+        circle = None if kind == LINE else find_circle(self.x[a], find_via(self.x[a : b + 1], kind - a), self.x[b])
         if circle is None:
             return float(np.linalg.norm(self.x[b] - self.x[a]))
         centre, u, v, _ = circle
@@ -260,20 +297,29 @@ class _Track:
         return float(np.linalg.norm(self.x[a] - centre) * (np.arctan2(arm @ v, arm @ u) % (2.0 * np.pi)))
 
 
-def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Array] | None:
-    """Return centre, direction to a, direction of travel there, and normal of the circle from a through b to c.
+def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
+    """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
 
-    None where the points lie on a line.
+    The speed has to rise from row to row up to there, and not to fall at once again.
+
+    Args:
+        speed: Speed of the move that ends at each row. Shape (n,). [mm/s]
+        lasts: Time of each. Shape (n,). [s]
+        stops: Rows where the tool stands. Shape (n,).
+
     """
-    first, second = b - a, c - a
-    normal = np.cross(first, second)
-    square, scale = float(normal @ normal), float(first @ first) * float(second @ second)
-    if square <= 1e-18 * scale or scale <= 0.0:
-        return None
-    arm = np.cross(first @ first * second - second @ second * first, normal) / (2.0 * square)
-    u = -arm / np.linalg.norm(arm)
-    normal = normal / np.sqrt(square)
-    return a + arm, u, np.cross(normal, u), normal
+    sent, at = speed.copy(), np.flatnonzero(stops)
+    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        if b - a < 2:
+            continue
+        for way in (slice(a + 1, b + 1), slice(b, a, -1)):
+            v, time = speed[way], np.cumsum(lasts[way])
+            near = v[: max(int(np.searchsorted(time, RAMP)), 1)]
+            reached = int(np.argmax(near * FEED >= near.max()))
+            stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > FEED * v[reached - 1]
+            if stays and (np.diff(v[: reached + 1]) > 0.0).all():
+                sent[way][:reached] = v[reached]
+    return sent
 
 
 def _turn_from(start: Array, turns: Array) -> Array:

@@ -65,7 +65,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     The joint program repeats the plan waypoint by waypoint, from arrays in .dat files. The linear one has plain motion
     lines (LIN, CIRC) through the geometry that the controller believes; its positions count from the part frame
-    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. A rail counts as
+    ($BASE), its rapid moves and swings are joint moves; it is written where poses are known. Where splines are asked
+    for, lines and arcs are those of the spline planner (SLIN, SCIRC), one by one: a block of them stops wherever the
+    curvature changes, and the curve of SPL is not published. A rail counts as
     coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
     Files end lines with CR LF.
 
@@ -190,7 +192,7 @@ def _linear_moves(program: Program) -> list[tuple[str, str]]:
     columns = order_joints(program, ARM, "KRL")
     turns, alone = turn_bits(program.joints[:, columns]), program.alone(linear=True).tolist()
     stops, arcs, vias = program.stops(linear=True).tolist(), program.arcs.tolist(), program.via_positions
-    moves = []
+    moves, planner = [], "S" if program.splines else ""
     for row, place in enumerate(place_table(program.positions, "ZYX").tolist()):
         end = "" if stops[row] else " C_DIS"
         if alone[row]:
@@ -202,9 +204,9 @@ def _linear_moves(program: Program) -> list[tuple[str, str]]:
         speed = f"$VEL.CP={program.feed[row] * 1e-3:.6f}"
         if arcs[row]:
             via = place_table(vias[row][None], "ZYX")[0].tolist()
-            moves.append((speed, f"CIRC {{{_place(via)}}},{target}{end}"))
+            moves.append((speed, f"{planner}CIRC {{{_place(via)}}},{target}{end}"))
         else:
-            moves.append((speed, f"LIN {target}{end}"))
+            moves.append((speed, f"{planner}LIN {target}{end}"))
     return moves
 
 

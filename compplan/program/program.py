@@ -71,6 +71,10 @@ class Program:
         free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
         form: "linear": moves of the tool alone where a language can write them; "joint", "both".
         via: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
+        bend: Derivatives by the share of a move, at start and end of a cubic to each waypoint, nan elsewhere; or None.
+            Part axes. Shape (n, 2, 3). [m]
+        splines: Whether cubics and spline blocks are asked for where the language has them.
+        arc_of: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
         carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
 
     """
@@ -109,6 +113,9 @@ class Program:
     free: NDArray[np.bool_] | None = None
     form: str = "both"
     via: Array | None = None
+    bend: Array | None = None
+    splines: bool = False
+    arc_of: NDArray[np.int_] | None = None
     carries: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
@@ -124,6 +131,8 @@ class Program:
             "bent": (n,),
             "free": (n,),
             "via": (n, 4, 4),
+            "bend": (n, 2, 3),
+            "arc_of": (n,),
             "carries": (nq,),
             "coarser": (n,),
         }
@@ -177,6 +186,11 @@ class Program:
         """Poses that arcs go through, seen from the part frame; nan elsewhere. Shape (n, 4, 4) [m]."""
         via = np.full((len(self), 4, 4), np.nan) if self.via is None else self.via
         return np.asarray(np.linalg.inv(self.part) @ via)
+
+    @property
+    def curves(self) -> NDArray[np.bool_]:
+        """Tell the moves that are cubics. Shape (n,)."""
+        return np.zeros(len(self), bool) if self.bend is None else np.isfinite(self.bend[:, 0, 0])
 
     def writes_joints(self, *, linear: bool) -> bool:
         """Tell whether a language that can (`linear`) or cannot write moves of the tool is to write joint moves."""

@@ -17,6 +17,7 @@ from compplan.program.language import MainForm, need_six_axes
 from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_main, render_post
 from compplan.program.program import Program, count_digits, head_lines, split_parts
+from compplan.program.shapes import find_coefficients
 from compplan.program.text import legal_name
 
 name = "sinumerik"
@@ -59,7 +60,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     Positions count from the part frame, set by TRANS and AROT on top of G500; X Y Z are the tool tip, A2 B2 C2 (ORIRPY)
     turn the flange about x, the fixed y and the fixed z. The tool's offset is correction D1 of a tool of the cell
     (lengths in Z, Y and X for G17), which the program fills where the job asks for that; its turn is part of the
-    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, rapid moves
+    programmed orientation. Cutting moves are G1 in CP travel with their feed (G94, mm/min), arcs are CIP, cubics POLY
+    over the interval from 0 to 1 (A2 B2 C2, which have no PO of their own, turn evenly over it: assumed), rapid moves
     and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0). A sliding joint is the axis
     E1. Names of axes and the transformation are the machine's: check them.
 
@@ -75,7 +77,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:
         raise InputError("SINUMERIK programs need poses and configuration words with status in controller.toml")
-    program = fit_moves(program).program
+    program = fit_moves(program, curves=program.splines).program
     longest = LONGEST_NAME - 2 - count_digits(program, most or MOST)
     name = legal_name(name_main(program), longest, reserved=RESERVED).upper()
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
@@ -114,6 +116,9 @@ def _blocks(program: Program) -> list[str]:
     turns = turn_bits(program.joints[:, ~program.prismatic])
     alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
     arcs, via = program.arcs.tolist(), 1e3 * program.via_positions[:, :3, 3] + 0.0
+    curves, bend = program.curves.tolist(), np.zeros((len(program), 2, 3)) if program.bend is None else program.bend
+    travelled = np.diff(table[:, :3], axis=0, prepend=table[:1, :3])
+    second, third = find_coefficients(travelled, 1e3 * bend.transpose(1, 0, 2))
     blocks, travel = [], ""
     for row, values in enumerate(table.tolist()):
         place = _words(np.array([*values, *external[row]]))
@@ -129,6 +134,10 @@ def _blocks(program: Program) -> list[str]:
             if arcs[row]:
                 x, y, z = via[row].tolist()
                 code, through = "CIP", f" I1=AC({x:.5f}) J1=AC({y:.5f}) K1=AC({z:.5f})"
+            if curves[row]:
+                terms = zip("XYZ", values, second[row].tolist(), third[row].tolist(), strict=False)
+                poly = " ".join(f"PO[{name}]=({end:.5f},{two:.6f},{three:.6f})" for name, end, two, three in terms)
+                code, place, through = "POLY", f"{poly} {place.split(' ', 3)[3]}", " PL=1"
             blocks.append(f"{change}{code} {place}{through} F{program.feed[row] * 60.0:.3f}{exact}")
     return blocks
 

@@ -31,8 +31,8 @@ MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
 LONGEST_TEXT = 200
 #: Greatest radius of an arc: a kilometre. [mm]
 LARGEST_RADIUS = 1e6
-#: Numbers of a row: tip, tool axis, feed, rapid.
-WIDTH = 8
+#: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none.
+WIDTH = 9
 COUNTERS = (
     "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
     "cycles",
@@ -173,7 +173,7 @@ class MoveLog:
             raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
         self.waypoints += count_chords(arc, self.chord)
         self._arcs[len(self._rows) // WIDTH] = arc
-        self._put(end, feed, 0.0)
+        self._put(end, feed, 0.0, len(self._arcs) if abs(arc.rise) <= STILL else 0)
         self.counts["cutting_moves"] += 1
         self.counts["arcs"] += 1
         self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * math.pi - 1e-9)
@@ -220,7 +220,7 @@ class MoveLog:
             raise InputError(f"more than {MOST_EVENTS} events beside motion; no more are read")
         self.events.append(Event(place, kind, value, text[:LONGEST_TEXT]))
 
-    def _put(self, point: Point, feed: float, rapid: float) -> None:
+    def _put(self, point: Point, feed: float, rapid: float, arc: float = 0.0) -> None:
         """Put down a row at a point.
 
         Raises:
@@ -232,7 +232,7 @@ class MoveLog:
             raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
         if not (abs(point[0]) < FARTHEST and abs(point[1]) < FARTHEST and abs(point[2]) < FARTHEST):
             raise InputError(f"coordinate {max(map(abs, point)):g} mm, less than {FARTHEST:g} mm is allowed")
-        self._rows.extend((*point, *self.axis, feed, rapid))
+        self._rows.extend((*point, *self.axis, feed, rapid, arc))
 
     @property
     def _started(self) -> bool:
@@ -303,9 +303,10 @@ class MoveLog:
             for message, (first, times) in self.notes.items()
         )
         told = tuple(f"{file.name}, {note}." for note in notes)
+        arc = table[:, 8].astype(int)
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
         return CamFile(
-            Toolpath(*rows, None, "part", str(file), told, events),
+            Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None),
             CamFacts(
                 str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
                 waypoints=len(table), notes=notes, **facts

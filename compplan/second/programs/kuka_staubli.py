@@ -84,13 +84,13 @@ def _end_krl(lines: tuple[str, ...], row: int, word: str) -> int:
 @lru_cache(maxsize=4096)
 def _krl_move(line: str) -> tuple[str, str, str | None] | None:
     """Return motion, target and blend of a line that moves."""
-    match = re.fullmatch(r"(PTP|LIN|CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
+    match = re.fullmatch(r"(PTP|S?LIN|S?CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
     return None if match is None else (match[1], match[2], match[3])
 
 
 @dataclass
 class _Krl:
-    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, LIN and CIRC."""
+    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, (S)LIN and (S)CIRC."""
 
     folder: Path
     values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
@@ -158,7 +158,7 @@ class _Krl:
 
     def step(self, line: str) -> None:
         if moved := _krl_move(line):
-            via, _, target = moved[1].rpartition(",{") if moved[0] == "CIRC" else ("", "", moved[1])
+            via, _, target = moved[1].rpartition(",{") if moved[0].endswith("CIRC") else ("", "", moved[1])
             point = self.evaluate(f"{{{target}" if via else target)
             self.move(moved[0], point, moved[2], self.evaluate(via) if via else None)
         elif act := read_action(line):
@@ -191,7 +191,7 @@ class _Krl:
         configuration = tuple(int(point[key]) for key in "ST" if key in point)
         external = tuple(point.get(f"E{number}", 0.0) for number in range(1, 7))
         feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word != "PTP" else (None, self.percent())
-        kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word]
+        kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word if word == "PTP" else word.removeprefix("S")]
         middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
         load = tuple(self.values.get("$LOAD") or ())
         self.moves.append(
