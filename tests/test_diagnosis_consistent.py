@@ -77,6 +77,7 @@ def test_without_load_nothing_is_said_to_follow_it(answer: Answer) -> None:
     where = table["where"]
     assert "load" not in where["by_factor"]
     assert "load" not in where.get("calibrated", {}).get("by_kind", {})
+    assert "By load." not in page
     assert not re.search(r"by load \(|load \d+ % \(95", page)
 
 

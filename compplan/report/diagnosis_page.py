@@ -220,7 +220,7 @@ def _split_tables(split: Split) -> list[Block]:
     blocks: list[Block] = [
         runs,
         PageTable([Column("rows of the log"), Column("time", "s"), *end], times, "By time."),
-        loads,
+        *([loads] if len(split.spread.by_load) > 1 else []),
         regions,
         PageTable([Column("direction"), Column("share of the gap"), Column("95 %")], axes, "By direction, base axes."),
     ]
