@@ -1,7 +1,8 @@
 """The numbers of the diagnosis: what each is for, and which known campaigns see it at twice and at half its value.
 
-`python tests/known_numbers.py study N` moves N of them, drawn at random, (all without N; or those named) and notes in
-tests/known_numbers.json which campaign sees each move first; `table` writes docs/concepts/diagnosis_numbers.md.
+`python tests/known_numbers.py study 900` asks for 900 s of CPU, what nothing saw first (or of numbers that are
+named), and notes in tests/known_numbers.json which campaign sees each move first; `table` writes
+docs/concepts/diagnosis_numbers.md. Every campaign is asked whose diagnosis runs code that reads the number.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -29,23 +31,6 @@ SEEN = Path(__file__).parent / "known_numbers.json"
 TABLE = ROOM.parent.parent / "docs" / "concepts" / "diagnosis_numbers.md"
 #: Shares near one are moved by what they lack of it.
 SHARES = ("LEVEL", "SURE", "WITHIN", "MOST_SURE", "MOST_OF_IT", "doubt.ambiguity.ALIKE")
-#: Campaigns that are asked of one move at most, and those that are asked first, by the beginning of a module's name.
-ASKED = 4
-FIRST = {
-    "data.conventions": ["a coupled wrist", "counted backwards", "pushed the wrong way"],
-    "data.noise": ["met again, nothing stated", "errors of no effect", "play seen by encoders", "late on a path"],
-    "data.outliers": ["two causes and a typing error"],
-    "data.questions": [name for name, known in CAMPAIGNS.items() if known.mistake],
-    "data.signs": ["pushed the wrong way"],
-    "answer.measurement_moves": ["another clock", "pushed the wrong way", "warming up"],
-    "ledger.unmodelled": ["late on a path", "errors of no effect"],
-    "ledger.proposals": ["a gear", "a jump", "errors of no effect"],
-    "doubt.gears": ["a gear"],
-    "answer.calibration": ["base and tool unknown"],
-    "answer.verdict": ["nothing", "a zero near the noise", "errors of no effect"],
-    "": ["met again, nothing stated", "errors of no effect", "a zero near the noise", "base and tool unknown",
-         "a cause beside errors of no effect"],
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -121,19 +106,23 @@ def scale(value: Any, factor: float) -> Any:
     return value
 
 
-@contextmanager
-def moved(number: Number, factor: float) -> Iterator[None]:
-    """Multiply a number of the diagnosis wherever the package holds it, defaults of arguments included."""
-    home = importlib.import_module(number.module)
-    old = getattr(home, number.name)
-    new = 1.0 - factor * (1.0 - old) if number.near_one else scale(old, factor)
+def find_holders(number: Number) -> tuple[Any, list[Any], list[Any]]:
+    """Return a number, the modules that hold it and all their functions."""
+    value = getattr(importlib.import_module(number.module), number.name)
     package = [m for key, m in list(sys.modules.items()) if key.startswith("compplan")]
-    holders = [m for m in [*package, sys.modules["known_campaigns"]] if vars(m).get(number.name) is old]
+    holders = [m for m in [*package, sys.modules["known_campaigns"]] if vars(m).get(number.name) is value]
     functions: list[Any] = []
     for holder in holders:
         for thing in vars(holder).values():
             functions += [thing, *vars(thing).values()] if isinstance(thing, type) else [thing]
-    functions = [f for f in functions if hasattr(f, "__defaults__") and hasattr(f, "__kwdefaults__")]
+    return value, holders, [f for f in functions if hasattr(f, "__defaults__") and hasattr(f, "__kwdefaults__")]
+
+
+@contextmanager
+def moved(number: Number, factor: float) -> Iterator[None]:
+    """Multiply a number of the diagnosis wherever the package holds it, defaults of arguments included."""
+    old, holders, functions = find_holders(number)
+    new = 1.0 - factor * (1.0 - old) if number.near_one else scale(old, factor)
     defaults = [(f, f.__defaults__, f.__kwdefaults__) for f in functions]
     for holder in holders:
         setattr(holder, number.name, new)
@@ -150,39 +139,66 @@ def moved(number: Number, factor: float) -> Iterator[None]:
 
 
 @cache
-def diagnose_unmoved(name: str) -> dict[str, Any]:
-    return diagnose_known(name)
+def diagnose_unmoved(name: str) -> tuple[dict[str, Any], frozenset[CodeType], float]:
+    """Diagnose a campaign as it is; also return the code that this runs, and the CPU time that it takes."""
+    run: set[CodeType] = set()
+    sys.setprofile(lambda frame, event, _: run.add(frame.f_code) if event == "call" else None)
+    began = time.process_time()
+    try:
+        answer = diagnose_known(name)
+    finally:
+        sys.setprofile(None)
+    return answer, frozenset(run), time.process_time() - began
+
+
+def find_readers(number: Number) -> list[str]:
+    """Name the campaigns whose diagnosis runs code that reads a number, the fastest first."""
+    value, holders, functions = find_holders(number)
+    files = {str(holder.__file__) for holder in holders}
+    filled = {f.__code__ for f in functions for default in [*(f.__defaults__ or ()), *(f.__kwdefaults__ or {}).values()]
+              if default is value and hasattr(f, "__code__")}  # fmt: skip
+
+    def reads(code: CodeType) -> bool:
+        return code in filled or (number.name in code.co_names and code.co_filename in files)
+
+    cost = {name: diagnose_unmoved(name)[2] for name in CAMPAIGNS if any(map(reads, diagnose_unmoved(name)[1]))}
+    return sorted(cost, key=lambda name: cost[name])
 
 
 def find_witness(number: Number, factor: float, order: Sequence[str]) -> str | None:
     """Name the first campaign whose answer is another one; an answer that fails is another one."""
     for name in order:
-        before = diagnose_unmoved(name)
         with moved(number, factor):
             try:
-                if any(differences(before, diagnose_known(name))):
+                if any(differences(diagnose_unmoved(name)[0], diagnose_known(name))):
                     return name
             except Exception as error:
                 return f"{name} ({type(error).__name__})"
     return None
 
 
-def study(numbers: Sequence[Number]) -> None:
-    """Say which of some numbers, at twice and at half their value, the campaigns see, and note it."""
+def study(numbers: Sequence[Number], budget: float) -> None:
+    """Say which of some numbers, at twice and at half their value, the campaigns see, and note it.
+
+    Args:
+        numbers: The numbers.
+        budget: No further number is asked after so much CPU time. [s]
+    """
     seen = json.loads(SEEN.read_text()) if SEEN.exists() else {}
+    seen = {number.short: seen[number.short] for number in list_numbers() if number.short in seen}
     began, count, found = time.process_time(), 0, 0
     for number in numbers:
-        noted = seen.setdefault(number.short, {})
+        readers, noted = find_readers(number), seen.setdefault(number.short, {})
         for factor in (2.0, 0.5):
-            known = [w.split(" (")[0] for w in noted.values() if w]
-            near = [name for key, names in FIRST.items() if number.short.startswith(key) for name in names]
-            order = list(dict.fromkeys([*known, *near, *CAMPAIGNS]))[:ASKED]
-            witness = noted[f"{factor:g}"] = find_witness(number, factor, order)
+            known = [name for w in noted.values() if w for name in [w.split(" (")[0]] if name in readers]
+            witness = noted[f"{factor:g}"] = find_witness(number, factor, list(dict.fromkeys([*known, *readers])))
             count, found = count + 1, found + (witness is not None)
             cpu = time.process_time() - began
-            told = f"{number.short} times {factor:g}: {witness or 'not seen'}"
+            told = f"{number.short} times {factor:g}: {witness or f'not seen by {len(readers)}'}"
             print(f"{told}  ({found} of {count}, {cpu:.0f} s)", flush=True)
         SEEN.write_text(json.dumps(dict(sorted(seen.items())), indent=0) + "\n")
+        if cpu > budget:
+            break
 
 
 def write_table() -> None:
@@ -207,10 +223,11 @@ HEAD = """# Numbers of the diagnosis
 The {count} numbers that the diagnosis holds at the heads of its modules (`compplan/diagnose`), without those that
 follow from another one by a formula. Of {tried} moves to twice or half the value that were tried, the known campaigns
 (`tests/known_campaigns.py`) see {seen}: an answer, or what it rests on, changes by more than 1 %. A share near one is
-moved by what it lacks of one. The last column names the first campaign of four that sees a move.
+moved by what it lacks of one. The last column names the first campaign that sees a move; every campaign was asked whose
+diagnosis runs code that reads the number.
 
-This page is written by `python tests/known_numbers.py table`; `python tests/known_numbers.py study 20` tries 20 numbers
-anew. A unit stands in brackets at the end of the reason; numbers without one are shares, counts or log odds.
+This page is written by `python tests/known_numbers.py table`; `python tests/known_numbers.py study 900` asks anew for
+900 s of CPU. A unit stands in brackets at the end of the reason; numbers without one are shares, counts or log odds.
 
 | number | value | rests on | reason | seen at |
 |---|---|---|---|---|
@@ -220,7 +237,8 @@ if __name__ == "__main__":
     if sys.argv[1] == "table":
         write_table()
     else:
-        every = list_numbers()
-        names = [n for n in every if n.short in sys.argv[2:]]
-        draw = np.random.default_rng(0).permutation(len(every))
-        study(names or [every[k] for k in draw[: int(sys.argv[2]) if sys.argv[2:] else None]])
+        names = [n for n in list_numbers() if n.short in sys.argv[2:]]
+        asked = json.loads(SEEN.read_text())
+        # what nothing saw first, then what was never asked
+        rest = sorted(list_numbers(), key=lambda n: all(asked[n.short].values()) if n.short in asked else 0.5)
+        study(names or rest, np.inf if names else float(sys.argv[2]))

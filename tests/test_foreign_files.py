@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 from commandline import run_command
 
-from compplan.commands.places import RESULTS
 from compplan.errors import InputError
 from compplan.files import transaction
-from compplan.files.transaction import check_results, read_manifest, replace_folder
+from compplan.files.transaction import check_results, replace_folder
 from compplan.plan import plan as planning
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"
@@ -102,17 +101,3 @@ def test_a_program_of_the_users_own_is_not_replaced(tmp_path, monkeypatch, capsy
     assert answer.status == 2
     assert "job_L.src: is not of compplan's writing" in answer.err
     assert list_all(work) == before
-
-
-def test_the_names_that_are_looked_at_first_are_those_that_are_written(tmp_path, monkeypatch, capsys) -> None:
-    for command, words in {
-        "plan": ["plan", GOOD / "job.toml"],
-        "forces": ["forces", GOOD / "job.toml"],
-        "map": ["map", GOOD / "robot", "--points", "5"],
-        "identify": ["identify", GOOD / "log.csv", "--robot", GOOD / "robot"],
-        "campaign": ["campaign", GOOD / "job.toml", "--poses", "3"],
-    }.items():
-        answer = run_command([*words, "--out", tmp_path / command], monkeypatch, capsys)
-        assert answer.status == 0, answer.err
-        written = set(read_manifest(tmp_path / command)[command]["files"])
-        assert set(RESULTS[command]) <= written

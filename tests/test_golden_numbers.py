@@ -1,4 +1,7 @@
-"""No number that a command writes changes unmeant: tables, summaries, charts and sentences of pages."""
+"""No number that a command writes changes unmeant: tables, summaries, charts and sentences of pages.
+
+What is looked at before a command computes is asked of the same runs.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,18 @@ from pathlib import Path
 import pytest
 from golden_numbers import COMMANDS, GOLDEN, differences, fold_outputs, run_command_line
 
+from compplan.commands.places import RESULTS
+from compplan.files.transaction import read_manifest
+
 GOLD = json.loads(GOLDEN.read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_number_that_a_command_writes_is_the_one_that_was_meant(name: str, tmp_path: Path) -> None:
-    found = fold_outputs(*run_command_line(COMMANDS[name], tmp_path))
+    out, printed = run_command_line(COMMANDS[name], tmp_path)
+    found = fold_outputs(out, printed)
     changed = list(differences(found, GOLD[name]))
     assert not changed, "\n".join([*changed[:20], "if all of these are meant: python tests/golden_numbers.py"])
+    command = COMMANDS[name].split()[0]
+    if command in RESULTS:
+        assert set(RESULTS[command]) <= {file for written in read_manifest(out).values() for file in written["files"]}

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 
-from benchmarks.round_trip import MODELS, measure_coverage, run_round_trip
+from benchmarks.round_trip import MODELS, RoundTrip, measure_coverage, run_round_trip
 from compplan.errors import UnknownNameError
 from compplan.robot import load_robot, robot_folders
 
 
+@cache
+def repeat_trips(loss: str) -> list[RoundTrip]:
+    """Return sixty seeded round trips of one robot."""
+    robot = load_robot("kuka_kr240")
+    return [run_round_trip(robot, "joints", seed, loss=loss) for seed in range(60)]
+
+
 @pytest.mark.parametrize("loss", [pytest.param("least_squares", marks=pytest.mark.slow), "tukey"])
 def test_stated_intervals_hold_pooled_over_parameters_and_seeded_repeats(loss: str) -> None:
-    robot = load_robot("kuka_kr240")
-    coverage = measure_coverage([run_round_trip(robot, "joints", seed, loss=loss) for seed in range(60)])
+    coverage = measure_coverage(repeat_trips(loss))
     assert coverage.count == 360
     assert coverage.p_value > 0.01
 
@@ -29,8 +37,7 @@ def test_every_model_runs_through_and_its_estimates_lie_near_the_truth(model: st
 
 
 def test_the_same_intervals_would_not_pass_for_99_or_for_90_percent() -> None:
-    robot = load_robot("kuka_kr240")
-    trips = [run_round_trip(robot, "joints", seed) for seed in range(60)]
+    trips = repeat_trips("tukey")
     assert measure_coverage(trips, level=0.99).p_value < 0.01
     assert measure_coverage(trips, level=0.90).p_value < 0.01
 

@@ -77,8 +77,13 @@ def test_the_velocity_limit_is_active_in_the_fast_cut_and_lowers_the_feed():
     assert free.timing.time[-1] < plan.timing.time[-1]
 
 
-def test_position_and_correction_limits_are_active_in_the_circle_out_of_limits():
-    plan = cp.plan_job(shipped("limits_reach"))
+@pytest.fixture(scope="module")
+def out_of_reach():
+    return cp.plan_job(shipped("limits_reach"))
+
+
+def test_position_and_correction_limits_are_active_in_the_circle_out_of_limits(out_of_reach):
+    plan = out_of_reach
     named = {limit for text in plan.command.failures.values() for limit in text.split(", ")}
     assert plan.status == "infeasible"
     assert named == {"correction limit", "lower position limit of joint_2"}
@@ -101,8 +106,8 @@ def test_without_its_limits_the_circle_out_of_limits_is_solved():
     assert plan.margins.max_correction > 1.5e-3
 
 
-def test_failing_waypoints_and_limits_are_named_in_a_sentence():
-    sentence = cp.plan_job(shipped("limits_reach")).explain_failures()
+def test_failing_waypoints_and_limits_are_named_in_a_sentence(out_of_reach):
+    sentence = out_of_reach.explain_failures()
     assert "waypoints are out of reach, the first is waypoint 0 (s = 0 mm): lower position limit of joint_2" in sentence
     assert "with the part moved by" in sentence and "plan.max_correction_mm stops others" in sentence
     assert len(sentence) <= 300
@@ -184,18 +189,18 @@ def test_a_plan_tells_its_stages_in_order_and_ends_where_it_is_cancelled():
         assert told == stages[: stages.index(stop) + 1]
 
 
-@pytest.mark.parametrize("rate", ["velocity", "acceleration"])
-def test_each_scale_lowers_its_own_limits_alone(rate: str) -> None:
+def test_each_scale_lowers_its_own_limits_alone() -> None:
+    scales = {"velocity": 0.4, "acceleration": 0.3}
     job = check_job(
         {"schema": 1, "robot": "kuka_kr270", "part": {"position_mm": [1600.0, 0.0, 900.0]},
-         "limits": {f"{rate}_scale": 0.4},
+         "limits": {f"{name}_scale": scale for name, scale in scales.items()},
          "toolpath": {"generator": "circle", "radius_mm": 60.0, "waypoints": 12, "feed_mm_s": 40.0},
          "process": {"model": "constant", "force_N": [0.0, 0.0, 30.0]}}, Path("job.toml"),
     )  # fmt: skip
     task = build_task(*prepare_job(job))
-    for name in ("velocity", "acceleration"):
+    for name, scale in scales.items():
         given = np.asarray(getattr(task, f"{name}_limits")) / np.asarray(getattr(task.robot, f"{name}_limits"))
-        assert given[np.isfinite(given)] == pytest.approx(0.4 if name == rate else 1.0)
+        assert given[np.isfinite(given)] == pytest.approx(scale)
 
 
 @pytest.mark.parametrize(("y", "asked"), [(0.5, False), (0.0, True), (0.01, True)])

@@ -316,12 +316,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
                 "waypoints": plan.mismatch.waypoints,
             }
         ],
-        "between_waypoints_mm": {
-            "max": plan.between.max_deviation * 1e3,
-            "joint_linear": float(plan.between.joint.max(initial=0.0)) * 1e3,
-            "cartesian_linear": float(plan.between.cartesian.max(initial=0.0)) * 1e3,
-            "spline": float(plan.between.spline.max(initial=0.0)) * 1e3,
-        },
+        "between_waypoints_mm": _describe_between(plan),
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
         **_describe_force(plan),
         **plan.bending.describe(),
@@ -352,6 +347,15 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
         summary["failure"] = plan.explain_failures()
     return summary
+
+
+def _describe_between(plan: Plan) -> dict[str, float]:
+    """Return the greatest deviation between waypoints, by how a controller may lead there. [mm]"""
+    between = plan.between
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    return {"max": between.max_deviation * 1e3} | {
+        way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()
+    }
 
 
 def _describe_margins(plan: Plan) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -252,41 +253,43 @@ def build_program(
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
 
     """
-    controller, believed = load_controller(robot), believed_robot(robot)
+    believed = believed_robot(robot)
     tip = locate_link(believed, q, robot.tcp)
     turned = flange_turn(robot)
     flange = locate_link(believed, q[:1], robot.flange) @ turned
     mass, centre = weigh_tool(robot)
-    words = name_words(controller, robot, q)
-    limits = robot.velocity_limits
     return Program(
         name=name,
-        joints=to_controller(controller, q),
-        joint_names=controller.joint_names,
+        **_count_joints(robot, believed, q),
         prismatic=robot.prismatic,
         feed=np.where(rapid, 0.0, np.asarray(feed) * 1e3),
         rapid=np.asarray(rapid, dtype=bool),
         exact=exact,
         time=time,
-        rates=rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
         tcp=tip,
         tool=np.linalg.inv(flange[0]) @ tip[0],
         part=np.eye(4) if part is None else np.asarray(part, dtype=np.float64),
-        world=np.eye(4) if robot.ground else controller.world,
         carries=robot.carriers,
         mass=mass,
         centre=turned[:3, :3].T @ (centre - turned[:3, 3]),
-        words=words,
-        native=native_words(controller, words),
-        known=controller.known,
-        status=krl_status(controller, robot, q),
-        bent=find_bend(believed, q),
         robot=robot.name,
-        controller=controller.name,
         comments=tuple(comments),
         events=tuple(events),
         wiring=wiring or Wiring(),
     )
+
+
+def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
+    """Return what a program holds of how its controller counts joints and frames, by the names of `Program`."""
+    controller = load_controller(robot)
+    words, limits = name_words(controller, robot, q), robot.velocity_limits
+    return {
+        "joints": to_controller(controller, q), "joint_names": controller.joint_names,
+        "rates": rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
+        "world": np.eye(4) if robot.ground else controller.world,
+        "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
+        "bent": find_bend(believed, q), "known": controller.known, "controller": controller.name,
+    }  # fmt: skip
 
 
 def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
