@@ -16,11 +16,11 @@ from test_learn import cut_part
 from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.known.slopes import ForceSpread, read_force_spread
+from compplan.known.slopes import ForceSpread, read_force_spread, tie_force
 from compplan.loop.gather import Gathered
 from compplan.loop.hold import add_effect, teach_robot
 from compplan.loop.learn import learn_part
-from compplan.loop.travel import choose_travel, state_own
+from compplan.loop.travel import choose_travel, learn_force, state_own
 from compplan.outputs.plan import deliver_plan
 from compplan.path.force_lesson import (
     FILE,
@@ -31,12 +31,15 @@ from compplan.path.force_lesson import (
     read_learned_force,
     write_learned_force,
 )
-from compplan.promise.band import Slopes
+from compplan.path.force_models.constant import ConstantProcess
+from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
 PATHS = Path(__file__).parents[1] / "paths"
+UNIT = Unknown("link_geometry", "joint_1", "ty", ("ty_m",), np.array([1e-4]))
+PUSH = ConstantProcess(model="constant", force_N=(0.0, 1.0, 0.0), frame="base")
 DAY = datetime.date(2026, 11, 23)
 
 
@@ -72,6 +75,61 @@ def test_a_process_file_keeps_what_was_learned_and_other_processes_beside_it(job
     (tmp_path / FILE).write_text("schema = 1\n[[process]]\nmodel = 'constant'\nlevel = -1.0\n")
     with pytest.raises(InputError, match="process"):
         read_learned_force(tmp_path, job.process)
+
+
+def test_a_force_that_goes_with_the_robot_does_so_with_that_uncertainty_alone(job: Job, tmp_path: Path) -> None:
+    robot = np.array([[-2e-9, 1e-4, 0.0, 3e-4], [4e-6, 0.0, 0.0, 0.0]])
+    (tmp_path / "uncertainty.toml").write_text("schema = 1\n", encoding="utf-8")
+    write_learned_force(replace(force_of(1.2, 1.2), turn_sigma=0.02, robot=robot), job.process, tmp_path, None)
+    assert read_learned_force(tmp_path, job.process).robot == pytest.approx(robot)
+    other = job.process.model_copy(update={"force_N": (0.0, 0.0, -50.0)})
+    assert not len(read_learned_force(tmp_path, other).robot)  # other numbers, other force
+    (tmp_path / "uncertainty.toml").write_text("schema = 1 # anew\n", encoding="utf-8")
+    assert not len(read_learned_force(tmp_path, job.process).robot)
+
+
+def test_a_band_counts_that_a_harder_push_and_a_softer_arm_bend_alike() -> None:
+    """For parameters p and shares f of the force the band is J C J^T, C = cov(p, f); its parts add up, none below 0."""
+    rng = np.random.default_rng(4)
+    root, tied = rng.standard_normal((3, 3)), 0.3 * rng.standard_normal((4, 3))
+    size = np.array([0.2, 0.05, 0.05, 0.05])  # level and turns
+    whole = np.block([[root @ root.T, root @ tied.T], [tied @ root.T, np.eye(4)]])
+    unknown = Unknown("link_geometry", "joint_1", "tx", tuple(f"t{axis}_m" for axis in "xyz"), np.zeros(3))
+    known = Uncertainty("measured", "test", (unknown,), np.eye(3)).with_covariance(whole[:3, :3])
+    tie = tie_force(known, ForceSpread(size[0], size[1], 0.0, "test", 0.0, whole[:3, 3:] * size))
+    slopes = replace(line(5), model=rng.standard_normal((5, 3, 3)), shared=rng.standard_normal((5, 3, 4)), tie=tie)
+    every = np.concatenate([slopes.model, slopes.shared], axis=2)
+    parts = split_covariance(slopes, known)
+    assert sum(parts.values()) == pytest.approx(every @ whole @ np.swapaxes(every, 1, 2), rel=1e-4, abs=1e-4)
+    assert min(np.linalg.eigvalsh(part).min() for part in parts.values()) > -1e-9
+    # what rounding or a shared direction says too much is at most all of the force
+    sure = ForceSpread(0.01, 0.05, 0.0, "test", 0.0, whole[:3, 3:] * size)
+    assert np.linalg.norm(tie_force(known, sure)[0], 2) <= 1.0 + 1e-12
+
+
+def test_a_lesson_says_how_force_and_robot_go_together() -> None:
+    """A parameter and the force push alike: each stays wide, their sum is known, on any path where they push alike."""
+    k = 30
+    slopes = line(k)
+    slopes.model[:, :, 0] = slopes.shared[:, :, 0] / 1e-4  # 1 m a unit
+    known = Uncertainty("measured", "test", (UNIT,), np.eye(1), unexplained=2e-5, repeatability=0.0)
+    seen = np.tile([0.0, 3e-4, 0.0], (k, 1)) + 1e-6 * np.random.default_rng(2).standard_normal((k, 3))
+    gathered = Gathered(np.arange(k), seen, np.tile(np.eye(3), (k, 1, 1)), np.full(k, 1e-12), np.ones(k, int))
+    spread = ForceSpread(0.15, 0.05, 0.0, "assumed", 0.0)
+    own = state_own(slopes.tip, slopes.shared[:, :, 0], spread, None, None, 0.0)
+
+    def exact(values: np.ndarray, force: np.ndarray) -> np.ndarray:
+        return slopes.model @ values + slopes.shared @ force
+
+    lesson = learn_part(slopes, known, gathered, exact, own)
+    force, _ = learn_force(lesson, spread, None, PUSH, np.eye(3), "circle", np.ones(1, bool))
+    told = known.with_covariance(lesson.covariance)
+    share = force.robot / [force.level, 1.0, 1.0, 1.0]
+    again = ForceSpread(force.common, force.turn_sigma, 0.0, "told", 0.0, share)
+    apart = replace(slopes, shared=slopes.shared * [force.common / spread.level, 1.0, 1.0, 1.0])
+    with_tie = split_covariance(replace(apart, tie=tie_force(told, again)), told)
+    sizes = [float(np.sqrt(sum(parts.values())[0, 1, 1])) for parts in (with_tie, split_covariance(apart, told))]
+    assert sizes[1] > 9e-5 > 4 * sizes[0]
 
 
 def test_three_parts_tell_their_scatter_and_four_a_clear_trend() -> None:

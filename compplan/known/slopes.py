@@ -7,7 +7,7 @@ whole path; the equilibrium is solved at a few of its rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from compplan.job.noise import NoiseTable
 from compplan.known.vary import stage_robot, vary_scene
 from compplan.path.force_lesson import SCATTER
 from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Unknown
+from compplan.robot.uncertainty import Uncertainty, Unknown
 
 #: Rows of a path at which the equilibrium is differentiated.
 ROWS = 200
@@ -30,6 +30,8 @@ ROWS = 200
 SHARED = 0.7
 #: Steps where a deviation is zero, and of the force.
 TINY, SHARE = 1e-9, 1e-3
+#: Variance that every parameter has apart, of its own: what goes with the force is told from rounding by it.
+APART = 1e-6
 #: To what elastic coordinates are settled in scenes that are compared with one another. [rad or m]
 REFINED = 1e-12
 _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "tool_twist", "encoder")
@@ -45,6 +47,7 @@ class ForceSpread:
         path: Of its size, from place to place.
         source: Where it comes from.
         scatter: Of its size from part to part, at most `level`.
+        robot: Covariance of its size and of turns about the base axes [rad] with parameters of the robot. Shape (p, 4).
     """
 
     level: float
@@ -52,6 +55,7 @@ class ForceSpread:
     path: float
     source: str
     scatter: float = 0.0
+    robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
     def common(self) -> float:
@@ -66,13 +70,40 @@ def read_force_spread(job: Job | None) -> ForceSpread:
     if learned is not None:
         direction = float(np.radians(table.wrench_direction_deg))
         direction = direction if learned.turn_sigma is None else learned.turn_sigma
-        return ForceSpread(learned.spread, direction, table.wrench_path, learned.source, learned.scatter)
+        turn = np.eye(3) if job is None or learned.axes != "part" else job.T_base_part[:3, :3]
+        robot = np.hstack([learned.robot[:, :1] / learned.level, learned.robot[:, 1:] @ turn.T])
+        return ForceSpread(learned.spread, direction, table.wrench_path, learned.source, learned.scatter, robot)
     stated = {"wrench_level", "wrench_direction_deg", "wrench_path"} & table.model_fields_set
     said = "[noise] of the job" if stated else "assumed: force models of milling and forming err by 10 to 20 %"
     scatter = min(SCATTER, SHARED * table.wrench_level)
     return ForceSpread(
         table.wrench_level, float(np.radians(table.wrench_direction_deg)), table.wrench_path, said, scatter
     )
+
+
+def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
+    """Split level and turns of the force into what goes with the robot's parameters and what is apart from them.
+
+    With parameters p = S z and shares f in standard deviations, f = B z + L e; z and e are independent and normal.
+
+    Args:
+        known: What is known of the robot; the first parameters are those that `spread` names.
+        spread: How surely the force is known.
+
+    Returns:
+        B, shape (4, r), and L, shape (4, 4).
+    """
+    factor, count = known.factor, len(spread.robot)
+    size = np.array([spread.level, *[spread.direction] * 3])
+    if not count or count > len(factor) or not (size > 0.0).all():
+        return np.zeros((4, factor.shape[1])), np.eye(4)
+    width = np.maximum(known.width, 1e-300)
+    joint = np.pad(spread.robot, ((0, len(factor) - count), (0, 0))).T / size[:, None] / width
+    tied = joint @ np.linalg.solve(factor @ factor.T + APART * np.eye(len(factor)), factor)
+    value, vector = np.linalg.eigh(tied @ tied.T)
+    # parameters and force were rounded: what goes with the robot is at most all of it
+    tied = vector @ np.diag(1.0 / np.sqrt(np.maximum(value, 1.0))) @ vector.T @ tied
+    return tied, vector @ np.diag(np.sqrt(np.maximum(1.0 - value, 0.0)))
 
 
 def pick_rows(cut: NDArray[np.bool_], most: int = ROWS) -> NDArray[np.int_]:

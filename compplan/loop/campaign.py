@@ -156,7 +156,9 @@ def design_campaign(
         scene, rows = stage_path(robot, plan.q, task.wrench, task.step_time), task.cut
         notes = list_assumed(robot)
     frames = tuple(part for part in shop.register if part != "base" or shop.instrument == TRACKER)
-    design = Design(known, linearise_path(scene, known, read_force_spread(plan.job), rows), shop.sigma, frames)
+    # poses narrow the robot alone: what of the force goes with it counts as apart
+    path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows), tie=None)
+    design = Design(known, path, shop.sigma, frames)
     if shop.purpose == CALIBRATION:
         design = take_frames(design, scene)
     start, used, said = learn_log(design, robot, log)

@@ -59,6 +59,7 @@ class Lesson:
         values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
         force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
         force_covariance: Their posterior covariance. Shape (4, 4).
+        cross: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
         own: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
         own_spread: Posterior standard deviation of its sum with the level, in those of the level.
         open: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
@@ -84,6 +85,7 @@ class Lesson:
     values: Array
     force: Array
     force_covariance: Array
+    cross: Array
     own: Array
     own_spread: float
     open: Array
@@ -144,10 +146,9 @@ class LessonModel:
     path: Array | None = None
 
     def repeats(self) -> tuple[Array, Array, Array]:
-        """Return what the next part repeats: parameters, shared force (columns), residual (covariance)."""
+        """Return what the next part repeats: parameters, force apart from them (columns), residual (covariance)."""
         k = len(self.slopes.rows)
-        columns = (self.slopes.model @ self.known.spread).reshape(3 * k, -1)
-        force = self.slopes.shared.reshape(3 * k, -1)
+        columns, force = (part.reshape(3 * k, -1) for part in self.slopes.columns(self.known))
         apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
         field = np.kron(self.size**2 * np.exp(-0.5 * apart**2), np.eye(3))
         if self.path is not None:
@@ -205,7 +206,7 @@ def learn_part(
     seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
     return Lesson(
         taken=taken, reason=reason, values=state.values, force=state.force,
-        force_covariance=state.force_covariance, own=state.own, own_spread=state.own_spread,
+        force_covariance=state.force_covariance, cross=state.cross, own=state.own, own_spread=state.own_spread,
         physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
         residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
         covariance=state.covariance if taken else known.covariance,
@@ -241,6 +242,7 @@ class LessonState:
     values: Array
     force: Array
     force_covariance: Array
+    cross: Array
     own: Array
     own_spread: float
     covariance: Array
@@ -283,23 +285,25 @@ def condition(model: LessonModel, gathered: Gathered) -> LessonState:
     prior = columns @ columns.T + force @ force.T + field
     factor = cho_factor(H @ prior @ H.T + own + 1e-18 * np.eye(len(y)))
     weight = H.T @ cho_solve(factor, y)
-    root = model.known.spread
-    normal = columns.T @ weight
-    gain = cho_solve(factor, H @ columns)
-    left = np.eye(len(normal)) - columns.T @ H.T @ gain
     own_columns = model.own.part.reshape(len(weight), -1)
-    pushed = np.hstack([force, own_columns[:, :1]])
-    shares = np.eye(pushed.shape[1]) - pushed.T @ H.T @ cho_solve(factor, H @ pushed)
-    whole = np.r_[1.0, np.zeros(force.shape[1] - 1), model.own.ratio]
+    # one normal state: parameters, force apart from them, and the part's own force
+    every = np.hstack([columns, force, own_columns[:, :1]])
+    left = np.eye(every.shape[1]) - every.T @ H.T @ cho_solve(factor, H @ every)
+    root, p = model.known.spread, columns.shape[1]
+    tied, apart = model.slopes.tie or (np.zeros((force.shape[1], p)), np.eye(force.shape[1]))
+    shares = np.hstack([tied, apart, np.zeros((len(apart), 1))])
+    whole = shares[0] + np.r_[np.zeros(every.shape[1] - 1), model.own.ratio]
+    values, share = root @ columns.T @ weight, shares @ every.T @ weight
     return LessonState(
-        values=root @ normal,
-        force=force.T @ weight,
-        force_covariance=shares[:-1, :-1],
+        values=values,
+        force=share,
+        force_covariance=shares @ left @ shares.T,
+        cross=root @ (left @ shares.T)[:p],
         own=own_columns.T @ weight,
-        own_spread=float(np.sqrt(max(whole @ shares @ whole, 0.0))),
-        covariance=root @ left @ root.T,
-        physics=columns @ normal,
-        pushed=force @ (force.T @ weight),
+        own_spread=float(np.sqrt(max(whole @ left @ whole, 0.0))),
+        covariance=root @ left[:p, :p] @ root.T,
+        physics=model.slopes.model.reshape(len(weight), -1) @ values,
+        pushed=model.slopes.shared.reshape(len(weight), -1) @ share,
         residual=field @ weight,
         weight=weight,
         tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),

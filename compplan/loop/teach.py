@@ -238,14 +238,16 @@ def tell_others(
 ) -> Others:
     """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
     told = _tell_nothing(job, robot, lesson)._replace(travel=choose_travel(lesson.model, lesson.gathered))
+    own_tool = job.tool is None
     if told.travel.force:
         name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
-        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name)
+        keep = [(own_tool or u.effect != "tool_frame") and told.travel.robot for u in known.unknowns for _ in u.keys]
+        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name, np.array(keep, bool))
         told = told._replace(force=force, shares=shares)
     if told.travel.robot:
         # the values are about the robot that was planned with, whose parts in doubt had faded there
         base = fade_alike(robot, planned)
-        taught, held = teach_robot(base, known, lesson.values, lesson.covariance, own_tool=job.tool is None)
+        taught, held = teach_robot(base, known, lesson.values, lesson.covariance, own_tool=own_tool)
         told = told._replace(robot=taught, held=held)
     return told
 

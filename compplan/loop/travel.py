@@ -10,6 +10,7 @@ import datetime
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.known.slopes import ForceSpread
 from compplan.loop.gather import Gathered
@@ -87,7 +88,8 @@ def state_own(
 
 
 def learn_force(
-    lesson: Lesson, spread: ForceSpread, old: LearnedForce | None, process: object, R_base_part: Array, job: str
+    lesson: Lesson, spread: ForceSpread, old: LearnedForce | None, process: object, R_base_part: Array, job: str,
+    kept: NDArray[np.bool_],
 ) -> tuple[LearnedForce, Array]:
     """Turn a lesson into what other paths are told of the force; also return its shares that they are told, (4,).
 
@@ -100,6 +102,7 @@ def learn_force(
         process: The [process] of the job.
         R_base_part: Part axes seen from the base. Shape (3, 3).
         job: Name of the job.
+        kept: Parameters that the robot folder is told, too; none where it is told nothing. Shape (p,).
     """
     axes, told = find_axes(process), lesson.force.copy()
     scale = 1.0 if old is None else old.level
@@ -110,16 +113,19 @@ def learn_force(
         told[1:] = 0.0
     sigma = float(spread.direction * np.sqrt(np.mean(width[1:] ** 2))) if axes else None
     before = np.zeros(3) if old is None else old.turn
-    local = R_base_part.T @ turn if axes == "part" else turn
+    axis = R_base_part if axes == "part" else np.eye(3)
+    local = axis.T @ turn
     own = scale * (1.0 + common * float(told[0] + lesson.model.own.ratio * lesson.own[0]))
     part = TaughtPartTable(
         date=datetime.datetime.now(tz=datetime.UTC).date(), job=job, level=max(own, 1e-3),
         sigma=scale * common * lesson.own_spread,
     )  # fmt: skip
     parts = () if old is None or not old.same else old.parts
+    cross = lesson.cross[kept]
+    robot = np.hstack([scale * common * cross[:, :1], spread.direction * bool(axes) * cross[:, 1:] @ axis])
     known = LearnedForce(
         max(level, 1e-3), scale * common * float(width[0]), before + local if axes else np.zeros(3), sigma,
-        spread.scatter, parts, axes,
+        spread.scatter, parts, axes, robot=robot,
     )  # fmt: skip
     known = add_part(known, part)
     told[0] = (known.level / scale - 1.0) / common if common > 0.0 else 0.0

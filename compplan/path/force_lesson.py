@@ -9,6 +9,8 @@
     turn_deg = [0.0, 0.0, 1.5]         # rotation vector from the predicted to the true direction, axes of `frame`
     turn_sigma_deg = 1.2               # per axis
     scatter = 0.07                     # of the level from part to part, one standard deviation
+    robot = [[1e-9, 0.0, 0.0, 0.0]]    # covariance of level and turns [rad] with parameters of uncertainty.toml [SI]
+    robot_sha256 = "..."               # of that file: with another one `robot` does not count
     [[process.part]]                   # oldest first
     date = 2026-11-23
     job = "circle"
@@ -23,8 +25,9 @@ the level follows their trend (wear), where that is clear.
 from __future__ import annotations
 
 import datetime
+import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +39,7 @@ from scipy.spatial.transform import Rotation
 from compplan.files.tables import Array
 from compplan.files.tomlfile import SchemaOne, StrictTable, Vector3, Words, read_toml_model
 
-FILE = "process.toml"
+FILE, UNCERTAINTY = "process.toml", "uncertainty.toml"
 #: Level from part to part (assumed: stock, edge and lubricant differ by 5 to 10 %), as many parts as it counts for, and
 #: parts from which on their own scatter and their trend count.
 SCATTER, WEIGHT, PARTS, TREND = 0.07, 4, 3, 4
@@ -48,6 +51,10 @@ OTHER = 0.1
 FIXED = ("part", "base")
 #: Keys of [process] that say where it acts, not how hard it pushes.
 WHERE = ("model", "ramp_mm", "ramp_out_mm", "during_rapid", "required", "stock", "stock_top_mm", "uncertainty", "file")
+
+
+#: Numbers of the level and three turns.
+Shares = Annotated[tuple[float, float, float, float], Field(strict=False)]
 
 
 class TaughtPartTable(StrictTable):
@@ -68,6 +75,8 @@ class EntryTable(StrictTable):
     turn_deg: Vector3 = (0.0, 0.0, 0.0)
     turn_sigma_deg: float | None = Field(default=None, ge=0.0, le=180.0)
     scatter: float = Field(default=SCATTER, ge=0.0, le=10.0)
+    robot: Annotated[tuple[Shares, ...], Field(strict=False)] = ()
+    robot_sha256: str = ""
     numbers: dict[str, Any] = Field(default_factory=dict)
     part: Annotated[tuple[TaughtPartTable, ...], Field(strict=False, min_length=1)]
 
@@ -93,6 +102,8 @@ class LearnedForce:
         parts: The parts, oldest first.
         axes: "base", "part", or "" where the direction goes with the path and is not learned.
         same: Whether the parts were cut with the numbers of this [process].
+        robot: Covariance of level and turns, in `axes` [rad], with each parameter of the folder's uncertainty.toml: a
+            harder push and a softer arm bend alike. Shape (p, 4), or (0, 4) where none is known. [SI]
     """
 
     level: float
@@ -103,6 +114,7 @@ class LearnedForce:
     parts: tuple[TaughtPartTable, ...]
     axes: str
     same: bool = True
+    robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
     def spread(self) -> float:
@@ -173,11 +185,19 @@ def read_learned_force(folder: Path | None, process: Any) -> LearnedForce | None
     equal = [entry for entry in own if entry.numbers == numbers]
     entry = equal[-1] if equal else max(own, key=lambda one: one.part[-1].date)
     keeps = bool(axes) and bool(equal) and entry.turn_sigma_deg is not None
+    tied = bool(equal) and entry.robot_sha256 == _hash_uncertainty(folder)
+    robot = np.reshape(entry.robot if tied else (), (-1, 4)) * np.r_[1.0, np.full(3, float(keeps))]
     return LearnedForce(
         entry.level, entry.level_sigma, np.radians(entry.turn_deg) if keeps else np.zeros(3),
         float(np.radians(entry.turn_sigma_deg)) if keeps and entry.turn_sigma_deg is not None else None,
-        entry.scatter, entry.part, axes, bool(equal),
+        entry.scatter, entry.part, axes, bool(equal), robot,
     )  # fmt: skip
+
+
+def _hash_uncertainty(folder: Path) -> str:
+    """Return the SHA-256 of a folder's uncertainty.toml, "-" where it has none."""
+    file = folder / UNCERTAINTY
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "-"
 
 
 def add_part(force: LearnedForce, part: TaughtPartTable) -> LearnedForce:
@@ -208,7 +228,7 @@ def write_learned_force(force: LearnedForce, process: Any, folder: Path, source:
     Args:
         force: What is known.
         process: The [process] of the job.
-        folder: The robot folder to write to.
+        folder: The robot folder to write to; its uncertainty.toml is the one that `force` goes with.
         source: The robot folder before, or None.
     """
     numbers = list_numbers(process)
@@ -222,6 +242,9 @@ def write_learned_force(force: LearnedForce, process: Any, folder: Path, source:
     }  # fmt: skip
     if force.turn_sigma is not None:
         entry["turn_sigma_deg"] = _short(float(np.degrees(force.turn_sigma)))
+    if len(force.robot):
+        entry["robot"] = [[_short(float(value)) for value in row] for row in force.robot]
+        entry["robot_sha256"] = _hash_uncertainty(folder)
     table: Mapping[str, Any] = {"schema": 1, "process": [*others, entry]}
     (folder / FILE).write_text(tomli_w.dumps(table), encoding="utf-8")
 

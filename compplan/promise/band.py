@@ -21,7 +21,7 @@ from scipy.spatial.distance import cdist
 
 from compplan.effects.scene import Scene
 from compplan.known.assumed import known_uncertainty, list_assumed
-from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tip_of
+from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tie_force, tip_of
 from compplan.known.vary import pick_rivals
 from compplan.measure.distance import LEVEL, band_radius
 from compplan.path.toolpath import interpolate
@@ -63,6 +63,7 @@ class Slopes:
         shared: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
         local: The same, from place to place. Shape (k, 3, 1). [m]
         moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
+        tie: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
     """
 
     rows: NDArray[np.int_]
@@ -71,6 +72,19 @@ class Slopes:
     shared: Array
     local: Array
     moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    tie: tuple[Array, Array] | None = None
+
+    def columns(self, known: Uncertainty) -> tuple[Array, Array]:
+        """Return the tip by one standard deviation of the robot and of what is apart. Shapes (k, 3, r), (k, 3, .). [m]
+
+        What of the force goes with the robot is in the first; the second has level, turns, and the place of the part.
+        """
+        robot = self.model @ known.spread
+        if self.tie is None:
+            return robot, self.shared
+        tied, apart = self.tie
+        force = self.shared[:, :, :4]
+        return robot + force @ tied, np.concatenate([force @ apart, self.shared[:, :, 4:]], axis=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,15 +165,16 @@ def linearise_path(
     if part is not None:
         shared = np.concatenate([shared, part[rows]], axis=2)
     moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
-    return Slopes(rows, tip_of(scene, rows), measure_slopes(scene, known.unknowns, rows), shared, local, moved)
+    tie = tie_force(known, force) if len(force.robot) else None
+    return Slopes(rows, tip_of(scene, rows), measure_slopes(scene, known.unknowns, rows), shared, local, moved, tie)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
-    moved = slopes.model @ known.spread
-    force = np.concatenate([slopes.shared[:, :, :4], slopes.local], axis=2)
-    part, away = slopes.shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
+    moved, shared = slopes.columns(known)
+    force = np.concatenate([shared[:, :, :4], slopes.local], axis=2)
+    part, away = shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
     return {
         "model": moved @ np.swapaxes(moved, 1, 2),
         "unexplained": eye * known.smooth**2,
@@ -218,7 +233,7 @@ def promise_path(
             name: greatest(total - value, None if name == "motion" else mean) for name, value in spread.items()
         },
         narrowings=rank_narrowings(
-            list_knowable(robot, known, slopes.model, parts),
+            list_knowable(robot, known, slopes.columns(known)[0], parts),
             lambda value: greatest(total - _spread(slopes.rows, value, n), mean),
         ),
         assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else []),
@@ -252,7 +267,9 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
     root, shifts = known.split_rivals()
-    columns = np.concatenate([slopes.model @ root, slopes.shared], axis=2)
+    # of rivals there are none where the force goes with the robot
+    robot, shared = slopes.columns(known)
+    columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
     moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], count))
     moved = moved.reshape(k, 3, count)
     if known.rivals:

@@ -55,13 +55,12 @@ def list_knowable(
     Args:
         robot: The robot.
         known: What is known of it.
-        model: Motion of the tip per unit of every parameter. Shape (k, 3, p).
+        model: Motion of the tip by the columns of `known.spread`. Shape (k, 3, r). [m]
         parts: Covariance of the tip by each part.
         most: Parameters that are looked at: those that take off the most.
     """
-    covariance = known.covariance
-    deviation = np.sqrt(np.diag(covariance))
-    seen = model @ covariance / np.where(deviation > 0, deviation, 1.0)
+    deviation = known.width
+    seen = model @ known.factor.T
     found = []
     for j, (name, (words, width)) in enumerate(zip(known.names, _targets(robot, known, deviation), strict=True)):
         share = 1.0 - (min(width, deviation[j]) / deviation[j]) ** 2 if deviation[j] > 0 else 0.0

@@ -18,7 +18,7 @@ from compplan.effects.signature import Signature, plain
 from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path
+from compplan.known.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path, tie_force
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
@@ -59,10 +59,12 @@ class PostureErrors:
     def _columns(self, scene: Scene) -> Array:
         known, n = self.known, len(scene.wrench)
         at = linearize_scene(scene, attain_scene(scene))
-        model = derive_unknowns(at, known.unknowns) @ known.spread
+        tied, apart = tie_force(known, self.force)
         alike = np.hypot(known.smooth, known.repeatability or 0.0)
         force = derive_force(at, scene.wrench, self.force)
-        return np.concatenate([model, force, np.broadcast_to(alike * np.eye(3), (n, 3, 3))], axis=2)
+        model = derive_unknowns(at, known.unknowns) @ known.spread + force[:, :, :4] @ tied
+        own = [force[:, :, :4] @ apart, force[:, :, 4:]]
+        return np.concatenate([model, *own, np.broadcast_to(alike * np.eye(3), (n, 3, 3))], axis=2)
 
 
 def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
