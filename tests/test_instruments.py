@@ -59,12 +59,13 @@ def draw_poses(robot: Robot, count: int, seed: int) -> Array:
 
 
 def touch(
-    robot: Robot, place: Array, count: int, rng: np.random.Generator, effects: Effects = PLANTED, sigma: float = SIGMA
-) -> Array:
-    """Return poses, settled by hand to the noise, in which the true point is at a place. Shape (count, nq)."""
+    robot: Robot, place: Array, count: int, rng: np.random.Generator, effects: Effects = PLANTED, sigma: float = SIGMA,
+    onto: Callable[[Array], Array] | None = None,
+) -> Array:  # fmt: skip
+    """Return poses, settled to the noise, with the true point at a place, or by it on a surface. Shape (count, nq)."""
     start = see(robot, draws := draw_poses(robot, 400, int(rng.integers(1000))), effects)
     q = draws[np.argsort(np.linalg.norm(start - place, axis=1))[: 2 * count]]
-    wanted = place + rng.normal(0.0, sigma, (len(q), 3))
+    wanted = (place if onto is None else onto(see(robot, q, effects))) + rng.normal(0.0, sigma, (len(q), 3))
     for _ in range(9):
         point = see(robot, q, effects)
         slopes = np.stack([(see(robot, q + 1e-6 * one, effects) - point) / 1e-6 for one in np.eye(robot.nq)], axis=-1)
@@ -212,26 +213,6 @@ def test_tool_and_unknown_places_follow_from_the_rows_of_a_robot_as_modelled(
     np.testing.assert_allclose(frames.tool[0, :3, 3], TOOL, atol=2e-7)
     point = attained.position + attained.rotation @ frames.tool[0, :3, 3]
     assert np.abs(campaign_gap(campaign, point, frames)).max() < 2e-7
-
-
-@pytest.mark.parametrize("name", LOGS)
-def test_identified_robot_predicts_points_that_no_tracker_has_seen(
-    name: str, robot: Robot, tmp_path: Path, run: Run
-) -> None:
-    log, instrument = LOGS[name](robot, tmp_path)
-    given = ["--robot", robot.folder, "--instrument", instrument]
-    result = run("identify", log, *given, "--geometry", "offsets", "--out", tmp_path / "out")
-    assert result.status == 0, result.err
-    q = draw_poses(robot, 60, 11)
-    wanted = write_log(tmp_path / "later.csv", f"run,contact,{JOINTS}", [f"static,later,{degrees(row)}" for row in q])
-    predicted = tmp_path / "predicted.csv"
-    result = run("predict", wanted, "--robot", tmp_path / "out/robot", "--out", predicted)
-    assert result.status == 0, result.err
-    found = np.loadtxt(predicted, delimiter=",", skiprows=1, usecols=(0, 1, 2)) * 1e-3
-    before = np.sqrt(np.mean(np.sum((see(robot, q, ()) - see(robot, q)) ** 2, axis=1)))
-    left = np.sqrt(np.mean(np.sum((found - see(robot, q)) ** 2, axis=1)))
-    assert before > 1e-3
-    assert left < 0.08 * before
 
 
 def test_diagnosis_explains_what_gauges_show_to_their_noise(robot: Robot, tmp_path: Path) -> None:

@@ -14,14 +14,10 @@ from compplan.errors import InputError
 from compplan.files.tables import Table, read_table, read_text
 from compplan.measure.campaign import Campaign
 from compplan.measure.checks import list_notes
+from compplan.measure.exports import guess_name, rename_title
 from compplan.measure.reading import log_columns, read_campaign
 from compplan.robot import Robot
 
-#: Titles of exports of tracker and CMM programs and of robots (assumed), with name and unit in a log.
-EXPORTED = (
-    (r"(?:measured|actual|meas\.?|act\.?)?[ _]*([xyz])\s*[\[(]?(?P<unit>mm|m)?[\])]?", ("{}", "mm")),
-    (r"(?:j|joint|axis|a|q)[ _]*([1-9])\s*[\[(]?(?P<unit>deg|rad)?[\])]?", ("q{}", "deg")),
-)
 #: Poses below which a calibration of six joints has hardly more equations than unknowns (theory: about 30 parameters,
 #: 3 coordinates a pose, half of them held out).
 FEW_POSES = 20
@@ -41,7 +37,7 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
 
     """
     try:
-        table = read_table(file, log_columns(), unknown="note")
+        table = read_table(file, log_columns(), unknown="note", rename=rename_title)
     except InputError as error:
         said = name_columns(file)
         raise InputError(f"{error.message}{said}", file=error.file, where=error.where) if said else error from None
@@ -55,16 +51,10 @@ def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
 
 
 def name_columns(file: Path) -> str:
-    """Name the columns of another program's export as a log has them, "" where none is recognised."""
+    """Name the columns of another program's export that lack their unit as a log has them, "" where there is none."""
     head = read_text(file).splitlines()[:1]
     titles = [] if not head else [title.strip().strip('"') for title in re.split("[,;\t]", head[0])]
-    found = []
-    for title in titles:
-        for form, name in EXPORTED:
-            if (match := re.fullmatch(form, title, re.IGNORECASE)) is not None:
-                unit = (match.group("unit") or name[1]).lower()
-                found.append(f"{title!r} {name[0].format(match.group(1).lower())}_{unit}")
-                break
+    found = [f"{title!r} {name}" for title in titles if (name := guess_name(title)) is not None]
     return f"; rename columns: {', '.join(found)} (say the unit that they are in)" if found else ""
 
 

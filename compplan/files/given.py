@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,12 @@ from compplan.files.columns import UNITS, FileColumn, match_columns
 from compplan.files.tables import Array, Table, read_table
 
 
-def open_table(source: Any, columns: Sequence[FileColumn], *, what: str) -> Table:
-    """Read a table from a file, or take one that is in memory already, unknown columns noted; see `take_table`."""
+def open_table(
+    source: Any, columns: Sequence[FileColumn], *, what: str, rename: Callable[[str], str] | None = None
+) -> Table:
+    """Read a table from a file or take one from memory, unknown columns noted; see `read_table` and `take_table`."""
     if is_file_name(source):
-        return read_table(source, columns, unknown="note")
+        return read_table(source, columns, unknown="note", rename=rename)
     return take_table(source, columns, what=what, unknown="note")
 
 

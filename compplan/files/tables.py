@@ -32,6 +32,8 @@ MOST_BYTES = 512 * 2**20
 NO_LETTER = re.compile("[\ud800-\udfff]")
 
 
+#: A number with a decimal comma.
+COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
 #: Bytes of a table from which on it pays to read all numbers at once, and names of columns of such a table.
 LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
 
@@ -101,7 +103,7 @@ def read_table(
         columns: The columns that the table may have.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
         rename: Gives a column of another program's export our name, any other one its own; fields of such an export
-            may stand between spaces.
+            may stand between semicolons, tabs or spaces, between semicolons with a decimal comma.
 
     Returns:
         The table in SI.
@@ -158,11 +160,13 @@ def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None
     return (header, grid, np.arange(2, 2 + len(grid))) if whole else None
 
 
-def _read_rows(path: Path, spaced: bool) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
+def _read_rows(path: Path, exported: bool) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
     """Return header line, header, rows and the line of every row; refuse ragged rows."""
     content = read_text(path)
     told = content.splitlines()
-    reader = csv.reader(told, delimiter=" " if spaced and told and "," not in told[0] and " " in told[0] else ",")
+    head = next((line for line in told if line.strip() and line.lstrip()[0] != "#"), "")
+    mark = next((mark for mark in ";\t, " if mark in head), ",") if exported else ","
+    reader = csv.reader(told, delimiter=mark)
     header: list[str] = []
     header_line = 0
     rows: list[list[str]] = []
@@ -172,9 +176,15 @@ def _read_rows(path: Path, spaced: bool) -> tuple[int, list[str], list[list[str]
             continue
         if not header:
             header, header_line = [name.strip() for name in row], reader.line_num
+            if len(header) > 1 and not header[-1] and exported:  # a mark behind the last field
+                header.pop()
             if len(header) == 1 and ";" in header[0]:
                 raise InputError("fields are separated by ';', expected ','", file=path, where=header_line)
             continue
+        if len(row) == len(header) + 1 and not row[-1].strip() and exported:
+            row.pop()
+        if mark == ";":
+            row = [field.replace(",", ".") if COMMA.fullmatch(field) else field for field in row]
         if len(row) != len(header):
             message = f"row has {len(row)} fields, the header has {len(header)}"
             raise InputError(message, file=path, where=reader.line_num)

@@ -170,7 +170,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
         freedom=freedom,
         state=state,
         system=system,
-        weights=loss_weights(rows.loss, system.distance(noise), system.known.sum(axis=1))[0],
+        weights=loss_weights(rows.loss, system.distance(noise), system.seen)[0],
         noise=noise,
         clustered=clustered,
         iterations=steps,

@@ -17,16 +17,7 @@ from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assu
 from compplan.known.slopes import measure_slopes, read_force_spread, stage_path, take_scene
 from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates, find_postures, list_candidates
-from compplan.loop.contacts import (
-    BALL_BAR,
-    BAR,
-    PLACES,
-    PLATE,
-    TRACKER,
-    find_touching,
-    see_distances,
-    sight_candidates,
-)
+from compplan.loop.contacts import LENGTHS, PLACES, TRACKER, find_touching, see_distances, sight_candidates
 from compplan.loop.design import Choice, Design, choose_measurements, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
@@ -63,8 +54,9 @@ class Shop:
         seed: Seed of the candidates.
         purpose: What the poses are for: PATH or CALIBRATION.
         instrument: What sees the tip, of `INSTRUMENTS`.
-        places: Places at which it stands; None: as many as `PLACES` says.
-        length: Length of a ball bar, or distance of two sockets of a plate; None: as `BAR` and `PLATE` say. [m]
+        places: Unknown places at which it stands; None: as many as `PLACES` says.
+        length: Length of a ball bar, radius about a sphere, or distance of two sockets of a plate; None: as `LENGTHS`
+            says. [m]
     """
 
     weights: tuple[float, ...] = (0.0,)
@@ -196,7 +188,7 @@ def put_up(
 ) -> tuple[Array, Sights]:
     """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
     places = PLACES[shop.instrument] if shop.places is None else shop.places
-    length = (BAR if shop.instrument == BALL_BAR else PLATE) if shop.length is None else shop.length
+    length = LENGTHS.get(shop.instrument, 0.0) if shop.length is None else shop.length
     return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids, shop.seed)
 
 

@@ -1,4 +1,4 @@
-"""Candidates for instruments that see no positions: sockets, dial gauges, a probe on planes, a ball bar.
+"""Candidates for instruments that see no positions: sockets, dial gauges, probes, planes, spheres, a ball bar.
 
 A shop puts them up where the campaign says, by hand: places are unknown within centimetres, and every place is met
 more than once. What each kind tells stands in `compplan.measure.sights`.
@@ -18,12 +18,15 @@ from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
-TRACKER, SOCKETS, GAUGE, PLANE, BALL_BAR = INSTRUMENTS = ("tracker", "sockets", "gauge", "plane", "ball_bar")
+TRACKER, SOCKETS, GAUGE, PROBE, PLANE, SPHERE, BALL_BAR = INSTRUMENTS = (
+    "tracker", "sockets", "gauge", "probe", "plane", "sphere", "ball_bar",
+)  # fmt: skip
 #: Kind of a row, and places that are put up where nobody says how many.
-KINDS = {SOCKETS: CONTACT, GAUGE: READING, PLANE: READING, BALL_BAR: DISTANCE}
-PLACES = {SOCKETS: 3, GAUGE: 6, PLANE: 3, BALL_BAR: 3}
-#: Length of a ball bar, and distance of the sockets of a plate from each other, where nobody says. [m] (assumed)
-BAR, PLATE = 0.3, 0.0
+KINDS = {SOCKETS: CONTACT, GAUGE: READING, PLANE: READING, SPHERE: DISTANCE, BALL_BAR: DISTANCE}
+PLACES = {SOCKETS: 3, GAUGE: 6, PROBE: 0, PLANE: 3, SPHERE: 3, BALL_BAR: 3}
+#: Length of a ball bar, radii of a sphere and the ball that touches it together, and distance of the sockets of a plate
+#: from each other, where nobody says. [m] (assumed)
+LENGTHS = {BALL_BAR: 0.3, SPHERE: 0.03}
 #: Half of the side of a plane that the probe may touch [m] (assumed), and how surely a plate's distance is known. [m]
 SIDE, SURE = 0.15, 2e-5
 #: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
@@ -43,7 +46,8 @@ def find_touching(
         lowest: Lowest place of the path over the base plane. [m]
         instrument: One of `INSTRUMENTS`, no tracker.
         places: How many places.
-        length: Length of the ball bar, or distance of two sockets of a plate, 0 for single ones. [m]
+        length: Length of the ball bar, radii of the sphere and the ball of the tool together, or distance of two
+            sockets of a plate, 0 for single ones. [m]
         scene: What may touch what, or None.
         seed: Seed.
 
@@ -53,13 +57,18 @@ def find_touching(
     random, chain = np.random.default_rng(seed), build_chain(robot)
     tip = locate_frames(chain, postures).tcp_position
     q, label, names, normals = [], [], list[str](), np.eye(3)[[2, 0, 1]]
+    if instrument == PROBE:  # it is anywhere, and reads zero at a place that is known
+        m = 3 * len(postures)
+        read = Sights(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0),
+                      np.tile(normals, (len(postures), 1)), np.zeros(m))  # fmt: skip
+        return np.repeat(postures, 3, axis=0), read
     for number, centre in enumerate(_spread(tip, middle, places)):
         nearest = postures[np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]]
         start = locate_frames(chain, nearest).tcp_position
         wanted = np.tile(centre, (len(nearest), 1))
-        if instrument == BALL_BAR:
+        if instrument in LENGTHS:
             away = start - centre
-            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand of the bar is below
+            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
             wanted = centre + length * away / np.linalg.norm(away, axis=1)[:, None]
         elif instrument == PLANE:
             beside = random.uniform(-SIDE, SIDE, wanted.shape)
@@ -85,7 +94,7 @@ def find_touching(
     if instrument == SOCKETS and length > 0.0:
         pairs = np.arange(2 * places).reshape(-1, 2)
         known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
-    kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument == BALL_BAR else 0.0)
+    kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
     return np.concatenate(q), Sights(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
 
 

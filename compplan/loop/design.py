@@ -164,7 +164,7 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
 
 def first_visits(candidates: Candidates) -> list[int]:
     """Return a first visit of every unknown place: it tells nothing of the arm, each later one does beside it."""
-    if candidates.sights is None:
+    if candidates.sights is None or not candidates.sights.names:
         return []
     return [int(row) for row in np.unique(candidates.sights.contact, return_index=True)[1]]
 

@@ -18,10 +18,12 @@ from scipy.spatial import cKDTree
 
 from compplan.files.columns import FileColumn
 from compplan.files.given import is_file_name, open_table
+from compplan.files.scanned import is_scan
 from compplan.files.tables import Table
 from compplan.loop.guards import check_extent, describe_motion, explain_points, fit_rigid, sample_cut
-from compplan.loop.scan import SCAN_SIGMA, is_scan, read_scan
+from compplan.loop.scan import SCAN_SIGMA, read_scan
 from compplan.loop.surface import Surface
+from compplan.measure.exports import rename_title
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
 
@@ -46,6 +48,8 @@ NEIGHBOURS, LINE = 12, 0.02
 #: Square of a normal's part across the path below which it tells nothing of it (assumed: 60 degrees).
 FLAT = 0.25
 ALIGNMENTS = ("datum", "best_fit")
+#: Points of a ball bar whose plane is thinner than this share of their circle say nothing of the centre's height.
+FLAT_PATH = 1e-4
 #: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
 ROUNDING = 0.01
 
@@ -102,8 +106,9 @@ def read_measured_points(source: Any) -> Table:
         return read_scan(Path(source))
     columns = [FileColumn(axis, "length", required=True) for axis in "xyz"]
     columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
+    columns += [FileColumn("distance", "length")]
     columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
-    table = open_table(source, columns, what="measured points")
+    table = open_table(source, columns, what="measured points", rename=rename_title)
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
     sigma = table.values.get("sigma", np.full(len(table), np.nan))
@@ -121,6 +126,8 @@ def _probe_points(table: Table) -> Table:
     Raises:
         InputError: If a reading has no direction, or one that is no unit vector.
     """
+    if "distance" in table:
+        return _bar_points(table)
     if "reading" not in table:
         return table
     if "dir_i" not in table:
@@ -130,8 +137,33 @@ def _probe_points(table: Table) -> Table:
     if (np.abs(length - 1.0) > ROUNDING).any():
         row = int(np.abs(length - 1.0).argmax())
         raise table.error(f"dir_i dir_j dir_k has length {length[row]:.4g}, expected a unit vector", row)
-    unit = unit / length[:, None]
-    point = table.stack(["x", "y", "z"]) + table.values["reading"][:, None] * unit
+    return _along(table, unit / length[:, None], table.values["reading"])
+
+
+def _bar_points(table: Table) -> Table:
+    """Turn lengths of a ball bar at nominal points into readings along it, from the centre that fits them best.
+
+    |p - c| = r is linear in c and |c|^2 - r's: 2 (p - p0)^T c' - k = |p - p0|^2 - r^2, c' = c - p0, solved once; the
+    centre stays in the plane of the points where nothing shows how far it is out of it.
+    """
+    point, length = table.stack(["x", "y", "z"]), table.values["distance"]
+    if "reading" in table:
+        raise table.error("columns reading_mm and distance_mm, expected one of them")
+    near = point - point.mean(axis=0)
+    square = np.column_stack([2.0 * near, -np.ones(len(near))])
+    centre = np.linalg.lstsq(square, np.sum(near**2, axis=1) - length**2, rcond=FLAT_PATH)[0][:3]
+    away = near - centre
+    size = np.linalg.norm(away, axis=1)
+    if not (np.abs(size - length) <= FARTHEST).all():
+        row = int(np.abs(size - length).argmax())
+        raise table.error(f"distance_mm is {length[row] * 1e3:.4g}, {size[row] * 1e3:.4g} mm from the centre that fits"
+                          " the rows best; expected the length of the ball bar at each nominal point", row)  # fmt: skip
+    return _along(table, away / size[:, None], length - size)
+
+
+def _along(table: Table, unit: Array, reading: Array) -> Table:
+    """Return the points that readings along unit vectors from nominal points mean, with those as normals."""
+    point = table.stack(["x", "y", "z"]) + reading[:, None] * unit
     found = {**dict(zip("xyz", point.T, strict=True)), **dict(zip(("nx", "ny", "nz"), unit.T, strict=True))}
     headers = {**table.headers, "nx": "dir_i", "ny": "dir_j", "nz": "dir_k"}
     return replace(table, values={**table.values, **found}, headers=headers)
@@ -158,6 +190,8 @@ def match_points(
     """
     given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
     surface = surface if surface is None or in_base else surface.move(T_base_part)
+    if "distance" in table and align != "best_fit":
+        raise table.error("distance_mm of a ball bar needs --align best_fit: nobody knows where its centre stands")
     place = _place_points(table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface)
     point, normal = place.point, place.normal
     level = sigma or (SCAN_SIGMA if scanned else SIGMA)

@@ -8,27 +8,16 @@ import numpy as np
 import trimesh
 
 from compplan.errors import InputError
+from compplan.files.scanned import MESHES, read_numbers
 from compplan.files.tables import Table, read_text
 from compplan.robot import Array
 
-#: Endings of files that hold a mesh or a cloud of points.
-MESHES, CLOUDS = (".stl", ".ply"), (".xyz", ".asc", ".pts")
 #: Standard deviation of a scanned point where nothing states one (assumed: a laser line or a structured light). [m]
 SCAN_SIGMA = 5e-5
 #: Most points that are read; of more an even part is taken (assumed: a part is known long before).
 MOST_POINTS = 300_000
 #: Columns of a table without a head.
 AXES = ("x", "y", "z", "nx", "ny", "nz")
-
-
-def is_scan(file: Path) -> bool:
-    """Tell whether a file is a scan: by its ending, or as a table whose first row is numbers alone."""
-    if file.suffix.lower() in (*MESHES, *CLOUDS):
-        return True
-    if not file.is_file():
-        return False
-    first = next((line for line in read_text(file).splitlines() if line.strip() and line.lstrip()[0] not in "#/"), "")
-    return bool(first) and _numbers(first) is not None
 
 
 def read_scan(file: Path) -> Table:
@@ -82,17 +71,10 @@ def _read_cloud(file: Path) -> Array:
     for number, line in enumerate(read_text(file).splitlines(), 1):
         if not line.strip() or line.lstrip()[0] in "#/":
             continue
-        row = _numbers(line)
+        row = read_numbers(line)
         if row is None or len(row) < 3:
             message = f"row {line.strip()[:40]!r}, expected x y z [nx ny nz] in mm, numbers alone"
             raise InputError(message, file=file, where=number)
         rows.append(row)
     width = min((len(row) for row in rows), default=3)
     return np.array([row[: 6 if width == 6 else 3] for row in rows]).reshape(-1, 6 if width == 6 else 3)
-
-
-def _numbers(line: str) -> list[float] | None:
-    try:
-        return [float(word) for word in line.replace(",", " ").replace(";", " ").split()]
-    except ValueError:
-        return None

@@ -13,9 +13,11 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.files.columns import FileColumn
 from compplan.files.given import is_file_name, open_table
+from compplan.files.scanned import is_scan
 from compplan.files.tables import Table
 from compplan.measure.campaign import MODES, WRENCH, Campaign
 from compplan.measure.checks import check_campaign
+from compplan.measure.exports import rename_title
 from compplan.measure.instrument import COLUMNS, InstrumentFile, SightedRows, read_sights
 from compplan.robot import Array, Robot
 
@@ -57,7 +59,13 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
         InputError: If the file is not a measurement log of this robot.
 
     """
-    table = open_table(source, log_columns(robot), what="measurements")
+    try:
+        table = open_table(source, log_columns(robot), what="measurements", rename=rename_title)
+    except InputError:
+        if is_file_name(source) and Path(source).is_file() and is_scan(Path(source)):
+            said = "is a scan: it measures a part and holds no joints, expected a log of poses"
+            raise InputError(f"{said}; compplan learn takes scans", file=Path(source)) from None
+        raise
     if not len(table):
         raise table.error("the log has no rows, expected one row a measured pose")
     values, n = table.values, len(table)

@@ -11,10 +11,12 @@ from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_table, write_text
 from compplan.files.transaction import list_files, replace_folder
 from compplan.loop.campaign import MANY, PoseCampaign
-from compplan.measure.sights import CONTACT, DISTANCE, READING, Sights
+from compplan.loop.contacts import SPHERE
+from compplan.measure.sights import DISTANCE, READING, Sights
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.program import build_program, write_program
 from compplan.report.campaign_page import describe_campaign, write_campaign_page
+from compplan.robot import Array
 
 
 def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
@@ -47,10 +49,12 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
     columns |= campaign.plan.robot.joint_columns(poses.log.q)
     columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
-    columns |= sight_columns(poses.sights, n)
+    columns |= sight_columns(poses.sights, n, known=campaign.shop.instrument == SPHERE)
     columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)
     write_table(file, columns, decimals=7)
-    todo = f"approach from the next row (it stays without a measurement), then {describe_task(poses.sights)}"
+    todo = (
+        f"approach from the next row (it stays without a measurement), then {describe_task(campaign.shop.instrument)}"
+    )
     head, *rows = file.read_text(encoding="utf-8").splitlines()
     lines = [head]
     for k in range(n):
@@ -63,28 +67,46 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     write_text(file, "\n".join(lines) + "\n")
 
 
-def sight_columns(sights: Sights | None, poses: int) -> dict[str, object]:
-    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose."""
+def sight_columns(sights: Sights | None, poses: int, known: bool = False) -> dict[str, object]:
+    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose.
+
+    Args:
+        sights: What the instrument sees; None: positions.
+        poses: How many poses.
+        known: Whether distances are known before, as the radii of a sphere and the ball that touches it are.
+    """
     empty = np.full(2 * poses, np.nan)
     if sights is None:
         return {f"{axis}_mm": empty for axis in "xyz"}
-    labels = np.array([["", sights.names[one]] for one in sights.contact]).reshape(-1)
-    columns: dict[str, object] = {"contact": labels}
+
+    def second(values: Array) -> Array:
+        return np.stack([np.full((poses, 3), np.nan), values], axis=1).reshape(-1, 3)
+
+    columns: dict[str, object] = {}
+    if sights.names:
+        columns["contact"] = np.array([["", sights.names[one]] for one in sights.contact]).reshape(-1)
+    else:
+        columns |= {f"{axis}_mm": 1e3 * second(sights.origin)[:, k] for k, axis in enumerate("xyz")}
     if (sights.kind == READING).any():
-        along = np.stack([np.full((poses, 3), np.nan), sights.direction], axis=1).reshape(-1, 3)
-        columns |= {f"dir_{axis}": along[:, k] for k, axis in enumerate("ijk")} | {"reading_mm": empty}
+        columns |= {f"dir_{axis}": second(sights.direction)[:, k] for k, axis in enumerate("ijk")}
+        columns["reading_mm"] = empty
     if (sights.kind == DISTANCE).any():
-        columns["distance_mm"] = empty
+        columns["distance_mm"] = np.column_stack([empty[::2], 1e3 * sights.value]).ravel() if known else empty
     return columns
 
 
-def describe_task(sights: Sights | None) -> str:
+#: What is to be done at a pose with another instrument than a tracker.
+TASKS = {
+    "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
+    "probe": "touch the face that should be at x_mm y_mm z_mm along dir and write down how far along dir it is off",
+    "sphere": "touch the sphere and write the joints down as they are; distance_mm is both radii together",
+}
+
+
+def describe_task(instrument: str) -> str:
     """Say what is to be done at a pose."""
-    if sights is None:
-        return "measure"
-    if (sights.kind == CONTACT).any():
-        return "let the ball sit in the socket of the row and write the joints down as they are"
-    return "write the reading of the row's gauge or bar down; a gauge reads along dir"
+    gauge = "write the reading of the row's gauge or bar down; a gauge reads along dir"
+    return "measure" if instrument == "tracker" else TASKS.get(instrument, gauge)
 
 
 def describe_instrument(sights: Sights, sigma: float) -> str:

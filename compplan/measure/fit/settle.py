@@ -45,8 +45,8 @@ def settle_state(
     for count in range(1, MAX_STEPS + 1):
         if sigma == "residuals":
             noise = scale_noise(system, noise, free, group, loss)
-        weights = loss_weights(loss, system.distance(noise), system.known.sum(axis=1))[0]
-        residual, columns = weigh(system, system.whitener(noise) * np.sqrt(weights)[:, None], group)
+        weights = loss_weights(loss, system.distance(noise), system.seen)[0]
+        residual, columns = weigh(system, system.whitener(noise) * system.temper(weights), group)
         flat = stack(columns[:, :, free])
         inverse = invert(flat.T @ flat)
         step = np.zeros(len(free))

@@ -36,7 +36,7 @@ def state_spread(
         InputError: If the parameters use up all measured numbers.
     """
     whitener, index = system.whitener(noise), np.flatnonzero(free)
-    count = system.known.sum(axis=1)
+    count = system.seen
     spare = count_spare(system, whitener, group, free)
     if spare.sum() <= 0:
         numbers = f"{count.sum()} measured numbers"
@@ -51,7 +51,7 @@ def state_spread(
     bread = factor * invert(information(system, whitener, group)[np.ix_(index, index)])
     clustered = False
     if sigma == "residuals":
-        residual, columns = weigh(system, whitener * np.sqrt(weights)[:, None], group)
+        residual, columns = weigh(system, whitener * system.temper(weights), group)
         clustered = neighbours_agree(q, residual)
         wide = cluster_covariance(q, residual, columns[:, :, free]) if clustered else None
         if wide is not None:

@@ -44,9 +44,19 @@ class System(NamedTuple):
         """Take one over the standard deviation, zero where nothing was measured. Shape (n, m)."""
         return 1.0 / (self.sigma * noise[self.block])
 
+    @property
+    def seen(self) -> Array:
+        """Count what each row saw itself: a known distance between contacts is no part of the row. Shape (n,)."""
+        return np.asarray(self.known[:, self.block != DISTANCES].sum(axis=1))
+
     def distance(self, noise: Array) -> Array:
-        """Measure how far rows lie from the model, in standard deviations. Shape (n,)."""
-        return np.asarray(np.linalg.norm(self.residual * self.whitener(noise), axis=1))
+        """Measure how far what the rows saw lies from the model, in standard deviations. Shape (n,)."""
+        away = self.residual * self.whitener(noise)
+        return np.asarray(np.linalg.norm(away[:, self.block != DISTANCES], axis=1))
+
+    def temper(self, weights: Array) -> Array:
+        """Return the roots of robust weights; known distances, which no row can doubt, keep theirs. Shape (n, m)."""
+        return np.where(self.block == DISTANCES, 1.0, np.sqrt(weights)[:, None])
 
 
 def weigh(system: System, whitener: Array, group: NDArray[np.int_] | None) -> tuple[Array, Array]:
