@@ -15,7 +15,9 @@ with a probe along one normal at a time. One shop each, by the commands alone:
     for kind in tracker sockets probe; do python -m benchmarks.loop --shops 1 --with $kind --out DIR/$kind; done
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
-instrument, the robot and the clamping per axis.
+instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own
+force moves the tip across the path: the part that teaches has a force of its own, too, and nobody can tell it from that
+of the shop.
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ from benchmarks.shop import (
     CLAMPED,
     REPEATABILITY,
     ROOT,
+    SCATTER,
     TRACKER,
     Shop,
     cut_part,
@@ -123,9 +126,14 @@ def judge_program(shop: Shop, out: Path) -> Program:
     cuts = [cut_part(same, out) for _ in range(DRAWS)]
     away = np.array([np.linalg.norm(cut.tip - cut.wanted, axis=1) for cut in cuts])
     band = np.interp(np.linspace(0, 1, away.shape[1]), np.linspace(0, 1, len(band)), band)
+    still, pushed = (
+        cut_part(replace(shop, force=level * shop.force, random=np.random.default_rng(0)), out, scatter=0.0)
+        for level in (1.0, 1.0 + SCATTER)
+    )
+    own = pushed._replace(tip=pushed.wanted + pushed.tip - still.tip).across
     return Program(
-        float(np.median(steady)), float(band.max()),
-        float(np.quantile(away, 0.95, axis=0).max()), float((away <= band).mean()),
+        float(np.median(steady)), float(band.max()), float(np.quantile(away, 0.95, axis=0).max()),
+        float((away <= band).mean()), float(np.hypot(FLOOR, own)),
     )  # fmt: skip
 
 

@@ -51,8 +51,8 @@ def _fall_short(shops: list[Shop]) -> list[str]:
     said = []
     for shop in shops:
         a, b = shop.programs["taught_A"], shop.programs["taught_B"]
-        if a.true > FLOORS * FLOOR:
-            off = f"{a.true / FLOOR:.1f} noise floors off, asked are {FLOORS}"
+        if a.true > FLOORS * a.floor:
+            off = f"{a.true / a.floor:.1f} noise floors off, asked are {FLOORS}"
             said.append(f"Shop {shop.seed}: after one part A is {off}.")
         for name, part in (("A", a), ("B", b)):
             if part.held < HELD[0] or part.band > WIDE * part.point:
