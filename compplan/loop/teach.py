@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import Table
 from compplan.job.job import Job
-from compplan.job.loading import find_learned_force
 from compplan.known.assumed import known_uncertainty
-from compplan.known.fading import fade_alike
 from compplan.known.slopes import (
     ForceSpread,
     pick_rows,
@@ -31,12 +29,12 @@ from compplan.known.slopes import (
 from compplan.known.vary import vary_scene
 from compplan.loop.gather import Gathered, describe_whole, gather_points
 from compplan.loop.guards import POSSIBLE, explain_points, rigid_columns
-from compplan.loop.hold import Learned, list_learned, teach_robot
+from compplan.loop.hold import Learned, list_learned
 from compplan.loop.learn import Lesson, Own, learn_part, possible_band
 from compplan.loop.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.loop.residual import Residual, read_residual, residual_file
 from compplan.loop.surface import Surface
-from compplan.loop.travel import Travel, choose_travel, learn_force, state_own
+from compplan.loop.travel import Others, Travel, state_own, tell_nothing, tell_others
 from compplan.measure.distance import band_radius
 from compplan.path.force_lesson import LearnedForce, read_learned_force
 from compplan.path.toolpath import Toolpath, interpolate
@@ -197,9 +195,9 @@ def teach_part(
     lesson = learn_part(slopes, known, gathered, exact, own, least, left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
     wide = lesson if old is None else learn_part(slopes, known, gathered, exact, own, least)
-    others = _tell_nothing(job, robot, wide)
+    others = tell_nothing(job, robot, wide)
     if lesson.taken:
-        others = tell_others(job, robot, before.robot, wide, known, whole)
+        others = tell_others(job, robot, task, wide, known, whole)
         residual = add_residual(old, lesson, scene, task, places, known, others, slopes, spread)
     announce("the plan that follows")
     job = job.with_force(others.force)
@@ -213,43 +211,6 @@ def teach_part(
         tuple(list_learned(known, wide.values, others.held)),
         _list_notes(lesson, others.travel, matched, wanted, stood), others.travel, others.force,
     )  # fmt: skip
-
-
-class Others(NamedTuple):
-    """What other paths are told: what travels, the robot, how much of each parameter it holds, the force, its shares.
-
-    `held` has shape (p,) [SI], `shares` (4,).
-    """
-
-    travel: Travel
-    robot: Robot
-    held: Array
-    force: LearnedForce | None
-    shares: Array
-
-
-def _tell_nothing(job: Job, robot: Robot, lesson: Lesson) -> Others:
-    travel = Travel(False, False, "other paths are told nothing", (np.inf,) * 3)
-    return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
-
-
-def tell_others(
-    job: Job, robot: Robot, planned: Robot, lesson: Lesson, known: Uncertainty, spread: ForceSpread
-) -> Others:
-    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole."""
-    told = _tell_nothing(job, robot, lesson)._replace(travel=choose_travel(lesson.model, lesson.gathered))
-    own_tool = job.tool is None
-    if told.travel.force:
-        name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
-        keep = [(own_tool or u.effect != "tool_frame") and told.travel.robot for u in known.unknowns for _ in u.keys]
-        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name, np.array(keep, bool))
-        told = told._replace(force=force, shares=shares)
-    if told.travel.robot:
-        # the values are about the robot that was planned with, whose parts in doubt had faded there
-        base = fade_alike(robot, planned)
-        taught, held = teach_robot(base, known, lesson.values, lesson.covariance, own_tool=own_tool)
-        told = told._replace(robot=taught, held=held)
-    return told
 
 
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:

@@ -1,22 +1,31 @@
 """What of a lesson travels to other paths: the force of the process, and the robot whole or not at all.
 
 A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
-alone and force and robot together have to leave less on the stretch that they did not see.
+alone and force and robot together have to leave less on the stretch that they did not see. Then the taught robot is
+tried on paths that the part did not see at all (`compplan.loop.elsewhere`).
 """
 
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.job.job import Job
+from compplan.job.loading import find_learned_force
+from compplan.known.fading import fade_alike
 from compplan.known.slopes import ForceSpread
+from compplan.loop.elsewhere import try_elsewhere
 from compplan.loop.gather import Gathered
+from compplan.loop.hold import teach_robot
 from compplan.loop.learn import Lesson, LessonModel, Own, condition
 from compplan.path.force_lesson import LearnedForce, TaughtPartTable, add_part, find_axes
-from compplan.robot import Array
+from compplan.plan.task import PlanTask
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
 
 #: Stretches that a part is dealt to.
 STRETCHES = 4
@@ -39,6 +48,11 @@ class Travel:
     robot: bool
     reason: str
     left: tuple[float, float, float]
+
+    def without_robot(self, why: str) -> Travel:
+        """Return what travels where the robot does not: the force, if it helps alone."""
+        force = bool(self.left[1] < FORCE * self.left[0])
+        return replace(self, force=force, robot=False, reason=f"{self.reason}; the robot is not told: {why}")
 
 
 def choose_travel(model: LessonModel, gathered: Gathered) -> Travel:
@@ -131,3 +145,58 @@ def learn_force(
     told[0] = (known.level / scale - 1.0) / common if common > 0.0 else 0.0
     return known, told
 
+
+class Others(NamedTuple):
+    """What other paths are told: what travels, the robot, how much of each parameter it holds, the force, its shares.
+
+    `held` has shape (p,) [SI], `shares` (4,).
+    """
+
+    travel: Travel
+    robot: Robot
+    held: Array
+    force: LearnedForce | None
+    shares: Array
+
+
+def tell_nothing(job: Job, robot: Robot, lesson: Lesson) -> Others:
+    """Tell other paths nothing."""
+    travel = Travel(False, False, "other paths are told nothing", (np.inf,) * 3)
+    return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
+
+
+def tell_others(
+    job: Job, robot: Robot, task: PlanTask, lesson: Lesson, known: Uncertainty, spread: ForceSpread
+) -> Others:
+    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole.
+
+    The robot is tried on paths that the part did not see; where it fails there it is not told.
+    """
+    travel = choose_travel(lesson.model, lesson.gathered)
+    told = _tell(job, robot, task, lesson, known, spread, travel)
+    if not travel.robot:
+        return told
+    taught = told.robot if job.tool is None else job.tool.mount(told.robot)
+    fits, said = try_elsewhere(task, taught, known, told.shares, replace(spread, level=spread.common))
+    if fits:
+        return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
+    return _tell(job, robot, task, lesson, known, spread, travel.without_robot(said))
+
+
+def _tell(
+    job: Job, robot: Robot, task: PlanTask, lesson: Lesson, known: Uncertainty, spread: ForceSpread, travel: Travel
+) -> Others:
+    """Tell other paths what may travel."""
+    told = tell_nothing(job, robot, lesson)._replace(travel=travel)
+    own_tool = job.tool is None
+    if told.travel.force:
+        name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
+        keep = [(own_tool or u.effect != "tool_frame") and told.travel.robot for u in known.unknowns for _ in u.keys]
+        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name, np.array(keep, bool))
+        told = told._replace(force=force, shares=shares)
+    if told.travel.robot:
+        # the values are about the robot that was planned with, whose parts in doubt had faded there
+        base = fade_alike(robot, task.robot)
+        taught, held = teach_robot(base, known, lesson.values, lesson.covariance, own_tool=own_tool)
+        told = told._replace(robot=taught, held=held)
+    return told
