@@ -105,24 +105,28 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
 
 
 def _points(program: Program, rows: slice, linear: bool) -> list[str]:
-    """Return the C positions of a job: joint angles first, then Cartesian ones, each number once."""
+    """Return the C positions of a job in order, each number once: joint angles, or Cartesian ones in a user frame."""
     by_joints = np.ones(rows.stop - rows.start, dtype=bool)
     alone = program.alone(linear=linear)[rows] if linear and not program.moves_part else by_joints
-    joints = program.joints[rows]
-    lines = ["///POSTYPE ANGLE", "///ANGLE"] if alone.any() else []
-    lines += [f"C{row:05d}={_values(joints[row, ~program.outer], 6)}" for row in np.flatnonzero(alone).tolist()]
+    joints, lines = program.joints[rows], list[str]()
+    table, configuration = np.zeros((len(alone), 6)), np.zeros((len(alone), 6), np.int64)
+    if not alone.all():
+        table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
+    user = ["///POSTYPE USER", "///RECTAN"]
+    last: list[int] | None = []
+    for row, by_angle in enumerate(alone.tolist()):
+        words = None if by_angle else configuration[row].tolist()
+        if words is None and last is not None:
+            lines += ["///POSTYPE ANGLE", "///ANGLE"]
+        elif words != last:
+            lines += user if last is None or not last else []
+            lines.append(f"///RCONF {','.join(map(str, [*words, *[0] * 18]))}")
+        last = words
+        arm = joints[row, ~program.outer]
+        place = f"{_values(table[row, :3], 3)},{_values(table[row, 3:], 4)}"
+        lines.append(f"C{row:05d}={_values(arm, 6) if by_angle else place}")
     if program.moves_part:
         lines += [f"EC{row:05d}={_values(station, 6)}" for row, station in enumerate(joints[:, program.outer])]
-    if alone.all():
-        return lines
-    table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
-    lines += [f"///USER {check_cell(program.post, CELL, 'INFORM').base}", "///POSTYPE USER", "///RECTAN"]
-    last: list[int] = []
-    for row in np.flatnonzero(~alone).tolist():
-        if configuration[row].tolist() != last:
-            last = configuration[row].tolist()
-            lines.append(f"///RCONF {','.join(map(str, [*last, *[0] * 18]))}")
-        lines.append(f"C{row:05d}={_values(table[row], 6)}")
     return lines
 
 
@@ -154,6 +158,7 @@ def format_job(
         "name": name, "count": sum(line.startswith("C") for line in points), "points": points, "main": main,
         "station": program.moves_part,
         "cell": check_cell(program.post, CELL, "INFORM"), "tool_variable": TOOL_VARIABLE,
+        "user": "///POSTYPE USER" in points,
         "frame_variable": FRAME_VARIABLE, "tool": _values(np.array(place_numbers(tool, "xyz")), 7),
         "base": _values(np.array(place_numbers(program.base_frame, "xyz")), 7), "moves": moves, "parts": parts,
         "comments": [clean_text(line, LONGEST_REMARK) for line in head_lines(program)],

@@ -32,6 +32,8 @@ UNTRUE = 0.1
 #: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
 CELL = CellWords(int, int, {"positioner": 2}, int)
 MOVES_PART = True
+#: How modules begin that the controller itself writes: seen and edited by all, all lines editable.
+HEAD = ("&ACCESS RVP", "&REL 1", "&PARAM EDITMASK = *")
 
 
 #: Body of the loop over joint positions: SP is a percent, 0 for a rapid move.
@@ -116,7 +118,7 @@ def _write_linear(program: Program, folder: Path, name: str, most: int) -> list[
     events = phrase_events(program.events, program.wiring, PHRASES, "KRL")
     moves, files = _linear_moves(program), []
     for part, rows in zip(names, parts, strict=True):
-        lines = ["&ACCESS RVO", f"DEF {part}()", *(f"; {line}" for line in head_lines(program))]
+        lines = [*HEAD, f"DEF {part}()", *(f"; {line}" for line in head_lines(program))]
         body = list(events.get(-1, [])) if rows.start == 0 else []
         speed = ""
         for row in range(rows.start, rows.stop):
@@ -218,7 +220,7 @@ def _place(values: list[float]) -> str:
 def _data(name: str, points: list[str], program: Program, percent: Array, rows: slice) -> str:
     """Return a .dat file: the points, how fast each is reached (0: rapid), and which are reached exactly."""
     count = len(points)
-    lines = ["&ACCESS RVO", f"DEFDAT {name} PUBLIC", f"DECL E6AXIS PT[{count}]"]
+    lines = [*HEAD, f"DEFDAT {name} PUBLIC", f"DECL E6AXIS PT[{count}]"]
     lines += [f"PT[{index}]={point}" for index, point in enumerate(points, start=1)]
     lines += ["; percent of the axis rates; 0: rapid", f"DECL REAL SP[{count}]"]
     speeds = np.where(program.rapid, 0.0, percent)[rows]
@@ -230,7 +232,7 @@ def _data(name: str, points: list[str], program: Program, percent: Array, rows: 
 
 def _source(name: str, program: Program, rows: slice, events: dict[int, list[str]]) -> str:
     """Return a .src file: loops over the points of its .dat file, cut where something happens beside motion."""
-    lines = ["&ACCESS RVO", f"DEF {name}()", "DECL INT I,J,K", *(f"; {line}" for line in head_lines(program))]
+    lines = [*HEAD, f"DEF {name}()", "DECL INT I,J,K", *(f"; {line}" for line in head_lines(program))]
     lines += [f"; waypoints {rows.start} to {rows.stop - 1}"]
     lines += events.get(-1, []) if rows.start == 0 else []
     first = rows.start
@@ -264,7 +266,7 @@ def _frame(pose: Array) -> str:
 
 def _format_main(name: str, program: Program, calls: Sequence[str]) -> str:
     head = [f"; {line}" for line in head_lines(program)]
-    return "\n".join(["&ACCESS RVO", f"DEF {name}()", *head, *(f"{call}()" for call in calls), "END", ""])
+    return "\n".join([*HEAD, f"DEF {name}()", *head, *(f"{call}()" for call in calls), "END", ""])
 
 
 MAIN = MainForm(".src", 22, _format_main)

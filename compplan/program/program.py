@@ -30,6 +30,9 @@ from compplan.program.post import Post
 from compplan.program.text import clean_text
 from compplan.robot import Robot
 
+#: Joint positions that are written as zero, without a sign. [deg or mm]
+ZERO = 5e-7
+
 
 @dataclass(frozen=True)
 class Program:
@@ -282,9 +285,9 @@ def build_program(
 def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
     """Return what a program holds of how its controller counts joints and frames, by the names of `Program`."""
     controller = load_controller(robot)
-    words, limits = name_words(controller, robot, q), robot.velocity_limits
+    words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
     return {
-        "joints": to_controller(controller, q), "joint_names": controller.joint_names,
+        "joints": np.where(np.abs(joints) < ZERO, 0.0, joints), "joint_names": controller.joint_names,
         "rates": rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
         "world": np.eye(4) if robot.ground else controller.world,
         "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),

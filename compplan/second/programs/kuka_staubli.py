@@ -130,7 +130,7 @@ class _Krl:
         data = self.folder / f"{name}.dat"
         assert not (data.exists() and (self.folder / f"{name}.src").read_bytes().count(b"\r\n") < 2), "CR LF"
         for line in data.read_text().splitlines() if data.exists() else []:
-            if "=" in line and not line.startswith(";"):
+            if "=" in line and not line.startswith((";", "&")):
                 self.assign(*line.split("=", 1))
         text = mark_actions((self.folder / f"{name}.src").read_text(), "krl")
         lines = [line.split(";")[0].strip() for line in text.splitlines()]
@@ -165,7 +165,9 @@ class _Krl:
             self.moves.append(act)
         elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
             self.whole |= set(match[1].split(","))
-        elif line == "BAS(#INITMOV,0)" or line.startswith("EXT "):
+        elif line in ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()", "INTERRUPT ON 3"):
+            pass  # what every module of the controller declares: stop messages
+        elif line == "BAS(#INITMOV,0)":
             self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
         elif match := re.fullmatch(r"(\w+)\(\)", line):
             self.call(match[1])

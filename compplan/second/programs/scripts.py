@@ -108,6 +108,7 @@ class _Sinumerik:
         self.ask(text)
         marked = mark_actions(text, "sinumerik")
         for line in filter(None, (line.split(";")[0].strip() for line in marked.splitlines())):
+            line = re.sub(r"^N\d+ ", "", line)
             if act := read_action(line):
                 self.moves.append(act)
             elif match := re.fullmatch(rf"\$TC_DP([1345])\[\d+,1\]=({NUMBER})", line):
