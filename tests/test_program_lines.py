@@ -22,7 +22,8 @@ from compplan.program.text import read_code
 #: What makes the first move of each form, in the file that runs first.
 MOVES = {
     "krl": r"^two_[JL]1\(\)", "val3": r"call part1", "fanuc_ls": r"^ *\d+:[JL] P\[1\]", "rapid": r"run_two(_L)?_1;",
-    "urscript": r"^  move[jl]", "sinumerik": r"^N\d+ G[01] X", "inform": r"^MOV[JL] C00000", "kawasaki_as": r"^  CALL two",
+    "urscript": r"^  move[jl]", "sinumerik": r"^N\d+ G[01] X", "inform": r"^MOV[JL] C00000",
+    "kawasaki_as": r"^  CALL two",
 }  # fmt: skip
 
 
