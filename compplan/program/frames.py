@@ -39,7 +39,8 @@ def place_numbers(pose: Array, order: str, digits: int = 7) -> list[float]:
 
 def place_table(poses: Array, order: str) -> Array:
     """Return poses as x, y, z and three Euler angles. Shape (n, 4, 4) [m] -> (n, 6) [mm, deg]."""
-    return np.round(np.column_stack([poses[:, :3, 3] * 1e3, euler_angles(poses[:, :3, :3], order)]), 6) + 0.0
+    table = np.column_stack([poses[:, :3, 3] * 1e3, euler_angles(poses[:, :3, :3], order)])
+    return np.asarray(np.round(table, 6) + 0.0, np.float64)
 
 
 def quaternions(poses: Array) -> Array:

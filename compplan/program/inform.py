@@ -113,14 +113,13 @@ def _points(program: Program, rows: slice, linear: bool) -> list[str]:
     if not alone.all():
         table, configuration = place_table(program.positions[rows], "xyz"), configurations(program)[rows]
     user = ["///POSTYPE USER", "///RECTAN"]
-    last: list[int] | None = []
+    last = "none yet"
     for row, by_angle in enumerate(alone.tolist()):
-        words = None if by_angle else configuration[row].tolist()
-        if words is None and last is not None:
+        words = "" if by_angle else ",".join(map(str, [*configuration[row].tolist(), *[0] * 18]))
+        if by_angle and words != last:
             lines += ["///POSTYPE ANGLE", "///ANGLE"]
         elif words != last:
-            lines += user if last is None or not last else []
-            lines.append(f"///RCONF {','.join(map(str, [*words, *[0] * 18]))}")
+            lines += [*(user if last in ("", "none yet") else []), f"///RCONF {words}"]
         last = words
         arm = joints[row, ~program.outer]
         place = f"{_values(table[row, :3], 3)},{_values(table[row, 3:], 4)}"
