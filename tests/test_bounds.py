@@ -1,5 +1,6 @@
 """Bounds: an effect of a size that no robot has is not named, and the reason is said in words of the robot."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -7,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.doubt.bounds import find_breach
-from compplan.effects import Effect
+from compplan.diagnose.doubt.bounds import MOST_BENT, find_breach, stretched_moment
+from compplan.effects import Effect, attain_scene, command_campaign
+from compplan.known.vary import stage_robot
 from compplan.robot.folder import read_robot_folder
 
 ROBOT = next(Path(__file__).parent.parent.glob("robots/ur10*"))
@@ -20,10 +22,12 @@ def fit() -> Any:
     robot = read_robot_folder(ROBOT)
     load = np.zeros((2, robot.nq))
     load[:, 1] = [-100.0, 60.0]
-    campaign = SimpleNamespace(q=np.zeros((2, robot.nq)))
+    # stretched out to the front, and up
+    q = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0]])
+    attained = attain_scene(stage_robot(robot, command_campaign(q, on_path=False)))
     return SimpleNamespace(
-        problem=SimpleNamespace(robot=robot, campaign=campaign),
-        at=SimpleNamespace(robot=robot, own_load=load, own_weight_load=load),
+        problem=SimpleNamespace(robot=robot, campaign=SimpleNamespace(q=q)),
+        at=SimpleNamespace(robot=robot, own_load=load, own_weight_load=load, attained=attained),
     )
 
 
@@ -37,6 +41,37 @@ def test_a_payload_hangs_before_the_flange_and_weighs_what_the_arm_carries(fit: 
     assert not ask(fit, "payload", None, mass_kg=8.6, first_moment_kg_m=[0.3, 0.0, 0.9])
     assert "220 mm behind the flange" in ask(fit, "payload", None, mass_kg=8.6, first_moment_kg_m=[0, 0, -8.6 * 0.22])
     assert "41.6 kg on the flange" in ask(fit, "payload", None, mass_kg=41.6, first_moment_kg_m=[0.0, 0.0, 4.0])
+
+
+def test_a_payload_hangs_on_joints_whose_motors_hold_it(fit: Any) -> None:
+    """9 kg are less than the arm weighs; 70 cm before the flange they turn the wrist by 62 N m, whose motor gives 56."""
+    assert not ask(fit, "payload", None, mass_kg=9.0, first_moment_kg_m=[0.0, 0.0, 0.9])
+    said = ask(fit, "payload", None, mass_kg=9.0, first_moment_kg_m=[0.0, 6.3, 0.0])
+    assert "its motor gives 56 N m" in said
+    assert float(said.split(" carries ")[1].split()[0]) == pytest.approx(9.81 * 6.3, rel=0.3)
+
+
+def test_no_link_joint_or_base_plate_bends_by_a_fiftieth_under_the_stretched_arm(fit: Any) -> None:
+    """A forearm of 1.1 mrad/(N m), once named of 15 poses, would hang down by centimetres under its own weight."""
+    robot = fit.problem.robot
+    elbow, moment = robot.joint_names[2], stretched_moment(robot, robot.joint_names[2])
+    weight = sum(b.mass for b in robot.bodies)
+    assert 20.0 < moment < stretched_moment(robot, None) < 9.81 * weight * robot.longest_reach
+    for name, joint, key in (
+        ("link_compliance", 2, "compliance_rad_per_Nm"), ("joint_stiffness", 2, "compliance_change_rad_per_Nm"),
+    ):  # fmt: skip
+        assert not ask(fit, name, joint, **{key: 0.9 * MOST_BENT / moment})
+        assert f"{elbow} would bend by" in ask(fit, name, joint, **{key: 1.1e-3})
+    assert "the base would bend" in ask(fit, "base_compliance", None, compliance_rad_per_Nm=5e-4)
+    # of a robot with a data sheet, what it is sold for hangs at the flange
+    rated = read_robot_folder(ROBOT.parent / "abb_irb6640_185_280")
+    alone = stretched_moment(replace(rated, folder=None), rated.joint_names[1])
+    assert 9.81 * 185.0 * 2.0 < stretched_moment(rated, rated.joint_names[1]) - alone < 9.81 * 185.0 * 3.0
+    # along an axis as if bent half a metre away
+    assert not ask(fit, "link_compliance", 2, compliance_m_per_N=0.9 * 0.25 * MOST_BENT / moment)
+    assert ask(fit, "link_compliance", 2, compliance_m_per_N=1.1 * 0.25 * MOST_BENT / moment)
+    sag = {"joints": list(robot.joint_names[1:3]), "compliance_rad_per_Nm": [1e-6, 1.1e-3]}
+    assert ask(fit, "gravity_sag", None, **sag).startswith(f"{elbow} would bend")
 
 
 def test_a_balancer_carries_weight_and_no_more(fit: Any) -> None:

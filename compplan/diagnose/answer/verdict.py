@@ -149,7 +149,7 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     structure = leave_shapeless(structure, [f for f in findings if f not in minor])
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
-    doubtful += given_up(fit, doubt, small)
+    doubtful += given_up(fit, doubt, small, structure.gap)
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
@@ -262,7 +262,7 @@ def leave_shapeless(structure: Structure, findings: Sequence[Finding]) -> Struct
     return replace(structure, left=True, dependences=tuple(every))
 
 
-def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
+def given_up(fit: Fit, doubt: Doubt, small: float, gap: float) -> tuple[Finding, ...]:
     """List claims of the fit that errors without a name explain as well."""
     ledger = fit.search.ledger
     values = fit.model.posterior.values(ledger.p)
@@ -274,7 +274,10 @@ def given_up(fit: Fit, doubt: Doubt, small: float) -> tuple[Finding, ...]:
         if signature.place not in kept and explained >= small:
             effect = signature.effect(values[columns] * signature.scale)
             rivals = tuple(find_rivals(fit, claim.signature, values))
-            found.append(Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature))
+            beyond = find_breach(fit, effect, explained, gap)
+            found.append(
+                Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond)
+            )
     return tuple(found)
 
 

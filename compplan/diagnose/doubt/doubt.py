@@ -94,7 +94,8 @@ def raise_doubt(fit: Fit, progress: Callable[[str], None] = lambda text: None) -
         # several claims together may imitate one cause that has no name: the other way round, from none of them
         # classes are given the size of a noise floor first
         grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
-        model = max(model, _settle(search, search.model([], grown, steps=FIRST_STEPS)), key=lambda m: m.score)
+        other = _settle(search, search.model([], grown, steps=FIRST_STEPS))
+        model = other if other.score > model.score + WORTHWHILE else model
     return Doubt(search, _simplify(search, model), tuple(driver for driver, _ in kinds), members)
 
 
