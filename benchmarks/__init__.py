@@ -16,6 +16,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     ),
     "Is the cause found?": (
         "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "every_effect", "rival", "calibrate_certainty",
+        "planned_paths",
     ),
     "Do measuring and learning make the next part better?": ("loop", "shop"),
     "Does it bear bad files and kills?": ("bad_inputs", "bad_inputs.cam_mutants", "kills"),

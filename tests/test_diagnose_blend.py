@@ -100,7 +100,8 @@ def test_a_plain_calibration_goes_out_alone_where_the_mixture_predicts_worse(
     monkeypatch.setattr(delivery, "blend_options", lambda *_: blend_alone(folds, Option("nominal")))
     (first, *_) = deliver()
     assert first.kind == "calibrated"
-    assert first.held.rms == pytest.approx(hold_out_blend(folds, blend_alone(folds, PLAIN)).rms)
+    alone = hold_out_blend(folds, blend_alone(folds, PLAIN))
+    assert first.held.rms == pytest.approx(alone.allow_for_luck(folds.fold[plain.rows], good[plain.rows]).rms)
     assert first.held.rms < 0.3 * plain.rms
     # from many stays on the mixture is trusted
     monkeypatch.setattr(delivery, "MANY_STAYS", 1)

@@ -16,7 +16,10 @@ from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.answer.accuracy import _summarise, draw_learning, list_worst
 from compplan.diagnose.answer.assessment import assess_diagnosis
 from compplan.diagnose.answer.calibration import list_corrections
+from compplan.diagnose.answer.delivery import possible_claims
+from compplan.diagnose.answer.verdict import reach_verdict
 from compplan.diagnose.answer.where import split_diagnosis
+from compplan.diagnose.doubt import bounds
 from compplan.diagnose.doubt.held_out import Folds, HeldOut, free_of_frames, make_folds
 from compplan.diagnose.doubt.options import rate_chance
 from compplan.diagnose.ledger.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
@@ -53,6 +56,19 @@ def test_both_of_two_effects_are_named_with_their_sizes(diagnosis: Diagnosis) ->
     assert found[CAUSE.place]["compliance_change_rad_per_Nm"] == pytest.approx(3e-7, rel=0.03)
     assert found[SECOND.place]["offset_rad"] == pytest.approx(6e-4, rel=0.03)
     assert diagnosis.verdict.status == "explained"
+
+
+def test_what_no_robot_can_have_is_not_named_goes_into_no_folder_and_the_reason_is_said(
+    diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a bound of a thousandth the softer joint is beyond it."""
+    monkeypatch.setattr(bounds, "MOST_BENT", 0.001 * bounds.MOST_BENT)
+    verdict = reach_verdict(diagnosis.fit, diagnosis.doubt)
+    assert [f.effect.place for f in verdict.findings] == [SECOND.place]
+    (soft,) = (f for f in verdict.doubtful if f.effect.place == CAUSE.place)
+    assert soft.signature not in {claim.signature for claim in possible_claims(verdict)}
+    assert soft.beyond.startswith("joint_3 would bend by")
+    assert ("not named", f"joint_stiffness: {soft.beyond}") in replace(diagnosis, verdict=verdict).summary()
 
 
 def test_the_poses_predicted_worst_are_told_with_joints_in_degrees(diagnosis: Diagnosis) -> None:
@@ -118,6 +134,34 @@ def test_a_prediction_that_is_better_by_luck_is_told_from_one_that_is_better_eve
     assert everywhere.luck_against(nominal, pose) == pytest.approx(2.0**-10)
     assert nominal.luck_against(everywhere, pose) == 1.0
     assert nominal.luck_against(nominal, pose) == 1.0
+
+
+def test_a_stated_error_is_too_small_by_a_quarter_in_one_case_of_twenty_at_most() -> None:
+    """Five folds whose logarithms scatter about the true one by themselves, and together as the fits they share do."""
+    random, fold, seen = np.random.default_rng(7), np.repeat(np.arange(5), 2), np.ones(10, bool)
+    low, plain = 0, 0
+    for _ in range(2000):
+        logs = random.normal(0.0, 0.6, 5) + random.normal(0.0, 0.6 * np.sqrt(0.25))
+        shown = HeldOut(np.arange(10), np.sqrt(np.exp(logs) / 3.0)[fold][:, None] * np.ones(3))
+        low += shown.allow_for_luck(fold, seen).rms < 0.8
+        plain += shown.rms < 0.8
+    assert low < 0.05 * 2000 < plain
+    alike = HeldOut(np.arange(10), np.full((10, 3), 1e-3))
+    assert alike.allow_for_luck(fold, seen).rms == pytest.approx(alike.rms)
+    # by hand: t of one degree of freedom is 6.314; logs of 1 and 4 have the deviation log(4) / sqrt(2)
+    two = HeldOut(np.arange(2), np.array([1.0, 2.0])[:, None] * np.ones(3))
+    above = 6.3138 * np.log(4.0) / np.sqrt(2.0) * np.sqrt(1.5)
+    said = two.allow_for_luck(np.arange(2), np.ones(2, bool))
+    assert said.rms == pytest.approx(0.8 * np.exp(0.5 * above) * two.rms, rel=1e-3)
+
+
+def test_the_choice_of_a_model_is_judged_on_the_fold_that_did_not_choose() -> None:
+    """Of two models each is the better one on a fold of its own: chosen by the other fold, it is the worse one here."""
+    rows, fold, seen = np.arange(4), np.array([0, 0, 1, 1]), np.ones(4, bool)
+    first = HeldOut(rows, np.array([1.0, 1.0, 3.0, 3.0])[:, None] * np.ones(3))
+    second = HeldOut(rows, np.array([3.0, 3.0, 2.0, 2.0])[:, None] * np.ones(3))
+    assert first.nest_choice([first, second], fold, seen).residual[:, 0] == pytest.approx([3.0, 3.0, 3.0, 3.0])
+    assert first.nest_choice([first], fold, seen).rms == first.rms
 
 
 def test_poses_that_are_predicted_better_by_very_different_amounts_are_not_luck() -> None:

@@ -121,6 +121,9 @@ def deliver_folders(
     for option in useful[1:]:
         if option[2].of(seen).rms < (1.0 - NEGLIGIBLE) * first[2].of(seen).rms:
             first = option
+    fold = folds.fold[plain.rows]
+    nested = first[2].nest_choice([held for _, _, held in useful], fold, seen)
+    first = (*first[:2], nested)
     second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], Blend) or o[1])]
     chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
     lawful = hold_out_lawful(folds, blend, seen)
@@ -131,9 +134,11 @@ def deliver_folders(
     rest = folds.hold_out(trusted, background=False)
     places = {fit.search.ledger.signatures[claim.signature].place for claim in trusted}
     return tuple(
-        replace(one, visited=list_visits(fit, one.state, forms, places, rest, one.held, seen))
-        for forms, one in delivered
-    ) or (nothing,)
+        replace(
+            one, visited=list_visits(fit, one.state, forms, places, rest, one.held, seen),
+            held=one.held.allow_for_luck(fold, seen),
+        ) for forms, one in delivered
+    ) or (nothing,)  # fmt: skip
 
 
 def _forms(model: Sequence[Claim] | Blend) -> list[int]:

@@ -120,6 +120,7 @@ class Diagnosis(Shown):
             moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
             rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
         more = [("further causes", str(len(found) - MOST_LISTED))] if len(found) > MOST_LISTED else []
+        more += [("not named", f"{f.effect.name}: {f.beyond}") for f in self.verdict.doubtful if f.beyond][:MOST_LISTED]
         words = {"none": "nothing is wrong", CALIBRATED: "not calibrated, many small errors"}
         status = words.get(self.verdict.status, self.verdict.status.replace("_", " "))
         return [
