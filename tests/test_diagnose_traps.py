@@ -57,6 +57,21 @@ def test_trap_3_a_frame_that_jumps_by_millimetres_is_a_shift_at_its_row(robot: R
     assert abs(diagnosis.verdict.findings[0].effect.parameters["row"] - 61) <= 1
 
 
+@pytest.mark.parametrize("name", ["tool_shift", "frame_shift"])
+def test_a_target_or_frame_that_moves_twice_is_named_twice_by_its_own_name(robot: Robot, name: str) -> None:
+    """The second event of a turning target once made it a shift of the frame."""
+    rows = {14: (5e-4, -2e-4, 1e-4), 28: (-3e-4, 4e-4, 1e-4)}
+    moves = [
+        Effect(name, None, None, {"row": row, "tx_m": x, "ty_m": y, "tz_m": z}) for row, (x, y, z) in rows.items()
+    ]
+    campaign = measure(robot, plan_rows(robot, 20, poses=40, loads=0), moves, 20, orientation=False)
+    found = {f.effect.parameters["row"]: f for f in diagnose_campaign(robot, campaign).verdict.findings}
+    assert {(row, f.effect.name) for row, f in found.items()} == {(14, name), (28, name)}
+    for row, (x, y, _) in rows.items():
+        assert found[row].effect.parameters["tx_m"] == pytest.approx(x, abs=3e-5)
+        assert found[row].effect.parameters["ty_m"] == pytest.approx(y, abs=3e-5)
+
+
 @pytest.mark.parametrize("parts", [(), pytest.param(("base", "tool"), marks=pytest.mark.slow)])
 def test_trap_4_a_coupling_convention_is_named_not_fitted(robot: Robot, parts: tuple[str, ...]) -> None:
     coupled = Effect("joint_coupling", "joint_3", None, {"other": "joint_2", "ratio": -1.0})

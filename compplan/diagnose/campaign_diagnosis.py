@@ -20,7 +20,7 @@ from compplan.diagnose.search.fit import fit_effects
 from compplan.diagnose.search.polish import polish_fit
 from compplan.diagnose.search.search import TRIED, Claim, distinct_places
 from compplan.diagnose.search.state import Fit, FitState, Problem, attain_state
-from compplan.effects import attain_scene, robot_effects
+from compplan.effects import Effect, attain_scene, robot_effects
 from compplan.effects.linearization import AXES, Place
 from compplan.effects.scene import Scene
 from compplan.errors import InputError
@@ -132,10 +132,14 @@ def _conclude(
 
 def _with_sizes(verdict: Verdict, state: FitState) -> Verdict:
     """Give the findings the parameters that the delivered robot holds."""
-    held = {effect.place: effect for effect in reversed(state.effects)}
+
+    def event(effect: Effect) -> tuple[object, ...]:
+        return *effect.place, effect.parameters.get("row")
+
+    held = {event(effect): effect for effect in reversed(state.effects)}
 
     def sized(finding: Finding) -> Finding:
-        return replace(finding, effect=held.get(finding.effect.place, finding.effect))
+        return replace(finding, effect=held.get(event(finding.effect), finding.effect))
 
     return replace(verdict, findings=tuple(sized(f) for f in verdict.findings))
 

@@ -92,6 +92,11 @@ class Signature:
         return self.name, self.joint, self.axis
 
     @property
+    def event(self) -> tuple[str, str | None, str | None, int | None]:
+        """Its place, and the row of what happens at one: a target may move several times."""
+        return *self.place, self.fixed.get("row")
+
+    @property
     def column_names(self) -> tuple[str, ...]:
         """Names of the columns, unique over all effects."""
         own = self.columns or tuple(f"{self.axis} {self.form} {key}" for key in self.keys)

@@ -215,9 +215,9 @@ class Search:
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""
-        taken = {self.ledger.signatures[number].place for number in model.signatures}
+        taken = {self.ledger.signatures[number].event for number in model.signatures}
         used = {int(column) for number in model.signatures for column in self.ledger.columns(number)}
-        free = [n for n, place, columns in self._placed if place not in taken and used.isdisjoint(columns)]
+        free = [n for n, event, columns in self._placed if event not in taken and used.isdisjoint(columns)]
         gains = find_gains(self.ledger, model.posterior, free)
         # a gain is a mean over sizes, of which the best carries nearly all
         odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))
@@ -228,9 +228,9 @@ class Search:
         return sorted(scored, key=lambda g: -g.log_evidence)
 
     @cached_property
-    def _placed(self) -> list[tuple[int, Place, list[int]]]:
-        """Number, place and columns of each candidate."""
-        return [(n, self.ledger.signatures[n].place, self.ledger.columns(n).tolist()) for n in self.candidates]
+    def _placed(self) -> list[tuple[int, tuple[str | int | None, ...], list[int]]]:
+        """Number, event and columns of each candidate."""
+        return [(n, self.ledger.signatures[n].event, self.ledger.columns(n).tolist()) for n in self.candidates]
 
 
 def is_soft(signature: Signature) -> bool:
