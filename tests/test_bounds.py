@@ -44,7 +44,7 @@ def test_a_payload_hangs_before_the_flange_and_weighs_what_the_arm_carries(fit: 
 
 
 def test_a_payload_hangs_on_joints_whose_motors_hold_it(fit: Any) -> None:
-    """9 kg are less than the arm weighs; 70 cm before the flange they turn the wrist by 62 N m, whose motor gives 56."""
+    """9 kg are less than the arm weighs; 70 cm before the flange they turn the wrist by 62 N m; it gives 56."""
     assert not ask(fit, "payload", None, mass_kg=9.0, first_moment_kg_m=[0.0, 0.0, 0.9])
     said = ask(fit, "payload", None, mass_kg=9.0, first_moment_kg_m=[0.0, 6.3, 0.0])
     assert "its motor gives 56 N m" in said
