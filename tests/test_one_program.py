@@ -18,9 +18,10 @@ from compplan.plan.freedom import Freedom, find_freedom
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
 from compplan.plan.program_step import _time_slopes
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
-from compplan.plan.refine import _judge, measure_radius
+from compplan.plan.refine import _judge
 from compplan.plan.reversals import describe_reversals, list_reversals
-from compplan.plan.timing import cutting_runs
+from compplan.plan.run_meter import measure_radius
+from compplan.plan.timing import cutting_runs, time_command
 from compplan.posture.slides import count_reversals
 from compplan.statics.sensitivity import attain_pose
 
@@ -33,36 +34,46 @@ CIRCLE: dict[str, Any] = {
 }  # fmt: skip
 
 
-def free(job: dict[str, Any], **posture: Any) -> Freedom:
+def free(job: dict[str, Any], tube: float = 0.0, **posture: Any) -> Freedom:
     """Return what a job leaves free, by the graph's posture."""
     robot, nominal, options = prepare_job(check_job({**job, "posture": posture}, "job.toml"))
     task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
     assert task.start is not None and task.start.stance is not None
-    found = find_freedom(task, task.start.stance, nominal, np.asarray(options.tool_x, float), 100)
+    found = find_freedom(task, task.start.stance, nominal, np.asarray(options.tool_x, float), 100, tube)
     assert found is not None
     return found
 
 
 @pytest.fixture(scope="module")
 def rail() -> Freedom:
-    path = {**CIRCLE["toolpath"], "waypoints": 12}
+    path = {**CIRCLE["toolpath"], "waypoints": 40}
     part = {"position_mm": [1590.0, 2000.0, 600.0]}
     job = {**CIRCLE, "robot": "kuka_kr240_rail", "toolpath": path, "part": part}
-    return free(job, lead_deg=5.0, lean_deg=5.0, spin_step_deg=60.0)
+    allowed = {"normal_mm": 0.2, "tangential_mm": 1.0}
+    return free({**job, "tolerance": allowed}, 0.5, lead_deg=5.0, lean_deg=5.0, spin_step_deg=60.0)
 
 
 def test_joints_are_eliminated_with_their_exact_derivative_and_the_loaded_tip_stays_on_the_path(rail: Freedom) -> None:
-    assert rail.names == ("spin", "lead", "lean", "joint_1")
+    assert rail.names == ("spin", "lead", "lean", "ahead", "left", "up", "joint_1")
     rng = np.random.default_rng(0)
-    values = rail.start + rng.uniform(-0.02, 0.02, rail.start.shape)
+    values = rail.start + np.minimum(rail.most, 0.02) * rng.uniform(-1.0, 1.0, rail.start.shape)
     q, rate, reached = rail.pose(rail.task.q_start[rail.rows], values)
     assert reached.all()
-    assert np.abs(attain_pose(rail.task.chain, q, rail.wrench).position - rail.task.position[rail.rows]).max() < 1e-9
-    assert q[:, 0] == pytest.approx(values[:, 3])
-    for k in range(4):
-        step = 1e-5 * np.eye(4)[k]
+    off = attain_pose(rail.task.chain, q, rail.wrench).position - rail.task.position[rail.rows]
+    assert np.einsum("nij,ni->nj", rail.frame, off) == pytest.approx(values[:, 3:6], abs=1e-9)
+    assert q[:, 0] == pytest.approx(values[:, 6])
+    for k in range(7):
+        step = 1e-5 * np.eye(7)[k]
         ahead, behind = (rail.pose(q, values + side * step)[0] for side in (1.0, -1.0))
         assert rate[:, :, k] == pytest.approx((ahead - behind) / 2e-5, abs=2e-5)
+
+
+def test_a_tube_is_a_share_of_what_is_allowed_across_and_along_and_none_where_the_tool_rests(rail: Freedom) -> None:
+    ahead, left, up = rail.most[:, 3:6].T
+    cut = rail.task.cut[rail.rows]
+    inner = np.flatnonzero(cut)[2:-2]
+    assert ahead[inner] == pytest.approx(0.5e-3) and np.hypot(left, up)[inner] == pytest.approx(0.1e-3)
+    assert not rail.most[~cut, 3:6].any() and not rail.most[[0, -1], 3:6].any()
 
 
 def test_the_time_of_a_run_answers_to_the_squares_of_its_speed_as_differences_say() -> None:
@@ -97,7 +108,8 @@ def test_a_step_of_two_coefficients_goes_to_the_corner_that_rows_and_size_leave(
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
     assert _judge("fast", 0.8, 3.0, 3.0) == 0.8
-    assert _judge("accurate", 1.0, 1.0, 0.9) == 0.9 and _judge("promise", 1.1, 0.5, 0.5) == np.inf
+    assert _judge("accurate", 1.0, 1.0, 0.9) == 0.95 and _judge("promise", 1.1, 0.5, 0.5) == np.inf
+    assert _judge("promise", 1.0, 0.5, 1.1) == np.inf
     assert _judge("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and _judge("", 0.5, 1.01, 0.9) == np.inf
 
 
@@ -123,7 +135,7 @@ def test_a_plan_that_is_bettered_is_solved_shorter_and_promises_no_less(plan: Pl
     assert found.time[1] <= 1.001 * found.time[0] and found.band[1] <= 1.001 * found.band[0]
     assert found.time[1] / found.time[0] + found.band[1] / found.band[0] < 1.95
     assert found.least_time <= found.time[1]
-    assert any(note == found.sentence(plan.task.start.push) for note in plan.notes)
+    assert any(note == found.sentence(plan.task.start.pace) for note in plan.notes)
     told = plan.to_dict()
     assert told["posture"]["program"]["time_s"] == {"graph": found.time[0], "program": found.time[1]}
     assert {entry["axis"] for entry in told["reversals"]} == {*plan.robot.joint_names, "spin"}
@@ -156,6 +168,31 @@ def test_knowing_more_makes_the_band_of_a_posture_narrower_in_the_program_too(pl
     known = known_uncertainty(robot)
     surer = replace(robot, uncertainty=replace(known, calibration=0.5 * known.calibration))
     assert (measure_radius(surer, force, q, wrench) < 0.9 * measure_radius(robot, force, q, wrench)).all()
+
+
+def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judged(tmp_path: Path) -> None:
+    u = np.linspace(0.0, 1.0, 120)
+    rows = [f"{8.0 * np.sin(8.0 * np.pi * k):.6f},{500.0 * (k - 0.5):.6f},0,0,0,1,700" for k in u]
+    (tmp_path / "wave.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    job = {**CIRCLE, "toolpath": str(tmp_path / "wave.csv"), "plan": {"tolerance_mm": 8.0, "inertia": False},
+           "sampling": {"chord_mm": 1.0}, "posture": {"preset": "fast"}, "tolerance": {"tube": 0.8}}  # fmt: skip
+    del job["tool"]
+    plan = plan_job(check_job(job, "job.toml"))
+    assert plan.status == "solved", plan.explain_failures()
+    assert plan.task.start is not None and (found := plan.task.start.bettered) is not None
+    assert {"left", "up"} <= set(found.names) and found.time[1] < 0.98 * found.time[0]
+    assert 0.2e-3 < plan.after.max_deviation <= 6.41e-3
+    off = plan.task.position - plan.task.programmed
+    assert plan.after.deviation[plan.task.cut] == pytest.approx(off[plan.task.cut], abs=2e-6)
+    assert plan.promise is not None and plan.promise.greatest > plan.after.max_deviation
+
+
+def test_an_eased_run_rings_less_and_knows_where(plan: Plan) -> None:
+    assert plan.task.start is not None and (pace := plan.task.start.pace) is not None
+    assert pace.slower.min() >= 1.0 and pace.slower.max() > 1.0
+    assert (np.diff(pace.places) >= 0.0).all() and plan.task.pace.max() == pytest.approx(pace.slower.max(), rel=0.05)
+    even = replace(plan.task, start=replace(plan.task.start, pace=None))
+    assert time_command(even, plan.task.q_start).time[-1] < time_command(plan.task, plan.task.q_start).time[-1]
 
 
 def test_a_mirror_strategy_keeps_the_posture_of_the_graph() -> None:

@@ -15,8 +15,8 @@ from compplan.known.slopes import pick_rows, read_force_spread
 from compplan.plan.bending import measure_bending
 from compplan.plan.feed import time_run
 from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.refine import BAND_ROWS, spread_tip
 from compplan.plan.reversals import list_reversals
+from compplan.plan.run_meter import BAND_ROWS, spread_tip
 from compplan.promise.band import band_radius
 
 TITLE = "Redundant jobs: time, posture and correction in one program"

@@ -68,16 +68,18 @@ class ToleranceTable(StrictTable):
     """[tolerance]: what counts where no part says otherwise; left out, plan.tolerance_mm as a distance.
 
     With tangential_mm the deviation along the travel counts apart from that across it, and normal_mm is for the latter.
+    tube is the share of it by which a plan may leave the path where that makes its run shorter or its promise narrower.
     """
 
     normal_mm: Size | None = None
     tangential_mm: Size | None = None
+    tube: float = Field(default=0.0, ge=0.0, le=0.9)
     part: Annotated[tuple[TolerancePart, ...], Field(strict=False, max_length=10000)] = ()
 
     @property
     def stated(self) -> bool:
         """Tell whether it says anything."""
-        return bool(self.model_fields_set)
+        return bool(self.model_fields_set - {"tube"})
 
     def strictest(self, whole: float) -> float:
         """Return the least tolerance across the travel, with what counts everywhere where nothing is said. [mm]."""

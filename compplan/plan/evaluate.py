@@ -162,7 +162,7 @@ def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], m
     else:
         rows = rows[:: max(1, -(-len(rows) // most))]
         position = _run_mismatch(task, q, cell, rows)
-    return Mismatch(cell.name, rows, position - task.position[rows])
+    return Mismatch(cell.name, rows, position - task.programmed[rows])
 
 
 def _run_mismatch(task: PlanTask, q: Array, cell: Cell, rows: NDArray[np.int_]) -> Array:
@@ -242,7 +242,7 @@ def _compare(task: PlanTask, name: str, run: CellRun, settled: Settled | None = 
     position, rotation = run
     cosine = -np.einsum("ni,ni->n", rotation[:, :, 2], task.nominal.axis)
     sine = np.linalg.norm(np.cross(rotation[:, :, 2], task.nominal.axis), axis=1)
-    away, tilt = position - task.position, np.arctan2(sine, cosine)
+    away, tilt = position - task.programmed, np.arctan2(sine, cosine)
     return Evaluation(name, position, rotation, away, tilt, task.compensated, settled)
 
 

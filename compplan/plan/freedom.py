@@ -1,11 +1,12 @@
-"""What a path leaves free: spin about the tool axis, leans, extra axes; and the joints that go with a choice of them.
+"""What a path leaves free: spin about the tool axis, leans, extra axes, a tube; and the joints that go with a choice.
 
 The joints q of a station follow from the free coordinates z by the loaded pose equation F(q) = pose(z), F the loaded
 equilibrium: it is solved for the six joints of the arm by Newton steps, and its exact derivative eliminates them:
 
     dq_arm/dz = J_arm^-1 (dpose/dz - J_extra dq_extra/dz),    J the loaded Jacobian.
 
-Along the path, z departs from what the graph chose by cubic B-splines.
+Along the path, z departs from what the graph chose by cubic B-splines. In a tube the tip may leave the path: to its
+left and along the tool axis by a share of what is allowed across the travel, ahead by one of what is allowed along it.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
+from compplan.path.contact import path_axes
 from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.task import PlanTask
+from compplan.plan.timing import cutting_runs
 from compplan.posture.lattice import orient_tool
 from compplan.posture.summary import Stance
 from compplan.robot import Array
@@ -33,6 +36,8 @@ EPS = 1e-6
 NEWTON, REACHED = 8, 1e-7
 #: Motion that a coordinate is reckoned in: spin, lean, an extra axis that turns or slides. [rad, rad, rad, m]
 UNITS = {"spin": 0.3, "lead": 0.05, "lean": 0.05, "turn": 0.3, "slide": 0.2}
+#: Ways of the tip in a tube, by the axes of the path frame: along the travel, to its left, along the tool axis.
+TUBE = ("ahead", "left", "up")
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,8 @@ class Freedom:
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
         twist: What the stance's orientation has beyond its own coordinates. Shape (k, 3, 3).
         wrench: Wrench at the stations, 0 in rapid moves. Shape (k, 6). [N, N m]
+        most: Greatest size of each, infinite where joint limits alone hold it. Shape (k, f). [rad or m]
+        frame: Axes of the path at the stations, as columns. Shape (k, 3, 3).
 
     """
 
@@ -67,11 +74,21 @@ class Freedom:
     tool_x: Array
     twist: Array
     wrench: Array
+    most: Array
+    frame: Array
 
     @property
     def extra(self) -> list[int]:
         """Places of the extra axes among the coordinates."""
-        return [k for k, name in enumerate(self.names) if name not in ("spin", "lead", "lean")]
+        return [k for k, name in enumerate(self.names) if name not in ("spin", "lead", "lean", *TUBE)]
+
+    def shift(self, values: Array, frame: Array) -> Array:
+        """Return where the coordinates move the tip in its tube, path frames (p, 3, 3) given. Shape (p, 3). [m]."""
+        moved = np.zeros((len(values), 3))
+        for axis, name in enumerate(TUBE):
+            if name in self.names:
+                moved += values[:, [self.names.index(name)]] * frame[:, :, axis]
+        return moved
 
     def values(self, change: Array) -> Array:
         """Return the coordinates at the stations for coefficients of shape (m, f), in units. Shape (k, f)."""
@@ -102,7 +119,7 @@ class Freedom:
 
         """
         q, chain, arm = np.array(q), self.task.chain, self.arm
-        target, wanted = self.orient(values), self.task.position[self.rows]
+        target, wanted = self.orient(values), self.task.position[self.rows] + self.shift(values, self.frame)
         axes = arm.held[: len(self.extra)]
         q[:, axes] = values[:, self.extra]
         for _ in range(NEWTON):
@@ -120,6 +137,8 @@ class Freedom:
                 axis = axes[self.extra.index(k)]
                 wish -= loaded.jacobian[:, :, axis]
                 rate[:, axis, k] = 1.0
+            elif self.names[k] in TUBE:
+                wish[:, :3] = self.frame[:, :, TUBE.index(self.names[k])]
             else:
                 moved = values.copy()
                 moved[:, k] += EPS
@@ -128,7 +147,9 @@ class Freedom:
         return q, rate, np.abs(missed).max(axis=1) < REACHED
 
 
-def find_freedom(task: PlanTask, stance: Stance, nominal: Toolpath, tool_x: Array, most: int) -> Freedom | None:
+def find_freedom(
+    task: PlanTask, stance: Stance, nominal: Toolpath, tool_x: Array, most: int, tube: float = 0.0
+) -> Freedom | None:
     """Find what a stance leaves free; None where nothing is.
 
     Args:
@@ -137,31 +158,57 @@ def find_freedom(task: PlanTask, stance: Stance, nominal: Toolpath, tool_x: Arra
         nominal: The toolpath that the stance was chosen for, its tool axis as programmed.
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
         most: Stations at most.
+        tube: Share of the tolerance by which the tip may leave the path.
 
     """
     settings, arm, robot = stance.settings, build_arm(task.robot), task.robot
     given = {"spin": stance.spin, "lead": stance.lead, "lean": stance.lean}
     free = {"spin": settings.free_spin, "lead": settings.lead > 0, "lean": settings.lean > 0}
     names = [name for name in given if free[name]]
-    units = [UNITS[name] for name in names] + [UNITS["slide" if robot.prismatic[j] else "turn"] for j in arm.held]
-    if not len(units) or len(arm.arm) != 6:
-        return None
     rows, every = pick_stations(task, most), np.arange(len(nominal))
     place = task.origin[rows]
-    start = [np.interp(place, every, given[name]) for name in names] + [task.q_start[rows, j] for j in arm.held]
+    ways = _allow_tube(task, rows, tube)
+    if not (names or ways or len(arm.held)) or len(arm.arm) != 6:
+        return None
+    units = [UNITS[name] for name in names] + [float(size.max()) for size in ways.values()]
+    units += [UNITS["slide" if robot.prismatic[j] else "turn"] for j in arm.held]
+    start = [np.interp(place, every, given[name]) for name in names] + [np.zeros(len(rows))] * len(ways)
+    start += [task.q_start[rows, j] for j in arm.held]
+    whole = np.ones(len(rows))
+    sizes = {"lead": settings.lead * whole, "lean": settings.lean * whole, **ways}
     count = int(np.clip(len(rows) // PER_KNOT, 4, MOST_KNOTS))
     inner = np.unique(np.interp(np.linspace(0.0, len(rows) - 1, count - 2), np.arange(len(rows)), place))
     knots = np.r_[[inner[0]] * 3, inner, [inner[-1]] * 3]
+    called, upright = (*names, *ways, *(robot.joint_names[j] for j in arm.held)), divide_toolpath(nominal, place)
     freedom = Freedom(
-        task, rows, (*names, *(robot.joint_names[j] for j in arm.held)), np.stack(start, axis=1), np.array(units),
-        BSpline.design_matrix(place, knots, 3).toarray(), knots, arm, divide_toolpath(nominal, place), tool_x,
+        task, rows, called, np.stack(start, axis=1), np.array(units),
+        BSpline.design_matrix(place, knots, 3).toarray(), knots, arm, upright, tool_x,
         np.tile(np.eye(3), (len(rows), 1, 1)), np.where(task.compensated[rows, None], task.wrench[rows], 0.0),
+        np.stack([sizes.get(name, np.inf * whole) for name in called], axis=1), path_axes(upright),
     )  # fmt: skip
     if any(np.abs(value).max() > 0.0 for name, value in given.items() if name not in names):
         return None
     angles = [np.interp(place, every, value) for value in given.values()]
     stood = orient_tool(freedom.upright, tool_x, np.arange(len(rows)), *angles)
     return replace(freedom, twist=np.swapaxes(stood, 1, 2) @ task.rotation[rows])
+
+
+def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[str, Array]:
+    """Return how far the tip may go each way at the stations, none in rapid moves and where it rests. Shapes (k,). [m].
+
+    Of what is allowed across the travel both ways there have an even part of the square.
+    """
+    if share <= 0.0:
+        return {}
+    allowed, inside = task.allowed, task.cut.copy()
+    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+        inside[[first, last]] = False
+    size = share * inside * (task.tolerance if allowed is None else allowed.normal)
+    ways = {"left": size / np.sqrt(2.0), "up": size / np.sqrt(2.0)}
+    if allowed is not None and allowed.apart.any():
+        along = np.nan_to_num(allowed.tangential, posinf=0.0)
+        ways = {"ahead": np.where(allowed.apart, share * inside * along, 0.0), **ways}
+    return {name: size[rows] for name, size in ways.items() if size[rows].any()}
 
 
 def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:

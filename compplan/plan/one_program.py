@@ -3,7 +3,8 @@
     minimise    w_t T / T_0 + w_b B / B_0 + w_m sum_f |dz_f| / unit_f
     over        z(s) = z_graph(s) + splines,   x(s) = (ds/dt)^2,   B
     subject to  F(q(s)) = pose(z(s))                          loaded tip and tool on the path; q eliminated exactly
-                q_min <= q <= q_max,  |lead|, |lean| <= limits,  clearance(q) >= 0,  band(q) <= B <= B_most
+                q_min <= q <= q_max,  |lead|, |lean|, |tip off the path| <= limits,  clearance(q) >= 0
+                band(q) <= B <= B_most
                 q'^2 x <= v_max^2,  |q'' x + q' x' / 2| <= a_max,  x <= 1    velocity, acceleration, programmed feed
                 |jerk|, |torque| <= limits where there are any
 
@@ -61,7 +62,6 @@ class Ground:
         band: Radius of the 95 % band at joint positions (k, nq) under a wrench (k, 6). Shape (k,). [m]
         margin: By how much joint positions keep clear, or None. [m]
         room: Distance to joint limits that is kept where the start has it. [rad or m]
-        lean: Greatest lead and lean. [rad]
         torques: Torque rows of the stations from one to another at joint positions, or None.
 
     """
@@ -69,7 +69,6 @@ class Ground:
     band: Callable[[Array, Array], Array]
     margin: Callable[[Array], Array] | None = None
     room: float = 0.0
-    lean: tuple[float, float] = (0.0, 0.0)
     torques: Callable[[Array], Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]] | None = None
 
 

@@ -35,8 +35,9 @@ from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
 from compplan.plan.path_problem import count_equations
-from compplan.plan.refine import BAND_ROWS, StartChoice, better_start, spread_tip
+from compplan.plan.refine import StartChoice, better_start
 from compplan.plan.result import Plan
+from compplan.plan.run_meter import BAND_ROWS, RunMeter, spread_tip
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.strategies.lost_motion import state_sides
 from compplan.plan.task import SMOOTHING, PlanTask
@@ -80,6 +81,7 @@ class PlanOptions:
         inertia: Whether the inertia of the motion counts as a load and is compensated.
         lock: What is kept of a posture that was chosen before, or None.
         force: How surely the force is known, as assumed if left out.
+        tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
 
     """
 
@@ -99,6 +101,7 @@ class PlanOptions:
     inertia: bool = True
     lock: Lock | None = None
     force: ForceSpread | None = None
+    tube: float = 0.0
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -272,10 +275,9 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(error.message, file=file, where=error.where if file else None) from None
     if options.strategy == "nlp" and options.lock is None and request is not None:
         force = options.force or read_force_spread(None)
-        choice = StartChoice(
-            robot, nominal, np.asarray(options.tool_x, float), options.wish, request, options.feed, force,
-            partial(_state_task, robot, chain, options), DAMPING,
-        )  # fmt: skip
+        meter = RunMeter(options.feed, force, partial(_state_task, robot, chain, options), DAMPING)
+        tool_x = np.asarray(options.tool_x, float)
+        choice = StartChoice(robot, nominal, tool_x, options.wish, request, meter, options.tube)
         start = better_start(start, choice)
     task = _state_task(robot, chain, options, start)
     faded, share = fade_robot(robot, start.q, task.wrench)
@@ -331,7 +333,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         missed=start.missed,
         step_time=programmed_times(nominal),
         velocity_limits=robot.velocity_limits * options.velocity_scale,
-        acceleration_limits=robot.acceleration_limits * options.acceleration_scale * start.push,
+        acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
         jerk_limits=limit_jerk(robot, options.acceleration_scale, options.jerk_after),
         max_correction=options.max_correction,
         tolerance=options.tolerance,
@@ -339,7 +341,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         start=start,
         law=options.law,
         inertia=options.inertia,
-        smoothing=choose_smoothing(robot, few, SMOOTHING),
+        smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
     )
     task = state_sides(replace(task, wrench=predict_loads(task)))
@@ -393,5 +395,6 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         force=read_force_spread(job),
+        tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
     )

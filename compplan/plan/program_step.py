@@ -73,12 +73,9 @@ def propose_step(program: JointProgram, point: Point, size: float) -> Array | No
         offset += len(run.along)
     lower, upper = program.bounds()
     _add_limits(rows, point.q, columns, lower, upper, size)
-    for name, most in zip(("lead", "lean"), program.ground.lean, strict=True):
-        if name in freedom.names:
-            k = freedom.names.index(name)
-            bent = point.values[:, k]
-            rows.add(np.maximum(most - bent, 0.0), c=spread[:, k])
-            rows.add(np.maximum(most + bent, 0.0), c=-spread[:, k])
+    for k in np.flatnonzero(np.isfinite(freedom.most).any(axis=0)).tolist():
+        for side in (1.0, -1.0):
+            rows.add(np.maximum(freedom.most[:, k] - side * point.values[:, k], 0.0), c=side * spread[:, k])
     _add_rapids(program, rows, point, columns)
     _add_band(program, rows, point, spread)
     if program.ground.margin is not None:

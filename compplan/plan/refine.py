@@ -8,19 +8,15 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from compplan.effects.scene import Scene
-from compplan.errors import ConvergenceError, InfeasibleError
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, stage_path
-from compplan.path.contact import tool_axes
+from compplan.errors import InfeasibleError
+from compplan.path.contact import path_axes, tool_axes
 from compplan.path.toolpath import Toolpath, interpolate
-from compplan.plan.bending import measure_bending
-from compplan.plan.feed import FeedWish, TorqueRules, time_run
-from compplan.plan.freedom import Freedom, find_freedom
+from compplan.plan.feed import TorqueRules
+from compplan.plan.freedom import TUBE, Freedom, find_freedom
 from compplan.plan.one_program import Ground, Point, Prices, build_program
 from compplan.plan.program_step import margin_stations, solve_program
+from compplan.plan.run_meter import Run, RunMeter, measure_radius
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import INERTIA_WINDOWS, cutting_runs, time_rapids
 from compplan.posture.clearance import measure_margin
@@ -28,23 +24,21 @@ from compplan.posture.costs import Weights
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs, search_line
 from compplan.posture.stance import Wish
-from compplan.posture.start import Bettered, PostureRequest, Start, find_start, stand
+from compplan.posture.start import Bettered, PostureRequest, Start, find_plain, find_start, stand
 from compplan.posture.summary import Stance, summarise_costs
-from compplan.promise.band import Slopes, band_radius, split_covariance
 from compplan.robot import Array, Robot
-from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
 LOG = logging.getLogger(__name__)
 
 #: Stations of the program at most, waypoints that they may stand for, and stations of the graph's bound.
 MOST_STATIONS, MOST_WAYPOINTS, BOUND_STATIONS = 400, 8000, 50
-#: Rows of the cut at which the band of a finished posture is measured.
-BAND_ROWS = 120
-#: Shares of the acceleration limits that are tried, so that a shorter run rings no more than the start's.
-PUSHES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7)
+#: Windows of smoothing, as shares of those that plans have, and starts whose speed is eased, the best ones.
+WINDOWS, EASED = (1.0, 0.7), 3
 #: Gain that a posture is changed for, and difference of time or band that counts as none.
 LEAST_GAIN, SAME = 0.01, 1e-3
+#: Joint positions that differ by less are one posture. [rad or m]
+ALIKE = 1e-4
 #: A run whose time is this near to the least that the programmed feed allows has nothing to gain.
 AT_FEED = 1.02
 #: A waypoint is reached where it misses the pose by less. [m and rad]
@@ -68,10 +62,8 @@ class StartChoice:
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
         stance: What is said about configuration and start.
         request: What is asked of the posture.
-        wish: What the process asks of the feed.
-        force: How surely the force is known.
-        state: States the task that begins so.
-        damping: Damping of the arm's vibrations, share of critical.
+        meter: How runs are measured.
+        tube: Share of the tolerance by which the program may leave the path.
 
     """
 
@@ -80,10 +72,8 @@ class StartChoice:
     tool_x: Array
     stance: Wish
     request: PostureRequest
-    wish: FeedWish
-    force: ForceSpread
-    state: Callable[[Start], PlanTask]
-    damping: float
+    meter: RunMeter
+    tube: float = 0.0
 
     def other(self, preset: str) -> Start:
         """Find the graph's start for another preset."""
@@ -111,35 +101,75 @@ def better_start(start: Start, choice: StartChoice) -> Start:
     preset = stance.settings.preset if stance.settings.compares else ""
     prices = PRICES.get(preset)
     free = stance.settings.free_spin or stance.settings.lead > 0 or stance.settings.lean > 0 or stance.q.shape[1] > 6
+    free |= choice.tube > 0.0
     if prices is None or not free or stance.missed.any() or len(start.nominal) > MOST_WAYPOINTS:
         return start
-    task = choice.state(start)
-    if preset in ("", "fast") and _time(task, choice) <= AT_FEED * _least_time(task):
+    task = choice.meter.state(start)
+    if preset in ("", "fast") and choice.meter.time(task) <= AT_FEED * _least_time(task):
         return start
-    time, band, still = _measure(start, choice)[0]
-    best, best_value, brought = start, 1.0, None
-    for origin in [start, *([choice.other("fast")] if not preset else [])]:
-        if origin.stance is None or origin.missed.any():
-            continue
-        found = propose_start(task if origin is start else choice.state(origin), origin, choice, prices)
-        for candidate, how in [(origin, None)] * (origin is not start) + ([found] if found else []):
-            pushes = PUSHES if not preset else (1.0,)
-            for push, (taken, wide, quiet) in zip(pushes, _measure(candidate, choice, pushes), strict=True):
-                value = _judge(preset, taken / time, wide / band, quiet / still)
-                LOG.debug("time %.4f -> %.4f s, band %.4f -> %.4f mm, %.0f %% of the acceleration, %s",
-                          time, taken, 1e3 * band, 1e3 * wide, 100 * push, "graph" if how is None else "program")
-                if value < best_value - LEAST_GAIN:
-                    best, best_value, brought = replace(candidate, push=push), value, (taken, wide, quiet, how)
-    if brought is None or best.stance is None:
+    measured = choice.meter.measure(start)
+    if not measured:
         return start
-    taken, wide, quiet, how = brought
-    bound = _bound_by_graph(task, best.stance, choice)
-    told = Bettered(start, (time, taken), (1e3 * band, 1e3 * wide), bound, *(how or Brought(0, ())))
-    costs = {**best.stance.costs, "driven_s": taken, "band_mm": 1e3 * quiet}
+    first = measured[0]
+    others = {"programmed": find_plain(choice.robot, choice.nominal, choice.tool_x, start)}
+    others |= {} if preset else {"fast": choice.other("fast")}
+    origins = {"graph": start}
+    for name, other in others.items():
+        stands = other is not None and other.stance is not None and not other.missed.any()
+        if stands and not any(np.allclose(other.q, each.q, atol=ALIKE) for each in origins.values()):
+            origins[name] = other
+    candidates = [(name, origin, None) for name, origin in origins.items()]
+    for name, origin in origins.items():
+        found = propose_start(task if origin is start else choice.meter.state(origin), origin, choice, prices)
+        candidates += [(name, *found)] if found else []
+    taken = _choose_run(preset, first, candidates, choice.meter)
+    if taken is None or taken[0].start.stance is None:
+        return start
+    run, name, how = taken
+    bound = _bound_by_graph(task, run.start.stance, choice)
+    told = Bettered(start, (first.time, run.time), (1e3 * first.band, 1e3 * run.band), bound, name,
+                    *(how or Brought(0, ())))  # fmt: skip
+    costs = {**run.start.stance.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
     compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
-    chosen = replace(best.stance, settings=stance.settings, costs=costs, compared=compared)
-    stood = stand(replace(chosen, compared_by=stance.compared_by), choice.nominal, start.request)
-    return replace(stood, bettered=told, push=best.push, notes=(*stood.notes, told.sentence(best.push)))
+    chosen = replace(run.start.stance, settings=stance.settings, costs=costs, compared=compared)
+    off = 0.0 if run.start.aside is None else run.start.aside
+    path = replace(choice.nominal, position=choice.nominal.position + off)
+    stood = stand(replace(chosen, compared_by=stance.compared_by), path, start.request)
+    return replace(stood, bettered=told, aside=run.start.aside, pace=run.start.pace,
+                   notes=(*stood.notes, told.sentence(run.start.pace)))  # fmt: skip
+
+
+def _choose_run(
+    preset: str, first: Run, candidates: list[tuple[str, Start, Brought | None]], meter: RunMeter
+) -> tuple[Run, str, Brought | None] | None:
+    """Choose the run that a preset is for, of all candidates and of the best ones eased; None where none gains.
+
+    Args:
+        preset: The preset by name, "" for none.
+        first: The graph's run.
+        candidates: Where each comes from, its start, and what the program did.
+        meter: How runs are measured.
+        tube: Share of the tolerance by which the program may leave the path.
+
+    """
+    def share(run: Run) -> tuple[float, float, float]:
+        return run.time / first.time, run.band / first.band, run.still / first.still
+
+    runs = [(run, name, how) for name, start, how in candidates for run in meter.measure(start)]
+    beside = None if preset == "fast" else first
+    order = sorted(runs, key=lambda entry: share(entry[0])[0] if preset == "fast" else sum(share(entry[0])[:2]))
+    for number, (run, name, how) in enumerate(order[:EASED]):
+        for window in WINDOWS if number == 0 else WINDOWS[:1]:
+            if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):
+                runs += [(eased, name, how) for eased in meter.measure(run.start, window=window, beside=beside)]
+    best, least = None, 1.0 - LEAST_GAIN
+    for run, name, how in runs:
+        value = _judge(preset, *share(run))
+        LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", name, "" if how is None else ", program",
+                  first.time, run.time, 1e3 * first.band, 1e3 * run.band)
+        if value < least:
+            best, least = (run, name, how), value
+    return best
 
 
 def _judge(preset: str, time: float, band: float, still: float) -> float:
@@ -154,57 +184,9 @@ def _judge(preset: str, time: float, band: float, still: float) -> float:
     """
     if preset == "fast":
         return time
-    if preset:
-        return still if max(time, band) <= 1.0 + SAME else np.inf
-    return 0.5 * (time + band) if max(time, band) <= 1.0 + SAME else np.inf
-
-
-def _time(task: PlanTask, choice: StartChoice) -> float:
-    """Time the run before correction. [s]."""
-    try:
-        return float(time_run(task, task.q_start, choice.wish)[1].time[-1])
-    except ConvergenceError:
+    if max(time, band) > 1.0 + SAME or (preset and still > 1.0 + SAME):
         return np.inf
-
-
-def _measure(start: Start, choice: StartChoice, pushes: tuple[float, ...] = (1.0,)) -> list[tuple[float, float, float]]:
-    """Measure time [s] and widest 95 % band, with and without vibration [m], before correction.
-
-    Args:
-        start: The start.
-        choice: How starts are weighed.
-        pushes: Shares of the acceleration limits.
-
-    """
-    task, found = choice.state(start), []
-    rows = pick_rows(task.cut, BAND_ROWS)
-    try:
-        still = spread_tip(task, choice.force, rows)
-        quiet = float(band_radius(still).max(initial=0.0))
-        for push in pushes:
-            run = replace(task, acceleration_limits=push * task.acceleration_limits)
-            timing = time_run(run, run.q_start, choice.wish)[1]
-            motion = measure_bending(run, run.q_start, timing, choice.damping).motion
-            spread = still
-            if motion is not None:
-                away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
-                spread = still + np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1)
-            found.append((float(timing.time[-1]), float(band_radius(spread).max(initial=0.0)), quiet))
-    except ConvergenceError:
-        found += [(np.inf, np.inf, np.inf)] * (len(pushes) - len(found))
-    return found
-
-
-def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
-    """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
-    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    return _spread_scene(scene, known_uncertainty(task.robot), force, rows)
-
-
-def _spread_scene(scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
-    shared, local = measure_force_slopes(scene, rows, force)
-    slopes = Slopes(rows, np.zeros((len(rows), 3)), measure_slopes(scene, known.unknowns, rows), shared, local)
-    return np.asarray(sum(split_covariance(slopes, known).values()))
+    return 0.5 * (band + still) if preset else 0.5 * (time + band)
 
 
 def _least_time(task: PlanTask) -> float:
@@ -231,12 +213,6 @@ def _bound_by_graph(task: PlanTask, stance: Stance, choice: StartChoice) -> floa
         return _least_time(task)
 
 
-def measure_radius(robot: Robot, force: ForceSpread, q: Array, wrench: Array) -> Array:
-    """Measure the 95 % band at joint positions (k, nq) under a wrench (k, 6), by what is known of a robot. [m]."""
-    scene, every = stage_path(robot, q, wrench), np.arange(len(q))
-    return band_radius(_spread_scene(scene, known_uncertainty(robot), force, every))
-
-
 class Brought(NamedTuple):
     """How a start was found: steps of the program, and what was free."""
 
@@ -257,24 +233,33 @@ def propose_start(task: PlanTask, start: Start, choice: StartChoice, prices: Pri
     stance, request = start.stance, start.request
     if stance is None or request is None or task.missed.any():
         return None
-    freedom = find_freedom(task, stance, choice.nominal, choice.tool_x, MOST_STATIONS)
+    freedom = find_freedom(task, stance, choice.nominal, choice.tool_x, MOST_STATIONS, choice.tube)
     if freedom is None:
         return None
-    program = build_program(freedom, _state_ground(freedom, stance, request, choice.force, choice.wish), prices)
+    program = build_program(freedom, _state_ground(freedom, stance, request, choice.meter), prices)
     if program is None:
         return None
     point = solve_program(program)
     if not point.change.any():
         return None
-    better = _follow(freedom, point, stance, choice.nominal, request)
+    moved = freedom.spread(point.change, np.arange(len(choice.nominal), dtype=float))
+    aside = freedom.shift(_keep_in_tube(freedom, moved), path_axes(choice.nominal))
+    path = replace(choice.nominal, position=choice.nominal.position + aside)
+    better = _follow(freedom, point, stance, path, request)
     if better is None:
         return None
-    return stand(better, choice.nominal, request), Brought(program.steps, freedom.names)
+    found = replace(stand(better, path, request), aside=aside if aside.any() else None)
+    return found, Brought(program.steps, freedom.names)
 
 
-def _state_ground(
-    freedom: Freedom, stance: Stance, request: PostureRequest, force: ForceSpread, wish: FeedWish
-) -> Ground:
+def _keep_in_tube(freedom: Freedom, moved: Array) -> Array:
+    """Return the change of the free coordinates at every waypoint, that in the tube within its bounds. Shape (n, f)."""
+    place, every = freedom.task.origin[freedom.rows], np.arange(len(moved))
+    most = interpolate(every, place, freedom.most)
+    return np.where([name in TUBE for name in freedom.names], np.clip(moved, -most, most), moved)
+
+
+def _state_ground(freedom: Freedom, stance: Stance, request: PostureRequest, meter: RunMeter) -> Ground:
     """State what postures have to keep."""
     task, scene, settings = freedom.task, request.scene, stance.settings
     margin = None
@@ -285,12 +270,12 @@ def _state_ground(
             return measure_margin(scene, q[at], request.wanted)
 
     torques = None
-    if wish.torque:
+    if meter.wish.torque:
         def torques(q: Array) -> Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]:
             return TorqueRules(task.robot, q, freedom.wrench).rows
 
-    return Ground(lambda q, wrench: measure_radius(task.robot, force, q, wrench), margin, settings.limit_margin,
-                  (settings.lead, settings.lean), torques)  # fmt: skip
+    return Ground(lambda q, wrench: measure_radius(task.robot, meter.force, q, wrench), margin, settings.limit_margin,
+                  torques)  # fmt: skip
 
 
 def _follow(

@@ -242,7 +242,7 @@ class Plan(Shown):
         task, band = self.task, self.promise
         columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
         columns |= self.robot.joint_columns(self.q)
-        columns |= {f"{axis}_mm": task.position[:, k] * 1e3 for k, axis in enumerate("xyz")}
+        columns |= {f"{axis}_mm": task.programmed[:, k] * 1e3 for k, axis in enumerate("xyz")}
         columns |= {"deviation_before_mm": self.before.distance * 1e3, "deviation_after_mm": self.after.distance * 1e3}
         columns |= {} if band is None else {"band_p95_mm": band.radius * 1e3}
         return {**columns, "force_N": np.linalg.norm(task.wrench[:, :3], axis=1), "cut": task.cut}

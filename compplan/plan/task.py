@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
 from compplan.path.force_law import ForceLaw
-from compplan.path.toolpath import Toolpath
+from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.nlp import NlpSolution
@@ -116,6 +116,21 @@ class PlanTask:
     def origin(self) -> Array:
         """Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,)."""
         return np.arange(len(self), dtype=float) if self.places is None else self.places
+
+    @property
+    def programmed(self) -> Array:
+        """The path that the tip is judged by: `position`, but where that uses a tube around it. Shape (n, 3). [m]."""
+        aside = None if self.start is None else self.start.aside
+        if aside is None:
+            return self.position
+        every = np.arange(len(aside))
+        return self.position - interpolate(self.origin, every, aside)
+
+    @property
+    def pace(self) -> Array:
+        """Factor by which the start asks the run to be slower than it could be. Shape (n,)."""
+        pace = None if self.start is None else self.start.pace
+        return np.ones(len(self)) if pace is None else np.interp(self.origin, pace.places, pace.slower)
 
     @property
     def gentle_time(self) -> float:

@@ -95,13 +95,13 @@ def time_command(
         ConvergenceError: If no run keeps the limits.
 
     """
-    step = np.zeros(len(q))
+    step, slow = np.zeros(len(q)), task.pace if slow is None else slow * task.pace
     for start, end in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
         run = slice(start, end + 1)
         if not task.nominal.steps[start:end].any():
             continue
         along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
-        own = np.ones(end + 1 - start) if slow is None else slow[run]
+        own = slow[run]
         spans = [] if keep else find_narrow(task, along, start, end)
         edges, time = [0, *(middle for _, middle, _ in spans), end - start], np.zeros(end + 1 - start)
         for first, last in pairwise(edges):
@@ -185,7 +185,7 @@ def time_ends(task: PlanTask, q: Array) -> Array:
         Time at each waypoint. Shape (n,). [s]
 
     """
-    step, far = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing
+    step, far, pace = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.pace
     for start, end in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
         if not task.nominal.steps[start:end].any():
             continue
@@ -196,7 +196,7 @@ def time_ends(task: PlanTask, q: Array) -> Array:
         parts = [slice(0, count)] if last >= first else [slice(0, last), slice(first, count)]
         for part in parts:
             own = along[part] - along[part.start]
-            time = _time_run(task, own, q[start : end + 1][part], None, np.ones(len(own)))
+            time = _time_run(task, own, q[start : end + 1][part], None, pace[start : end + 1][part])
             step[start + 1 + part.start : start + part.stop] = np.diff(time)
     return np.cumsum(step)
 

@@ -176,7 +176,8 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
         tip = run_cell(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[2 * moves + 1]
     else:
         tip = run_cell(bench.cell, half[0], half[1], bias=bias).position
-    start, along = task.position[moves], task.position[moves + 1] - task.position[moves]
+    path = task.programmed
+    start, along = path[moves], path[moves + 1] - path[moves]
     square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
     share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)
     distance = np.linalg.norm(tip - start - share[:, None] * along, axis=1)

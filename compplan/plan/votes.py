@@ -76,7 +76,7 @@ def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
 
     """
     task = driven.task
-    rows = DrivenRows(task.position, task.nominal.axis, task.nominal.rapid, task.lead, driven.time)
+    rows = DrivenRows(task.programmed, task.nominal.axis, task.nominal.rapid, task.lead, driven.time)
     path = vote_on_path(driven.tables, driven.folder, rows, task.nominal.feed)
     assert task.robot.folder is not None
     joints = read_joints(Path(task.robot.folder))

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.errors import InfeasibleError, InputError
-from compplan.path.contact import tool_axes
+from compplan.errors import InfeasibleError
 from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
@@ -30,9 +29,9 @@ from compplan.posture.lattice import (
     pick_stations,
 )
 from compplan.posture.motion import price_motion
+from compplan.posture.plain import MARGIN_SAMPLES, stand_plainly
 from compplan.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.posture.settings import PostureSettings
-from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import PostureMap, Stance, mark_collisions, slice_map, summarise_costs
 from compplan.posture.trace import PostureTrace, trace_line
 from compplan.robot import Array, Robot
@@ -46,8 +45,6 @@ ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
 #: known better (assumed), the others are compared as they are.
 GAINS = {"accurate": 0.999, "promise": 0.99, "smooth": 1.0, "fast": 1.0}
-#: Waypoints of the finished line whose margin is looked at.
-MARGIN_SAMPLES = 600
 #: Searches that collisions may ask for, and rounds of further stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 #: Rotation and leans below which a tool stands as the job has it. [rad]
@@ -234,24 +231,10 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     leans = np.abs(np.stack([stance.spin, stance.lead, stance.lean])).max()
     if leans < STILL and not stance.changes and not len(task.arm.held):  # the choice is the plain posture itself
         return replace(stance, plain=stance.costs)
-    rotation = tool_axes(nominal, task.tool_x)
-    start = None if settings.start is None else np.array(settings.start)
-    try:
-        plain = choose_posture(robot, nominal.position, rotation, Wish(**settings.configuration, start=start))
-    except InputError:
+    still = stand_plainly(robot, nominal, task.tool_x, stance, task.axes, task.margin)
+    if still is None:
         return stance
-    if plain.missed.any():
-        return stance
-    rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
-    if task.margin is not None and (task.margin(plain.q[rows], rows) < 0).any():
-        return stance
-    none, chosen = np.zeros(len(nominal)), stance.costs
-    picture = replace(stance.map, chosen=np.zeros(len(stance.map.chosen)))
-    still = replace(
-        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
-        changes=(), map=picture, instead_of=chosen,
-        costs=summarise_costs(task.chain, robot, nominal, plain.q, settings, task.axes),
-    )  # fmt: skip
+    chosen = stance.costs
     still = measure_stance(still, task.meter, "one configuration, tool x fixed" if stance.compared else "")
     costs = still.costs
     still, stance = replace(still, plain=costs), replace(stance, plain=costs)
@@ -259,7 +242,7 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
                         ("dexterity_min", settings.singularity_margin)):
         if costs[name] < min(asked, chosen[name]):
             return stance
-    chatters = [count_chatter(task.chatter, q) for q in (plain.q, stance.q)]
+    chatters = [count_chatter(task.chatter, q) for q in (still.q, stance.q)]
     if chatters[0] is not None and chatters[1] is not None and chatters[0].at > chatters[1].at:
         return stance
     counts = stance.weights.travel > 0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from compplan.posture.few_joints import follow_path
 from compplan.posture.finished import RobotMeasure, describe_finished
 from compplan.posture.follow import follow_from
 from compplan.posture.partial import find_partial
+from compplan.posture.plain import stand_plainly
 from compplan.posture.settings import PostureSettings, read_settings
 from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import Stance
@@ -61,6 +62,21 @@ class PostureRequest:
     measures: Mapping[str, RobotMeasure] = field(default_factory=dict)
 
 
+class Pace(NamedTuple):
+    """How a run goes beside the fastest one, so that the arm rings less where its band is widest.
+
+    Attributes:
+        window: Windows of smoothing as a share of those that plans have.
+        places: Places along the toolpath, waypoints counted from 0. Shape (k,).
+        slower: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
+
+    """
+
+    window: float
+    places: Array
+    slower: Array
+
+
 @dataclass(frozen=True)
 class Bettered:
     """What the program of time, posture and promise made of the posture that the graph chose.
@@ -71,6 +87,7 @@ class Bettered:
         band: Widest 95 % band before and after, nothing corrected. [mm]
         least_time: Time that no way through the graph's grid is under, by the programmed feed and joint velocities
             alone. [s]
+        origin: Where it started: "graph", "fast" (the graph's posture of that preset) or "programmed" (the plain one).
         steps: Steps that the program took.
         names: What was free: "spin", "lead", "lean", or extra axes.
 
@@ -80,23 +97,30 @@ class Bettered:
     time: tuple[float, float]
     band: tuple[float, float]
     least_time: float
+    origin: str
     steps: int
     names: tuple[str, ...]
 
     def describe(self) -> dict[str, object]:
         """Describe it for plan.json."""
         return {
-            "free": list(self.names), "steps": self.steps, "time_s": {"graph": self.time[0], "program": self.time[1]},
+            "free": list(self.names), "start": self.origin, "steps": self.steps,
+            "time_s": {"graph": self.time[0], "program": self.time[1]},
             "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
             "least_time_of_graph_s": self.least_time,
         }  # fmt: skip
 
-    def sentence(self, push: float = 1.0) -> str:
-        """Say it in a sentence; `push` is the share of the acceleration limits that the run may use."""
+    def sentence(self, pace: Pace | None = None) -> str:
+        """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
         (before, after), (wide, narrow) = self.time, self.band
-        eased = "" if push == 1.0 else f"; joints use {push:.0%} of their acceleration limits, so that none rings more"
+        most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+        eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
+        eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
         head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
-        head = head if self.steps else "The posture of preset fast is taken, which the program could not better"
+        if not self.steps:
+            posture = {"graph": "the graph's posture", "fast": "the posture of preset fast",
+                       "programmed": "one configuration with x of the tool as programmed"}[self.origin]  # fmt: skip
+            head = f"Posture and speed are chosen together ({posture})"
         return (f"{head}: run {before:.4g} -> {after:.4g} s "
                 f"(no posture of the graph's grid is under {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
                 f"{narrow:.3g} mm, before correction{eased}.")  # fmt: skip
@@ -118,7 +142,8 @@ class Start:
         of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
         mend: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
         bettered: What the program made of the graph's posture, None where that is kept.
-        push: Share of the acceleration limits that the run may use, so that vibration widens no band.
+        pace: How the run goes beside the fastest one, None where it is that.
+        aside: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
 
     """
 
@@ -133,7 +158,8 @@ class Start:
     of_program: bool = False
     mend: str = ""
     bettered: Bettered | None = None
-    push: float = 1.0
+    pace: Pace | None = None
+    aside: Array | None = None
 
 
 def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
@@ -277,13 +303,35 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
 
 
 def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest) -> Stance:
-    scene = request.scene
-
-    def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:
-        assert scene is not None
-        return measure_margin(scene, q, request.wanted)
-
     return choose_stance(
-        robot, nominal, tool_x, request.settings, axes=request.axes, margin=None if scene is None else margin,
+        robot, nominal, tool_x, request.settings, axes=request.axes, margin=_state_margin(request),
         chatter=request.chatter, measures=request.measures,
     )  # fmt: skip
+
+
+def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
+    """Start with one configuration and the tool's x as the job has it, in place of what the graph chose.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, its tool axis as programmed.
+        tool_x: Where x of the TCP points, base axes. Shape (3,).
+        start: The graph's start.
+
+    Returns:
+        None where the graph chose it already, or it cannot be kept.
+
+    """
+    if start.stance is None or start.request is None or start.stance.instead_of is not None:
+        return None
+    request = start.request
+    stance = stand_plainly(robot, nominal, tool_x, start.stance, request.axes, _state_margin(request))
+    return None if stance is None else stand(replace(stance, instead_of=None), nominal, request)
+
+
+def _state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]], Array] | None:
+    """State by how much joint positions at waypoints keep clear; None where nothing is in the way."""
+    scene = request.scene
+    if scene is None:
+        return None
+    return lambda q, waypoints: measure_margin(scene, q, request.wanted)

@@ -1,0 +1,54 @@
+"""The plain posture: one configuration, the tool's x where the job has it, extra axes where the arm stands best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.path.contact import tool_axes
+from compplan.path.toolpath import Toolpath
+from compplan.posture.stance import Wish, choose_posture
+from compplan.posture.summary import Stance, summarise_costs
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain
+
+#: Waypoints of a finished line whose margin is looked at.
+MARGIN_SAMPLES = 600
+
+
+def stand_plainly(
+    robot: Robot, nominal: Toolpath, tool_x: Array, stance: Stance, axes: Array,
+    margin: Callable[[Array, NDArray[np.int_]], Array] | None,
+) -> Stance | None:  # fmt: skip
+    """Return the plain posture; None where it is not reached or does not keep clear.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, with its predicted wrench.
+        tool_x: Where x of the TCP points, base axes. Shape (3,).
+        stance: What the graph chose, with its settings.
+        axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
+        margin: By how much joint positions at waypoints keep clear, or None. [m]
+
+    """
+    settings, rotation = stance.settings, tool_axes(nominal, tool_x)
+    start = None if settings.start is None else np.array(settings.start)
+    try:
+        plain = choose_posture(robot, nominal.position, rotation, Wish(**settings.configuration, start=start))
+    except InputError:
+        return None
+    if plain.missed.any():
+        return None
+    rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
+    if margin is not None and (margin(plain.q[rows], rows) < 0).any():
+        return None
+    none = np.zeros(len(nominal))
+    return replace(
+        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
+        changes=(), map=replace(stance.map, chosen=np.zeros(len(stance.map.chosen))), instead_of=stance.costs,
+        costs=summarise_costs(build_chain(robot), robot, nominal, plain.q, settings, axes),
+    )  # fmt: skip
