@@ -111,32 +111,42 @@ def better_start(start: Start, choice: StartChoice) -> Start:
     if not measured:
         return start
     first = measured[0]
-    others = {"programmed": find_plain(choice.robot, choice.nominal, choice.tool_x, start)}
-    others |= {} if preset else {"fast": choice.other("fast")}
-    origins = {"graph": start}
-    for name, other in others.items():
-        stands = other is not None and other.stance is not None and not other.missed.any()
-        if stands and not any(np.allclose(other.q, each.q, atol=ALIKE) for each in origins.values()):
-            origins[name] = other
-    candidates = [(name, origin, None) for name, origin in origins.items()]
+    origins = _find_origins(start, choice, preset)
+    candidates: list[tuple[str, Start, Brought | None]] = [(name, origin, None) for name, origin in origins.items()]
     for name, origin in origins.items():
         found = propose_start(task if origin is start else choice.meter.state(origin), origin, choice, prices)
         candidates += [(name, *found)] if found else []
     taken = _choose_run(preset, first, candidates, choice.meter)
-    if taken is None or taken[0].start.stance is None:
+    if taken is None:
         return start
     run, name, how = taken
-    bound = _bound_by_graph(task, run.start.stance, choice)
+    stood_on = run.start.stance
+    assert stood_on is not None
+    bound = _bound_by_graph(task, stood_on, choice)
     told = Bettered(start, (first.time, run.time), (1e3 * first.band, 1e3 * run.band), bound, name,
                     *(how or Brought(0, ())))  # fmt: skip
-    costs = {**run.start.stance.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
+    costs = {**stood_on.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
     compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
-    chosen = replace(run.start.stance, settings=stance.settings, costs=costs, compared=compared)
+    chosen = replace(stood_on, settings=stance.settings, costs=costs, compared=compared)
     off = 0.0 if run.start.aside is None else run.start.aside
     path = replace(choice.nominal, position=choice.nominal.position + off)
     stood = stand(replace(chosen, compared_by=stance.compared_by), path, start.request)
     return replace(stood, bettered=told, aside=run.start.aside, pace=run.start.pace,
                    notes=(*stood.notes, told.sentence(run.start.pace)))  # fmt: skip
+
+
+def _find_origins(start: Start, choice: StartChoice, preset: str) -> dict[str, Start]:
+    """Find the starts that the program goes on from, by name: the graph's, the plain one, without a preset the fast."""
+    others = {"programmed": find_plain(choice.robot, choice.nominal, choice.tool_x, start)}
+    if not preset:
+        others["fast"] = choice.other("fast")
+    origins = {"graph": start}
+    for name, other in others.items():
+        if other is None or other.stance is None or other.missed.any():
+            continue
+        if not any(np.allclose(other.q, each.q, atol=ALIKE) for each in origins.values()):
+            origins[name] = other
+    return origins
 
 
 def _choose_run(
