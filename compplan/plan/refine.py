@@ -16,7 +16,7 @@ from compplan.plan.feed import TorqueRules
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
 from compplan.plan.one_program import Ground, Point, Prices, build_program
 from compplan.plan.program_step import margin_stations, solve_program
-from compplan.plan.run_meter import Run, RunMeter, measure_radius
+from compplan.plan.run_meter import RunMeter, TimedStart, measure_radius
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import INERTIA_WINDOWS, cutting_runs, time_rapids
 from compplan.posture.clearance import measure_margin
@@ -150,8 +150,8 @@ def _find_origins(start: Start, choice: StartChoice, preset: str) -> dict[str, S
 
 
 def _choose_run(
-    preset: str, first: Run, candidates: list[tuple[str, Start, Brought | None]], meter: RunMeter
-) -> tuple[Run, str, Brought | None] | None:
+    preset: str, first: TimedStart, candidates: list[tuple[str, Start, Brought | None]], meter: RunMeter
+) -> tuple[TimedStart, str, Brought | None] | None:
     """Choose the run that a preset is for, of all candidates and of the best ones eased; None where none gains.
 
     Args:
@@ -162,7 +162,7 @@ def _choose_run(
         tube: Share of the tolerance by which the program may leave the path.
 
     """
-    def share(run: Run) -> tuple[float, float, float]:
+    def share(run: TimedStart) -> tuple[float, float, float]:
         return run.time / first.time, run.band / first.band, run.still / first.still
 
     runs = [(run, name, how) for name, start, how in candidates for run in meter.measure(start)]

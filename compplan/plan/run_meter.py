@@ -27,7 +27,7 @@ from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slo
 from compplan.plan.bending import measure_motion
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.task import PlanTask
-from compplan.posture.start import Pace, Start
+from compplan.posture.start import Easing, Start
 from compplan.promise.band import Slopes, band_radius, split_covariance
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
@@ -44,7 +44,7 @@ GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
 TOO_LONG = 1.02
 
 
-class Run(NamedTuple):
+class TimedStart(NamedTuple):
     """A run of a start, nothing corrected.
 
     Attributes:
@@ -85,7 +85,7 @@ class RunMeter:
         except ConvergenceError:
             return np.inf
 
-    def measure(self, start: Start, *, window: float = 1.0, beside: Run | None = None) -> list[Run]:
+    def measure(self, start: Start, *, window: float = 1.0, beside: TimedStart | None = None) -> list[TimedStart]:
         """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
 
         Args:
@@ -97,7 +97,7 @@ class RunMeter:
             The runs; none where no run keeps the limits.
 
         """
-        plain = Pace(window, np.zeros(1), np.ones(1))
+        plain = Easing(window, np.zeros(1), np.ones(1))
         task, found = self.state(start if window == 1.0 else replace(start, pace=plain)), []
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
         try:
@@ -106,12 +106,13 @@ class RunMeter:
             quiet = band_radius(still, mean=aside)
             for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
                 eased = start if count == 0 and window == 1.0 else replace(
-                    start, pace=Pace(window, task.origin, slower))  # fmt: skip
+                    start, pace=Easing(window, task.origin, slower))  # fmt: skip
                 run = replace(task, start=eased)
                 time = time_run(run, run.q_start, self.wish)[1].time
                 rings = self.spread_vibration(run, time, rows)
                 band = band_radius(still + rings, mean=aside)
-                found.append(Run(eased, float(time[-1]), float(band.max(initial=0.0)), float(quiet.max(initial=0.0))))
+                widest = (float(each.max(initial=0.0)) for each in (band, quiet))
+                found.append(TimedStart(eased, float(time[-1]), *widest))
                 if beside is None or time[-1] > TOO_LONG * beside.time or not rings.any():
                     break
                 if count % 2 == 0:

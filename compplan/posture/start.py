@@ -62,7 +62,7 @@ class PostureRequest:
     measures: Mapping[str, RobotMeasure] = field(default_factory=dict)
 
 
-class Pace(NamedTuple):
+class Easing(NamedTuple):
     """How a run goes beside the fastest one, so that the arm rings less where its band is widest.
 
     Attributes:
@@ -110,7 +110,7 @@ class Bettered:
             "least_time_of_graph_s": self.least_time,
         }  # fmt: skip
 
-    def sentence(self, pace: Pace | None = None) -> str:
+    def sentence(self, pace: Easing | None = None) -> str:
         """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
         (before, after), (wide, narrow) = self.time, self.band
         most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
@@ -158,7 +158,7 @@ class Start:
     of_program: bool = False
     mend: str = ""
     bettered: Bettered | None = None
-    pace: Pace | None = None
+    pace: Easing | None = None
     aside: Array | None = None
 
 
