@@ -10,8 +10,9 @@ predicted, and a little otherwise at every part. Every part is clamped anew. The
 target anywhere on the tool (`compplan diagnose --register base,tool`). A shop reads what the controller would read,
 joints and loads, and tells what an instrument would tell: a filled log, or points on the part, brought to the robot
 base by the part's own datum (`compplan learn --frame base`). A probe does not know how far along the path a point
-lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm. The shop knows
-the robot folder's tool, not a job's own.
+lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm, `--normals` for
+one that touches along one normal at a time. A campaign with sockets is filled in with the joints at which the ball
+sits, its plates as long as instrument.toml beside it says. The shop knows the robot folder's tool, not a job's own.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+import tomllib
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -149,9 +151,7 @@ def read_rows(file: Path) -> tuple[list[dict[str, str]], Array, Array]:
     return rows, q, np.array([[float(row[name]) for name in LOAD] for row in rows])
 
 
-def move(
-    shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None
-) -> tuple[Array, Array]:
+def move(shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None) -> tuple[Array, Array]:
     """Let the shop's robot go through rows; return where the tip really is, (n, 3) [m], and its axes, (n, 3, 3)."""
     n = len(q)
     run = np.array(["path1" if path else "static1"] * n)
@@ -237,6 +237,14 @@ def seat_ball(shop: Shop, empty: Path, log: Path, plate: float) -> int:
     return len(pose)
 
 
+def fill_log(shop: Shop, empty: Path, log: Path) -> int:
+    """Fill in the empty log of a campaign, positions or sockets; return the number of measured poses."""
+    if "contact" not in read_rows(empty)[0][0]:
+        return measure_poses(shop, empty, log)
+    lengths = {table["mm"] for table in tomllib.loads(empty.with_name("instrument.toml").read_text())["distance"]}
+    return seat_ball(shop, empty, log, 1e-3 * lengths.pop())
+
+
 def _write_rows(file: Path, rows: list[dict[str, str]]) -> None:
     with file.open("w", encoding="utf-8", newline="") as out:
         writer = csv.DictWriter(out, list(rows[0]))
@@ -272,6 +280,7 @@ def main() -> int:
     parser.add_argument("--robot", default="kuka_kr270", help="robot folder, or the name of a shipped one")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tracked", action="store_true", help="cut: points carry their place along the path")
+    parser.add_argument("--normals", action="store_true", help="cut: readings along one normal at a time")
     parser.add_argument("--out", type=Path)
     words = parser.parse_args()
     folder = Path(words.robot) if Path(words.robot).is_dir() else ROOT / "robots" / words.robot
@@ -286,10 +295,13 @@ def main() -> int:
         chance = zlib.crc32(table.read_bytes())
         shop = replace(shop, random=np.random.default_rng([20261122, words.seed, 2, chance]))
         if words.command == "measure":
-            print(f"{measure_poses(shop, words.file, words.out)} poses measured, wrote {words.out}")
+            print(f"{fill_log(shop, words.file, words.out)} poses measured, wrote {words.out}")
         else:
             part = cut_part(shop, words.file)
-            probe_part(shop, part, words.out, tracked=words.tracked)
+            if words.normals:
+                probe_normals(shop, part, words.out)
+            else:
+                probe_part(shop, part, words.out, tracked=words.tracked)
             print(f"{len(part.tip)} points measured, wrote {words.out}; to the shop alone is known that the tip was"
                   f" {1e3 * part.across:.3f} mm off, rms across the path")  # fmt: skip
     except (OSError, KeyError, ValueError) as error:
