@@ -160,6 +160,21 @@ def test_a_scan_is_no_log_of_poses_and_is_sent_to_learn(
     assert answer.err.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_of_poses_is_no_measurement_of_a_part_and_is_sent_to_diagnose(
+    kind: str, robot: Robot, tmp_path: Path
+) -> None:
+    log, _ = KINDS[kind](robot, tmp_path)
+    with pytest.raises(InputError, match="compplan diagnose takes a log of poses"):
+        read_measured_points(log)
+
+
+def test_a_gauge_whose_zero_nobody_knows_is_no_deviation(tmp_path: Path) -> None:
+    head, row = "contact,x_mm,y_mm,z_mm,dir_i,dir_j,dir_k,reading_mm", "g,1,2,3,0,0,1,0.1"
+    with pytest.raises(InputError, match="a zero that nobody knows"):
+        read_measured_points(write_log(tmp_path / "gauge.csv", head, [row] * 9))
+
+
 def circle(radius: float = 0.15) -> Toolpath:
     turn = np.linspace(0.0, 2 * np.pi, 361)
     place = np.column_stack([1.0 + radius * np.cos(turn), radius * np.sin(turn), np.full(361, 0.5)])

@@ -104,11 +104,16 @@ def read_measured_points(source: Any) -> Table:
     """
     if is_file_name(source) and is_scan(Path(source)):
         return read_scan(Path(source))
-    columns = [FileColumn(axis, "length", required=True) for axis in "xyz"]
+    columns = [FileColumn(axis, "length", group="position") for axis in "xyz"]
     columns += [FileColumn("s", "length"), FileColumn("sigma", "length", missing=True), FileColumn("reading", "length")]
     columns += [FileColumn("distance", "length")]
     columns += [FileColumn(f"dir_{axis}", group="direction") for axis in "ijk"]
+    columns.append(FileColumn("q1", ("angle", "length")))
     table = open_table(source, columns, what="measured points", rename=rename_title)
+    if "q1" in table:
+        raise table.error("has joints, expected measured points of a part; compplan diagnose takes a log of poses")
+    if "x" not in table:
+        raise table.error("missing column x_mm or x_m, expected x_mm y_mm z_mm of every point")
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
     sigma = table.values.get("sigma", np.full(len(table), np.nan))
@@ -130,6 +135,8 @@ def _probe_points(table: Table) -> Table:
         return _bar_points(table)
     if "reading" not in table:
         return table
+    if "column 'contact' is not read" in table.notes:
+        raise table.error("contact beside reading_mm: a zero that nobody knows; leave it out, with --align best_fit")
     if "dir_i" not in table:
         raise table.error("reading_mm without dir_i dir_j dir_k, expected the direction of each reading")
     unit = table.stack(["dir_i", "dir_j", "dir_k"])
