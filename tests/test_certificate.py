@@ -24,6 +24,8 @@ from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
+pytestmark = pytest.mark.usefixtures("graph_alone")
+
 
 def known_stiffness(deviation: float) -> Uncertainty:
     unknown = Unknown("joint_stiffness", "joint_2", None, ("compliance_change_rad_per_Nm",), np.array([deviation]))
@@ -148,11 +150,12 @@ def test_certificate_and_diagnosis_of_one_log_say_the_same(tmp_path, monkeypatch
 
 def test_the_paths_of_a_certificate_are_the_users_or_of_the_robots_own_size() -> None:
     robot = load_robot("ur5e")
-    for reference, radius in zip(plan_references(robot), (0.15 * robot.longest_reach,) * 2, strict=True):
+    references = plan_references(robot)
+    for reference, radius in zip(references, (0.15 * robot.longest_reach,) * 2, strict=True):
         assert reference.name.startswith("circle, radius") and reference.plan is not None
         assert np.ptp(reference.plan.task.position[:, 0]) < 2.2 * radius
         assert reference.force == pytest.approx([0.0, 0.0, -49.0], abs=0.1)  # the weight of the rated 5 kg
-    assert "ISF" not in "".join(r.name for r in plan_references(robot))
+    assert "ISF" not in "".join(r.name for r in references)
     job = check_job({
         "schema": 1, "robot": "ur5e", "name": "my circle", "part": {"position_mm": [450.0, 100.0, 250.0]},
         "toolpath": {"generator": "circle", "radius_mm": 60.0, "waypoints": 30, "feed_mm_s": 40.0},

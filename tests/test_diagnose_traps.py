@@ -1,4 +1,7 @@
-"""Traps that real campaigns contained: each is built, and must not be fallen into."""
+"""Traps that real campaigns contained: each is built, and must not be fallen into.
+
+Those of which tests/known_campaigns.py holds a smaller campaign (test_known_truth.py) are slow here.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +52,7 @@ def test_trap_2_a_clock_skew_between_two_encoders_is_no_backlash(robot: Robot) -
     assert names(diagnose_campaign(robot, campaign)) == ["time_skew"]
 
 
+@pytest.mark.slow  # known: "a jump"
 def test_trap_3_a_frame_that_jumps_by_millimetres_is_a_shift_at_its_row(robot: Robot) -> None:
     rows = plan_rows(robot, 3)
     jump = {"row": 61, "tx_m": 2e-3, "ty_m": -1e-3, "tz_m": 3e-3, "rx_rad": 1e-3, "ry_rad": 0.0, "rz_rad": -1e-3}
@@ -105,6 +109,7 @@ def test_trap_4_a_convention_of_any_size_is_found_with_its_size(robot: Robot, co
     assert diagnosis.gap.after < 1.2 * diagnosis.gap.noise_floor
 
 
+@pytest.mark.slow  # known: "two causes and a typing error"
 def test_trap_5_mistyped_points_are_reported_and_harm_nothing(robot: Robot) -> None:
     campaign = measure(robot, plan_rows(robot, 5), [Effect("joint_offset", "joint_3", None, {"offset_rad": 4e-4})], 5)
     position = campaign.position.copy()
@@ -165,6 +170,7 @@ def test_trap_10_two_parameters_win_over_eighteen(robot: Robot) -> None:
     assert diagnosis.verdict.findings[0].effect.parameters["cycles_per_turn"] == pytest.approx([2.0], abs=0.1)
 
 
+@pytest.mark.slow  # known: "nothing"
 def test_nothing_is_named_where_there_is_nothing(robot: Robot) -> None:
     diagnosis = diagnose_campaign(robot, measure(robot, plan_rows(robot, 11), [], 11))
     assert diagnosis.verdict.status == "none"

@@ -14,6 +14,8 @@ from compplan.posture.keep import describe_posture_change, is_same_machine
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 
+pytestmark = pytest.mark.usefixtures("graph_alone")
+
 JOB = """
 schema = 1
 robot = "ur5e"
@@ -23,7 +25,7 @@ radius_mm = 80.0
 waypoints = 40
 feed_mm_s = 40.0
 [part]
-position_mm = [{x}, 100.0, 250.0]
+position_mm = [450.0, 100.0, 250.0]
 [tool]
 position_mm = [60.0, 0.0, 90.0]
 rotation_deg = [0.0, 45.0, 0.0]
@@ -36,10 +38,10 @@ frame = "path"
 SMALL = np.radians(3.0)
 
 
-def write_job(folder: Path, x: float = 450.0) -> Path:
+def write_job(folder: Path) -> Path:
     """Write the job."""
     file = folder / "job.toml"
-    file.write_text(JOB.format(x=x))
+    file.write_text(JOB)
     return file
 
 
@@ -65,9 +67,14 @@ def starts_at(file: Path, robot: str | None = None, keep: str | None = None) -> 
     return task.q_start[places[np.unique(task.origin[places], return_index=True)[1]]]
 
 
-def test_a_measured_folder_stands_as_the_jobs_own_robot_and_learn_does_too(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def own(graph_alone: None, tmp_path_factory: pytest.TempPathFactory) -> Array:
+    """Where the plan of the job's own robot starts from."""
+    return starts_at(write_job(tmp_path_factory.mktemp("own")))
+
+
+def test_a_measured_folder_stands_as_the_jobs_own_robot_and_learn_does_too(own: Array, tmp_path: Path) -> None:
     file, measured = write_job(tmp_path), write_measured(tmp_path / "measured")
-    own = starts_at(file)
     again = starts_at(file, str(tmp_path / "measured"))
     anew = starts_at(file, str(tmp_path / "measured"), "nothing")
     assert np.abs(again - own).max() < SMALL
@@ -77,9 +84,8 @@ def test_a_measured_folder_stands_as_the_jobs_own_robot_and_learn_does_too(tmp_p
     assert any("The posture is kept" in note for note in task.start.notes)
 
 
-def test_an_earlier_program_is_kept_with_its_full_turns(tmp_path: Path) -> None:
+def test_an_earlier_program_is_kept_with_its_full_turns(own: Array, tmp_path: Path) -> None:
     file = write_job(tmp_path)
-    own = starts_at(file)
     turned = own - 2 * np.pi * np.sign(own[0, 0]) * np.eye(6)[0]
     nominal = prepare_job(load_job(file))[1]
     names = ["x_mm", "y_mm", "z_mm", "i", "j", "k", *(f"q{n}_deg" for n in range(1, 7))]
@@ -93,16 +99,13 @@ def test_an_earlier_program_is_kept_with_its_full_turns(tmp_path: Path) -> None:
         starts_at(file, keep=str(tmp_path))
 
 
-def test_what_cannot_be_kept_is_named(tmp_path: Path) -> None:
-    file = write_job(tmp_path, x=560.0)
-    own = prepare_job(load_job(file))
-    q = starts_at(file)
-    far = np.array(q)
+def test_what_cannot_be_kept_is_named(own: Array) -> None:
+    robot, far = load_robot("ur5e"), np.array(own)
     far[:, 0] += 0.4
     far[:, 5] += 2 * np.pi
-    told = describe_posture_change(own[0], q, far)
+    told = describe_posture_change(robot, own, far)
     assert "22.92 deg" in told and "360 deg" in told and "joint" in told
-    assert describe_posture_change(own[0], q, q + 0.01) == ""
+    assert describe_posture_change(robot, own, own + 0.01) == ""
 
 
 def test_another_robot_is_no_machine_to_keep_the_posture_of(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from compplan.posture.follow import follow_from, reach_with_all
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 
+pytestmark = pytest.mark.usefixtures("graph_alone")
+
 START = np.radians([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
 
 
@@ -92,7 +94,7 @@ def test_following_reaches_every_waypoint_by_small_steps_and_says_where_it_canno
 def test_lost_motion_is_never_called_the_reach_of_the_arm(width: float) -> None:
     table = {
         "schema": 1, "robot": "kuka_kr270", "part": {"position_mm": [1700.0, 0.0, 700.0]},
-        "toolpath": {"generator": "circle", "radius_mm": 150.0, "waypoints": 60, "feed_mm_s": 50.0},
+        "toolpath": {"generator": "circle", "radius_mm": 150.0, "waypoints": 24, "feed_mm_s": 50.0},
         "process": {"model": "constant", "force_N": [-300.0, 200.0, 400.0], "frame": "path"},
     }  # fmt: skip
     robot, nominal, options = prepare_job(check_job(table, Path("worn.toml")))

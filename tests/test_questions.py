@@ -167,7 +167,7 @@ def test_a_wrench_about_the_flange_is_asked_about(robot: Robot) -> None:
 @pytest.fixture
 def log_of_a_target(robot: Robot, tmp_path: Path) -> Path:
     """A log of a target 120 mm from the TCP, position only, as a CSV file."""
-    rows = plan_rows(robot, 12, poses=25)
+    rows = plan_rows(robot, 12, poses=16)
     seen = cp.predict_campaign(robot, replace(rows, target_offset=np.array([0.02, 0.0, 0.118]))).position
     seen = seen + np.random.default_rng(1).normal(0, 2e-5, seen.shape)
     columns = {f"q{k + 1}_deg": np.degrees(rows.q[:, k]) for k in range(6)}

@@ -26,6 +26,8 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.second.moves import CannotTellError
 from compplan.statics.chain import build_chain, locate_frames
 
+pytestmark = pytest.mark.usefixtures("graph_alone")
+
 NC = "G21 G90 G17\nG0 X0 Y0 Z20\nG1 Z0 F600\nX30\nG3 X40 Y10 I0 J10\nG1 Y25\nG0 Z20\n"
 JOB = """schema = 1
 robot = "kuka_kr240"
@@ -80,9 +82,7 @@ def test_the_torque_that_holds_a_wrench_is_its_virtual_work_with_the_sign_turned
     assert abs(held[1, 1]) > 50.0  # the weight alone
 
 
-def test_what_the_second_reader_cannot_tell_is_no_known_part(
-    job: Job, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_second_reader_cannot_tell_is_no_known_part(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(file: Path, options: object) -> None:
         raise CannotTellError("G12", 7)
 
@@ -149,7 +149,8 @@ MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
     "another unit": (_reads(_scaled([0.5, 0.5, 0.5])), "second reading"),
     "the last move missing": (
         _reads(lambda path: replace(path, position=path.position[:-1], axis=path.axis[:-1], feed=path.feed[:-1],
-                                    rapid=path.rapid[:-1])), "misses the last",
+                                    rapid=path.rapid[:-1],
+                                    arc=None if path.arc is None else path.arc[:-1])), "misses the last",
     ),
     "feed a minute": (_reads(lambda path: replace(path, feed=path.feed * 6.0)), "feed"),
     "part turned the other way": (_turned_part, "goes another way|begins"),
@@ -174,5 +175,3 @@ def test_parabolas_through_uneven_times_are_exact() -> None:
     velocity, change = fit_parabolas(q, time, np.array([1, 2, 3]))
     assert velocity[:, 0] == pytest.approx(2.0 - 6.0 * time[1:4])
     assert change[:, 0] == pytest.approx(-6.0)
-
-

@@ -1,0 +1,17 @@
+"""What tests of several files share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from compplan.plan import plan as planning
+
+
+@pytest.fixture(scope="module")
+def graph_alone() -> Iterator[None]:
+    """Leave postures as the graph finds them: what one program makes of them is asked by tests/test_one_program.py."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planning, "better_start", lambda start, choice: start)
+        yield
