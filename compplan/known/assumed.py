@@ -12,6 +12,7 @@ from compplan.effects.checks import check_effect
 from compplan.effects.scene import own_springs
 from compplan.effects.signature import pack_parameters
 from compplan.errors import InputError, UnknownNameError
+from compplan.measure.registration import folder_registration
 from compplan.robot import Robot
 from compplan.robot.uncertainty import FILE, Uncertainty, Unknown
 
@@ -38,6 +39,8 @@ HELD = 0.3
 UNEXPLAINED, SCALE = 5e-5, 0.3
 #: Repeatability where the folder states none, per axis (assumed, as in [noise]). [m]
 REPEATABILITY = 2e-5
+#: Shares of other parameters in one that no measurement told anything of.
+ALONE = 1e-2
 #: A factor on the 6x6 elasticity of a link: an unknown, no effect of the vocabulary.
 LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -58,6 +61,29 @@ def known_uncertainty(robot: Robot) -> Uncertainty:
     if not any(unknown.effect == "tool_frame" for unknown in known.unknowns):
         known = _add(known, _tool())
     return replace(known, repeatability=_repeatability(robot, known))
+
+
+def free_base(robot: Robot, known: Uncertainty) -> Uncertainty:
+    """Give the first joint back its assumed zero, place and direction where a base frame fitted to the log hid them.
+
+    Such a log moves with the base frame, and says nothing of them: a part that is measured in the base frame does.
+    What has been told since goes with other parameters, and keeps its width.
+    """
+    fitted = folder_registration(robot)
+    if fitted is None or "base" not in fitted.parts:
+        return known
+    first, own = robot.actuated[0].name, np.abs(known.factor)
+    assumed = {(u.effect, u.joint, u.axis): u.deviation for u in assume_geometry(robot, DELIVERED)}
+    unknowns, row = [], 0
+    for unknown in known.unknowns:
+        rows = np.arange(row, row := row + len(unknown.keys))
+        column = own[rows].argmax(axis=1)
+        alone = (np.abs(own[rows].sum(axis=1) - 1.0) < ALONE) & (np.abs(own[:, column].sum(axis=0) - 1.0) < ALONE)
+        width = assumed.get((unknown.effect, unknown.joint, unknown.axis))
+        if unknown.joint == first and width is not None and alone.all():
+            unknown = replace(unknown, deviation=np.maximum(unknown.deviation, width / known.calibration))
+        unknowns.append(unknown)
+    return replace(known, unknowns=tuple(unknowns))
 
 
 def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
