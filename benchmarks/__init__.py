@@ -9,7 +9,9 @@ from __future__ import annotations
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
     "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock", "mutation"),
-    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "limits", "viewer"),
+    "Is the posture a good one, and what does a plan cost?": (
+        "posture", "planner", "redundant_peers", "limits", "viewer",
+    ),
     "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
     "Is the force right?": (
         "engagement", "milling", "force_logs", "deflected", "walls", "drilling", "stability", "crashes",

@@ -10,14 +10,16 @@ import numpy as np
 
 from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.findings import Findings, Settings, draw_table
-from compplan.job.job import check_job
+from compplan.job.job import Job, check_job
 from compplan.known.slopes import pick_rows, read_force_spread
 from compplan.plan.bending import measure_bending
 from compplan.plan.feed import time_run
-from compplan.plan.plan import build_task, prepare_job
+from compplan.plan.plan import PlanOptions, build_task, prepare_job
 from compplan.plan.reversals import list_reversals
 from compplan.plan.run_meter import BAND_ROWS, spread_tip
+from compplan.plan.task import PlanTask
 from compplan.promise.band import band_radius
+from compplan.robot import Robot
 
 TITLE = "Redundant jobs: time, posture and correction in one program"
 QUESTION = (
@@ -35,7 +37,7 @@ METHOD = (
 LIMITS = (
     "Robots are models; force, lost motion and most uncertainties are assumed: the promise is as sure as they are.",
     "The jobs were made by the author of the program, with feeds that the joints cannot hold everywhere.",
-    "MoveIt, PyRoki and brute force are not run here.",
+    "Brute force and random samples stand in `python -m benchmarks.redundant_peers`; MoveIt and PyRoki are not run.",
 )
 WAYS = ("CAM posture", "graph", "program", "fast")
 
@@ -63,7 +65,7 @@ def measure(settings: Settings) -> Findings:
         base = min((row for way in ("CAM posture", "graph") if isinstance(row := ways[way], Row) and
                     row.status == "reached"), key=lambda row: row.cycle, default=None)  # fmt: skip
         ours, fast = ways["program"], ways["fast"]
-        rows.append((f"`{name}`", *(_show(ways[way]) for way in ways)))
+        rows.append((f"`{name}`", *(show(ways[way]) for way in ways)))
         if base is None or not isinstance(ours, Row) or ours.status != "reached":
             worse.append(f"`{name}`: {ours if isinstance(ours, str) else ours.status}; nothing to compare")
             continue
@@ -106,22 +108,27 @@ def _plan(name: str, way: str, settings: Settings) -> Row | str:
         elif way == "graph":
             options = replace(options, strategy="iterated_mirror")
         task = build_task(robot, nominal, options)
-        spent = time.process_time() - start
-        timing = time_run(task, task.q_start, options.feed)[1]
-        motion, rows = measure_bending(task, task.q_start, timing).motion, pick_rows(task.cut, BAND_ROWS)
-        away = np.zeros((2, len(rows), 3)) if motion is None else motion.error[:, rows]
-        away = away - away.mean(axis=0)
-        spread = spread_tip(task, read_force_spread(job), rows)
-        spread = spread + np.einsum("dni,dnj->nij", away, away) / (len(away) - 1)
+        return measure_task(task, robot, job, options, time.process_time() - start)
     except Exception as error:
         return f"{type(error).__name__}: {error}"[:80]
+
+
+def measure_task(task: PlanTask, robot: Robot, job: Job, options: PlanOptions, spent: float) -> Row:
+    """Time and judge a task before correction; `spent` is the CPU time [s] that its posture took."""
+    timing = time_run(task, task.q_start, options.feed)[1]
+    motion, rows = measure_bending(task, task.q_start, timing).motion, pick_rows(task.cut, BAND_ROWS)
+    away = np.zeros((2, len(rows), 3)) if motion is None else motion.error[:, rows]
+    away = away - away.mean(axis=0)
+    spread = spread_tip(task, read_force_spread(job), rows)
+    spread = spread + np.einsum("dni,dnj->nij", away, away) / (len(away) - 1)
     extra = robot.joint_names[:-6]
     turns = sum(entry.turns for entry in list_reversals(task, task.q_start) if entry.axis in ("spin", *extra))
     return Row("out of reach" if task.missed.any() else "reached", float(timing.time[-1]),
                1e3 * float(band_radius(spread).max()), turns, spent)  # fmt: skip
 
 
-def _show(row: Row | str) -> str:
+def show(row: Row | str) -> str:
+    """Show a row in a cell of the table."""
     if isinstance(row, str):
         return row
     status = "" if row.status == "reached" else f" ({row.status.replace('_', ' ')})"
