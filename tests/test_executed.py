@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commandline import run_command
+from scipy.spatial.transform import Rotation
 
+import compplan.program
+from compplan import load_job, plan_job
 from compplan.executed.drives import lag_command
-from compplan.executed.geometry import build_path, locate_nodes
-from compplan.executed.instructions import read_instructions
+from compplan.executed.geometry import Nodes, ToolArc, build_path, locate_nodes
+from compplan.executed.instructions import Instructions, read_instructions
 from compplan.executed.run import execute_program
 from compplan.executed.timing import limit_speed
+from compplan.executed.zones import ZONES, widest_zone
+from compplan.program import WRITERS, kawasaki_as, urscript
 from compplan.program.servo import read_motion
 from compplan.robot import load_robot
-from compplan.statics.ik import build_arm
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm, refine_ik
 
 HEAD = "move,x_mm,y_mm,z_mm,i,j,k,feed_mm_s,zone_mm\n"
 CORNER = HEAD + "joint,700,0,300,0,0,1,200,0\nline,800,0,300,0,0,1,100,10\nline,800,100,300,0,0,1,100,0\n"
@@ -120,3 +128,65 @@ def test_what_is_no_program_is_refused_in_one_line(text, status, says, tmp_path,
     answer = run_command(["execute", program, "--robot", "ur10", "--out", out], monkeypatch, capsys)
     assert answer.status == status and says in answer.err and answer.err.count("\n") == 1
     assert not out.exists()
+
+
+def test_an_arc_keeps_its_radius_and_its_even_turn() -> None:
+    robot = load_robot("ur10")
+    arm = build_arm(robot)
+    q = np.radians([[0.0, -100.0, -110.0, -60.0, 90.0, 0.0]])
+    frames = locate_frames(arm.chain, q)
+    start, turn = frames.tcp_position[0], frames.tcp_rotation[0]
+    centre = start - np.array([0.05, 0.0, 0.0])
+    angle = np.array([0.0, np.pi / 2])
+    ends = centre + 0.05 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    turns = np.stack([turn, Rotation.from_euler("z", 10.0, degrees=True).as_matrix() @ turn])
+    joints = refine_ik(arm, np.repeat(q, 2, axis=0), ends, turns)
+    some = Instructions(Path("p"), np.arange(2), np.ones(2, bool), ends, ends, joints, np.full(2, 0.05), np.zeros(2))
+    length = np.array([0.0, 0.05 * np.pi / 2])
+    arc = ToolArc(centre, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0.05, 0.0]), np.pi / 2)
+    path = build_path(Nodes(some, joints, ends, turns, length, {1: arc}), arm, 1.0)
+    assert np.linalg.norm(path.position - centre, axis=1) == pytest.approx(0.05, abs=1e-9)
+    done = np.unwrap(np.arctan2(*(path.position - centre).T[1::-1])) / (np.pi / 2)
+    turned = Rotation.from_matrix(locate_frames(arm.chain, path.q).tcp_rotation @ turn.T).as_rotvec(degrees=True)
+    assert turned[:, 2] == pytest.approx(10.0 * done, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("language", "says"),
+    [("krl", "$APO.CDIS=0.1"), ("kawasaki_as", "ACCURACY {{ accuracy }} ALWAYS"), ("sinumerik", "G642")],
+)
+def test_zones_are_those_that_templates_say(language: str, says: str) -> None:
+    assert says in (Path(compplan.program.__file__).parent / "posts" / f"{language}.jinja").read_text()
+    assert ZONES[language].size == 1e-4
+
+
+def test_every_language_with_lines_has_its_zone() -> None:
+    assert set(WRITERS) - {"csv", "own"} == set(ZONES)
+    assert ZONES["urscript"].size == urscript.BLEND and ZONES["urscript"].share == urscript.BLEND_SHARE
+    assert ZONES["kawasaki_as"].size == pytest.approx(1e-3 * kawasaki_as.ACCURACY)
+    assert widest_zone(("krl", "rapid")) is ZONES["rapid"]
+
+
+def test_programs_are_executed_as_an_emulator_of_another_author_does(tmp_path: Path, monkeypatch, capsys) -> None:
+    from benchmarks.executed.controller import draw_controller, lay_path
+    from benchmarks.executed.job import measure_beside
+    from benchmarks.executed.programs import read_cut
+
+    corners = np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 8.0], [2.0, 14.0]])
+    way = np.concatenate([np.linspace(a, b, 13) for a, b in pairwise(corners)])  # corners twice: they are not rounded
+    rows = np.column_stack([way, 0.0 * way[:, 0], np.full(len(way), 20.0)])
+    np.savetxt(tmp_path / "p.csv", rows, delimiter=",", header="x_mm,y_mm,z_mm,feed_mm_s", comments="")
+    (tmp_path / "job.toml").write_text(
+        'schema = 1\nrobot = "abb_irb4600_60_205"\ntoolpath = "p.csv"\n[part]\nposition_mm = [1400.0, 0.0, 600.0]\n'
+        '[plan]\ntolerance_mm = 0.4\n[process]\nmodel = "constant"\nforce_N = [0.0, 0.0, 0.0]\n'
+        '[output]\nprograms = ["rapid"]\n'
+    )
+    answer = run_command(["plan", tmp_path / "job.toml", "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
+    said = json.loads(answer.out)["executed_mm"]
+    assert said["follows"] == "written moves" and said["zone_mm"] == 0.3 and said["source"] == "assumed"
+    start, blocks = read_cut(tmp_path / "out", "rapid")
+    tip = lay_path(start, blocks, draw_controller(0, 6, "rapid"))[0][:, :3, 3]
+    plan = plan_job(load_job(tmp_path / "job.toml"))
+    wanted = locate_frames(plan.task.chain, plan.q).tcp_position
+    beside = measure_beside(wanted, tip)
+    assert said["max"] == pytest.approx(beside.max(), rel=0.05) and beside.max() > 0.05

@@ -14,9 +14,11 @@ from commandline import run_command
 from executed_emulator import STEP, Cell, drive
 
 import compplan as cp
+from benchmarks.executed.job import measure_beside
 from compplan.plan.executed import lead_lag
 from compplan.program.counting import load_motion
 from compplan.robot import load_robot, write_robot_folder
+from compplan.statics.chain import build_chain, locate_frames
 
 LAG = np.array([30.0, 25.0, 20.0, 15.0, 12.0, 10.0])
 
@@ -43,17 +45,21 @@ def write_job(folder: Path, robot: Path, place: str = "600.0, 100.0, 200.0") -> 
     return folder / "job.toml"
 
 
-def test_an_independent_drive_follows_a_led_command_ten_times_nearer(tmp_path) -> None:
+def test_an_independent_drive_stays_ten_times_nearer_to_the_path_of_a_led_command(tmp_path) -> None:
     motion = load_motion(load_robot(folder_with(tmp_path / "r", lag_ms=LAG.tolist(), source="identified")))[0]
     time = np.arange(0.0, 3.0 + STEP / 2, STEP)
     share = (time / 3.0) ** 3 * (10.0 - 15.0 * time / 3.0 + 6.0 * (time / 3.0) ** 2)
     q = np.stack([0.1 * np.sin(2.0 * np.pi * share + j) for j in range(6)], axis=1)
     nominal = SimpleNamespace(rapid=np.zeros(len(q), bool), steps=np.ones(len(q) - 1))
-    led = lead_lag(SimpleNamespace(nominal=nominal, rests=None), q, time, motion)
+    chain = build_chain(load_robot("ur10"))
+    led = lead_lag(SimpleNamespace(nominal=nominal, rests=None, chain=chain), q, time, motion)
     cell = Cell(lag=1e-3 * LAG)
-    plain, better = (np.abs(drive(sent, cell) - q).max() for sent in (q, led))
+    wanted, *reached = (locate_frames(chain, way).tcp_position for way in (q, drive(q, cell), drive(led, cell)))
+    plain, better = (measure_beside(wanted, tip).max() for tip in reached)
     assert better < 0.1 * plain
     assert (led[[0, -1]] == q[[0, -1]]).all()
+    along = ((locate_frames(chain, led).tcp_position - wanted) * np.gradient(wanted, axis=0)).sum(axis=1)
+    assert np.abs(along / np.linalg.norm(np.gradient(wanted, axis=0), axis=1))[5:-5].max() < 5e-5  # nor a stop overrun
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +93,10 @@ def test_the_lead_is_judged_written_and_read_back_where_the_lag_was_identified(p
 
 def test_nothing_leads_by_a_lag_that_nobody_measured(plans) -> None:
     plan = plans["assumed"][0]
-    assert plan.executed is None and plan.sent is plan.q
+    assert plan.executed is not None and not plan.executed.known and not plan.executed.leads
+    assert plan.sent is plan.q and plan.executed.most < 1e-5  # lines, arcs and zones alone
+    assert "path errors of the controller (no trace of it)" in plan.verdict.left_out
+    assert "path errors of the controller (no trace of it)" not in plans["identified"][0].verdict.left_out
 
 
 def test_a_correction_below_the_motion_resolution_is_not_written(tmp_path, monkeypatch, capsys) -> None:

@@ -197,6 +197,35 @@ def test_exports_of_other_makes_are_read_in_the_counting_of_the_controller(tmp_p
     assert log.raw == pytest.approx(q, abs=1e-8) and log.cycle == pytest.approx(0.004)
 
 
+def write_kuka_trace(folder: Path, t: np.ndarray, counted: np.ndarray, unit: str) -> Path:
+    """Write a trace as the oscilloscope does: a head in DIAdem's form, doubles row by row beside it."""
+    names = [f"AxisPos_Act{j}" for j in range(1, 7)] + ["AxisVel_Act1"]
+    head = ["DIAEXTENDED  {@:ENGLISH", "#BEGINGLOBALHEADER", "1,WINDOWS NT", "2,", "#ENDGLOBALHEADER"]
+    head += ["#BEGINCHANNELHEADER", "200,Zeit", "202,s", "210,IMPLIZIT", f"220,{len(t)}", f"240,{t[0]}",
+             f"241,{t[1] - t[0]:.9f}", "#ENDCHANNELHEADER"]  # fmt: skip
+    for place, name in enumerate(names, start=1):
+        head += ["#BEGINCHANNELHEADER", f"200,{name}", f"202,{unit}", "210,EXPLIZIT", "211,run_KRCIpo.r64", "213,BLOCK",
+                 "214,REAL64", f"220,{len(t)}", f"221,{place}", "240,0", "241,0.5", "#ENDCHANNELHEADER"]  # fmt: skip
+    (folder / "run_KRCIpo.dat").write_text("\r\n".join(head) + "\r\n", encoding="latin-1", newline="")
+    np.column_stack([2.0 * counted, np.zeros(len(t))]).astype("<f8").tofile(folder / "run_KRCIpo.r64")
+    return folder / "run_KRCIpo.r64"
+
+
+@pytest.mark.parametrize(("unit", "size"), [("\xb0", 1.0), ("rad", np.pi / 180.0), ("", 1.0)])
+def test_a_trace_of_the_oscilloscope_is_read_by_its_head(tmp_path, unit, size) -> None:
+    robot = load_robot("kuka_kr240")
+    t = 3.0 + 0.012 * np.arange(80)
+    q = np.stack([0.1 * j + 0.3 * t for j in range(6)], axis=1)
+    file = write_kuka_trace(tmp_path, t, size * to_controller(load_controller(robot), q), unit)
+    for ending in (".r64", ".dat"):
+        log = read_log(file.with_suffix(ending), robot)
+        assert log.raw == pytest.approx(q, abs=1e-12) and log.time == pytest.approx(t)
+        assert any("degrees (mm for slides), assumed" in note for note in log.notes) == (not unit)
+    file.unlink()
+    with pytest.raises(InputError, match="expected NAME_KRCIpo"):
+        read_log(file.with_suffix(".dat"), robot)
+
+
 def write_recording(file: Path, encoding: str, t: np.ndarray, q: np.ndarray, names: list[str]) -> Path:
     """Write joint states as ROS 2 records them, or as JSON."""
     from mcap.writer import Writer

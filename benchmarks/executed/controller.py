@@ -3,10 +3,10 @@
 What makers publish, and what is drawn where they are silent:
 
 - Zones. ABB (RAPID reference manual, zonedata): the corner path is a parabola that begins at the edge of the zone; a
-  zone reaches at most half way to the nearer neighbour; z0 is 0.3 mm. KUKA (system variables): $APO.CDIS is the distance
-  from the corner at which approximation may begin, at most half of a block. Universal Robots (URScript manual): a blend
-  begins at radius r. None says of what degree the curve of KUKA and Universal Robots is: parabola, cubic and quintic
-  curves are drawn, and which share of the zone is used.
+  zone reaches at most half way to the nearer neighbour; z0 is 0.3 mm. KUKA (system variables): $APO.CDIS is the
+  distance from the corner at which approximation may begin, at most half of a block. Universal
+  Robots (URScript manual): a blend begins at radius r. None says of what degree the curve of KUKA
+  and Universal Robots is: parabola, cubic and quintic curves are drawn, and which share of the zone is used.
 - Look-ahead ($ADVANCE of KUKA is 3 by default, 5 at most; others do not say): the tip can always stop at the end of
   the last block that is known.
 - Speed: feed of each block, tangential and lateral acceleration of the tip; then smoothed in time (jerk).
@@ -17,6 +17,7 @@ What makers publish, and what is drawn where they are silent:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def lay_path(start: Array, blocks: list[Block], control: Controller) -> tuple[Ar
     pieces = [_Piece(a, block) for a, block in zip([start, *(b.end for b in blocks[:-1])], blocks, strict=True)]
     pieces = [piece for piece in pieces if piece.length > 1e-9]
     cut = [0.0] * (len(pieces) + 1)  # half the width of the blend between a piece and the next, as length along both
-    for k, (one, other) in enumerate(zip(pieces[:-1], pieces[1:], strict=True), start=1):
+    for k, (one, other) in enumerate(pairwise(pieces), start=1):
         cut[k] = min(control.share * one.block.zone, 0.5 * one.length, 0.5 * other.length)
     poses, feeds, stops, numbers = [start[None]], [np.r_[pieces[0].block.feed]], [np.r_[True]], [np.r_[0]]
 
@@ -101,7 +102,7 @@ def lay_path(start: Array, blocks: list[Block], control: Controller) -> tuple[Ar
 
     for k, piece in enumerate(pieces):
         first, last = cut[k], piece.length - cut[k + 1]
-        count = max(int(np.ceil((last - first) / FINE)), 1)
+        count = max(int(np.ceil((last - first) / FINE)), 2)  # between two stops there is a row that moves
         ends = k + 1 == len(pieces)
         add(piece.at(np.linspace(first, last, count + 1)[1:] / piece.length), piece.block.feed, k,
             stop=ends or cut[k + 1] == 0.0)  # fmt: skip
@@ -162,7 +163,7 @@ def _circle(a: Array, via: Array, b: Array) -> tuple[Array, Array, Array, float]
 
 
 def quicken(share: Array, degree: int) -> Array:
-    """Return how far the way out of a corner has come while the way into it slows: evenly (2), or as S-curves (3, 5)."""
+    """Return how far the way out of a corner has come while the way into it slows: evenly (2), in S-curves (3, 5)."""
     if degree == 2:
         return share**2
     return 2.0 * share**3 - share**4 if degree == 3 else 2.0 * share**6 - 6.0 * share**5 + 5.0 * share**4
@@ -197,7 +198,7 @@ def time_path(poses: Array, feeds: Array, stops: Array, numbers: Array, control:
     pause = np.r_[0.0, np.where(np.diff(held) == 0, SETTLE + control.jerk_time, 0.0)]
     time, way_held = time[held] + np.cumsum(pause), way[held]
     fine = np.arange(0.0, time[-1] + 4 * control.jerk_time, STEP)
-    at, wide = np.interp(fine, time, way_held), max(int(round(control.jerk_time / STEP)), 1)
+    at, wide = np.interp(fine, time, way_held), max(round(control.jerk_time / STEP), 1)
     at = np.convolve(np.r_[np.full(wide, at[0]), at], np.full(wide, 1.0 / wide), mode="valid")[: len(fine)]
     ticks = np.arange(0.0, fine[-1], control.cycle)
     at = np.interp(ticks, fine, at)

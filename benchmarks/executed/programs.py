@@ -47,7 +47,8 @@ def read_rapid(text: str) -> Iterator[Block | None]:
         groups = [_read_numbers(group) for group in re.findall(r"\[([^\[\]]*)\]", rest)]
         name = re.search(r"\],(\w+|\[[^\]]*\]),\w+\\WObj", rest)[1]
         zone = ZONES[name] if name in ZONES else (0.0 if name.startswith("[TRUE") else _read_numbers(name)[0])
-        places = [part @ _quaternion_pose([*groups[k], *groups[k + 1]]) for k in range(0, 8 if word == "MoveC" else 4, 4)]
+        heads = (0, 4) if word == "MoveC" else (0,)
+        places = [part @ _quaternion_pose([*groups[k], *groups[k + 1]]) for k in heads]
         assert word in ("MoveL", "MoveC") and len(groups) >= 5, f"not known here: {word}"
         speed = groups[8][0] if word == "MoveC" else groups[4][0]
         yield Block(places[-1], speed * 1e-3, zone * 1e-3, places[0] if word == "MoveC" else None)

@@ -14,6 +14,7 @@ from benchmarks.results import (
     bad_input,
     diagnosis_drawn,
     diagnosis_real,
+    executed,
     forces,
     loop,
     planning,
@@ -27,6 +28,6 @@ from benchmarks.results import (
 PAGES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
-        planning, verdict, posture, redundant, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input
+        planning, verdict, posture, redundant, executed, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input
     )
 }

@@ -1,4 +1,4 @@
-"""Logs as loggers of controllers name their columns, and recordings (MCAP) of joint states.
+"""Logs as loggers of controllers name their columns, traces of KUKA's oscilloscope, recordings (MCAP) of joint states.
 
 | log | time | executed joints | commanded joints | torque |
 |---|---|---|---|---|
@@ -6,6 +6,7 @@
 | EGM message (ABB) | header.tm, ms | feedBack.joints.joints_0 .., deg | planned.joints.joints_0 .. | |
 | motion_program_logger (ABB) | timestamp, s | J1 .., deg | | |
 | RSI telegram (KUKA) | IPOC, ms | AIPos.A1 .., deg | ASPos.A1 .., deg | GearTorque.A1 .., Nm |
+| trace (KUKA), NAME_KRCIpo.dat and .r64 | Zeit, by its step | AxisPos_Act1 .. | AxisPos_CmdIpo1 .. | |
 
 Names of nested fields may be joined by `.`, `_` or `/`, numbers of elements stand in brackets or behind one of those.
 Such joints are counted as the controller counts them; those of ROS as the URDF does.
@@ -34,8 +35,15 @@ JOINTS = (
     (re.compile(r"(feedback|planned)_joints_joints_(\d+)"), 0, {"feedback": "q#_deg", "planned": "q#_cmd_deg"}),
     (re.compile(r"(aipos|aspos|geartorque)_a(\d+)"), 1,
      {"aipos": "q#_deg", "aspos": "q#_cmd_deg", "geartorque": "tau#_Nm"}),
+    (re.compile(r"(axispos_act|axispos_cmdipo)_?(\d+)"), 1, {"axispos_act": "q#_deg", "axispos_cmdipo": "q#_cmd_deg"}),
     (re.compile(r"(j)(\d+)"), 1, {"j": "q#_deg"}),
 )  # fmt: skip
+#: Endings of the files of a trace of KUKA: head (DIAdem), numbers, settings.
+TRACE_ENDINGS = (".dat", ".r64", ".trc")
+#: Keys of a channel in a DIAdem head: name, unit, kind, file, values, place in a row from 1, offset, step or factor.
+NAME, UNIT, KIND, FILE, COUNT, PLACE, OFFSET, FACTOR = 200, 202, 210, 211, 220, 221, 240, 241
+#: What makes degrees or mm of a unit.
+ANGLES = {"rad": 180.0 / np.pi, "mrad": 0.18 / np.pi, "mm": 1.0, "m": 1e3}
 #: Names of messages of joint states.
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 
@@ -50,6 +58,47 @@ def rename_export(title: str) -> str:
         if found:
             return names[found[1]].replace("#", str(int(found[2]) + 1 - first))
     return title
+
+
+def read_kuka_trace(file: Path, robot: Robot) -> tuple[Array, Array, list[str]]:
+    """Read a trace of KUKA's oscilloscope: a head (DIAdem, .dat) of channels, their numbers beside it (.r64).
+
+    Each number is a double, rows one after another; value = number x factor + offset. Time is a channel of even steps.
+
+    Args:
+        file: One of the files of the interpolator's trace (NAME_KRCIpo); the others lie beside it.
+        robot: The robot that was recorded.
+
+    Returns:
+        Time, shape (n,) [s], joints as the controller counts them, shape (n, nq) [deg or mm], and what is assumed.
+
+    Raises:
+        InputError: If it is no such trace, or lacks a joint of this robot.
+
+    """
+    head = next((path for end in (".dat", ".DAT") if (path := file.with_suffix(end)).is_file()), file)
+    try:
+        text = head.read_text(encoding="latin-1")
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=head) from None
+    blocks = re.findall(r"#BEGINCHANNELHEADER(.*?)#ENDCHANNELHEADER", text, re.S)
+    channels = [{int(k): v.strip() for k, v in re.findall(r"^\s*(\d+),(.*)$", block, re.M)} for block in blocks]
+    try:
+        clock = next(entry for entry in channels if entry.get(KIND, "").upper().startswith("IMPLI"))
+        named = {entry[NAME].lower(): entry for entry in channels if FILE in entry}
+        wanted = [named[f"axispos_act{k}"] for k in range(1, robot.nq + 1)]
+        numbers = np.fromfile(head.with_name(wanted[0][FILE]), "<f8").reshape(int(wanted[0][COUNT]), -1)
+        time = float(clock[OFFSET]) + float(clock[FACTOR]) * np.arange(len(numbers))
+        joints = np.stack([numbers[:, int(entry[PLACE]) - 1] * float(entry[FACTOR]) + float(entry[OFFSET])
+                           for entry in wanted], axis=1)  # fmt: skip
+    except (StopIteration, KeyError, IndexError, ValueError, OSError) as error:
+        message = f"is no trace of KUKA's interpolator with AxisPos_Act1 .. AxisPos_Act{robot.nq} ({error})"
+        raise InputError(f"{message}, expected NAME_KRCIpo.dat with its .r64 beside it", file=head) from None
+    units = {entry.get(UNIT, "").strip("[]() ").lower() for entry in wanted}
+    known = units & {*ANGLES, "deg", "grad", "\xb0"}
+    notes = [] if units == known else ["the unit of AxisPos_Act is not stated: degrees (mm for slides), assumed"]
+    joints = joints * [ANGLES.get(entry.get(UNIT, "").strip("[]() ").lower(), 1.0) for entry in wanted]
+    return time * (1e-3 if clock.get(UNIT, "").strip("[]() ").lower() == "ms" else 1.0), joints, notes
 
 
 def read_recording(file: Path, robot: Robot) -> tuple[Array, Array]:

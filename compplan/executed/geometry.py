@@ -1,15 +1,18 @@
-"""The path that instructions describe: lines and joint moves, with a parabola in every zone.
+"""The path that instructions describe: lines, arcs and joint moves, with a parabola in every zone.
 
 A blend of a corner leaves the incoming move a distance r before the corner and joins the outgoing one r after it; with
-w from 0 to 1 it is  p = p_c + (1 - w)^2 (p_in - p_c) + w^2 (p_out - p_c),  which is tangent to both and nearest to the
-corner by half of what a straight cut would be. r is the zone times `blend_share`, at most half of either move. Two
-lines blend in space, what meets a joint move blends in the joints. Assumed of every make.
+w from 0 to 1 it is  p = p_c + (p_in(w) - p_c) + (p_out(w) - p_c),  p_in on the incoming move (1 - w)^2 r before the
+corner, p_out on the outgoing one w^2 r after it. It is tangent to both and, between lines, nearest to the corner by
+half of what a straight cut would be. r is the zone times `blend_share`, at most half of either move. Lines and arcs
+blend in space, what meets a joint move blends in the joints. Assumed of every make.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +36,23 @@ JUMP = 0.35
 MISSED = 1e-7
 
 
+class ToolArc(NamedTuple):
+    """Hold an arc: its centre, the arm from there to its start, what that becomes a right angle on, and the angle.
+
+    Args:
+        centre: Base frame. Shape (3,). [m]
+        arm: From the centre to the start. Shape (3,). [m]
+        side: The arm turned by a right angle towards the end. Shape (3,). [m]
+        sweep: Angle to the end. [rad]
+
+    """
+
+    centre: Array
+    arm: Array
+    side: Array
+    sweep: float
+
+
 @dataclass(frozen=True)
 class Nodes:
     """Where the moves of a program end.
@@ -43,6 +63,7 @@ class Nodes:
         position: Tip there. Shape (n, 3). [m]
         rotation: TCP frame there. Shape (n, 3, 3).
         length: Way of the tip to each, 0 for the first. Shape (n,). [m]
+        arcs: Arcs among the moves, by the one that each is.
 
     """
 
@@ -51,6 +72,17 @@ class Nodes:
     position: Array
     rotation: Array
     length: Array
+    arcs: Mapping[int, ToolArc] = field(default_factory=dict)
+
+    def along(self, move: NDArray[np.int_], share: Array) -> Array:
+        """Return where the tip is at shares of lines and arcs. Shape (k,) -> (k, 3). [m]."""
+        start = self.position[np.maximum(move - 1, 0)]
+        place: Array = start + share[:, None] * (self.position[move] - start)
+        for number, arc in self.arcs.items():
+            low, high = np.searchsorted(move, [number, number + 1])
+            turned = share[low:high, None] * arc.sweep
+            place[low:high] = arc.centre + np.cos(turned) * arc.arm + np.sin(turned) * arc.side
+        return place
 
 
 @dataclass(frozen=True)
@@ -253,8 +285,9 @@ def _solve_points(
     rows = np.flatnonzero(straight)
     if len(rows):
         m = move[rows]
-        p = nodes.position[m]
-        p = p + into[rows] * (nodes.position[before[rows]] - p) + out[rows] * (nodes.position[after[rows]] - p)
+        p = nodes.along(m, 1.0 - into[rows, 0])
+        bent = np.flatnonzero(corner[rows])
+        p[bent] += nodes.along(after[rows][bent], out[rows[bent], 0]) - nodes.position[m[bent]]
         turned = np.swapaxes(nodes.rotation, 1, 2)
         back_turn = Rotation.from_matrix(turned @ nodes.rotation[np.maximum(np.arange(n) - 1, 0)]).as_rotvec()
         ahead_turn = Rotation.from_matrix(turned @ nodes.rotation[np.minimum(np.arange(n) + 1, n - 1)]).as_rotvec()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.executed.exports import read_recording, rename_export
+from compplan.executed.exports import TRACE_ENDINGS, read_kuka_trace, read_recording, rename_export
 from compplan.executed.instructions import read_joints
 from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, read_table
@@ -70,7 +70,7 @@ def read_log(file: Path, robot: Robot) -> Log:
     """Read LOG.csv and put torn readings right.
 
     Args:
-        file: A table, or a recording (.mcap) of joint states.
+        file: A table, a recording (.mcap) of joint states, or a trace of KUKA (.dat, .r64).
         robot: The robot that was logged.
 
     Raises:
@@ -80,6 +80,9 @@ def read_log(file: Path, robot: Robot) -> Log:
     if file.suffix.lower() == ".mcap":
         time, raw = read_recording(file, robot)
         notes: list[str] = []
+    elif file.suffix.lower() in TRACE_ENDINGS:
+        time, counted, notes = read_kuka_trace(file, robot)
+        raw = from_controller(load_controller(robot), counted)
     else:
         table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
         raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)

@@ -290,7 +290,7 @@ def note_programs(plan: Plan) -> Plan:
     program = make_program(plan)
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
-    notes += [] if plan.executed is None else [plan.executed.say()]
+    notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
     return replace_said(plan, (*plan.notes, *notes))
 
 

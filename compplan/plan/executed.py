@@ -1,65 +1,100 @@
-"""Where the controller's drives take the loaded tip, and the command that leads by their lag.
+"""Where the controller takes the loaded tip, and the command that leads by the lag of its drives.
+
+The third path that is judged, beside joint-linear and straight moves: the lines and arcs that programs hold, blended in
+the zones of their language, at the speed that the controller gives them, followed by drives and bent by the load.
+Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
 
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
-(`compplan.executed.drives`). To second order the inverse of it is
+(`compplan.executed.drives`). To second order the inverse of it, a delay T of the whole path aside, is
 
-    q_cmd = q + T1 q' + T2 q''.
+    q_cmd = q + (T1 - T - T1 T') q' + (T2 - T1 T + T^2 / 2) q'',
 
-It is led where the values were identified (a source in controller.toml), the joints stay within their limits, and the
-model has the tip nearer to the path with it, in the 95th percentile and at the farthest.
+T such that the tip is not moved along the path: points keep their places and no stop is overrun. It is led where the
+values were identified (a source in controller.toml), the joints stay within their limits, and the model has the tip
+nearer to the path with it, in the 95th percentile and at the farthest. Drives that nobody identified are taken to
+follow: what lags there is not known, and the verdict says so.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from compplan.errors import InfeasibleError
 from compplan.executed.align import find_nearest
 from compplan.executed.drives import follow_command
+from compplan.executed.geometry import build_path, follow_path
+from compplan.executed.timing import schedule_path
+from compplan.executed.written import lay_moves
+from compplan.executed.zones import BlendZone, widest_zone
+from compplan.job.output import OutputTable
 from compplan.path.toolpath import interpolate
-from compplan.plan.task import PlanTask
+from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import cutting_runs
-from compplan.program.counting import load_motion
+from compplan.program.counting import believed_robot, load_motion
+from compplan.program.fit import fit_moves
+from compplan.program.program import build_program
 from compplan.program.servo import ASSUMED, ServoMotion
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm
 from compplan.statics.sensitivity import attain_pose
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
 SIDE, BLOCK = 40, 100_000
+#: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
+MOST_PLACES = 200_000
 
 
 @dataclass(frozen=True)
 class ExecutedPath:
-    """How far the drives leave the loaded tip beside the path of a cut, the time along it aside.
+    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside.
 
     Attributes:
+        near: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
         p95: 95th percentile of what is sent. [m]
         most: Farthest of what is sent. [m]
-        plain: The same two of the command that leads by nothing. [m]
+        plain: The last two of the command that leads by nothing. [m]
         sent: Joint positions that programs hold. Shape (n, nq). [rad or m]
         leads: Whether they lead by the lag.
-        source: Who says how the drives follow.
+        source: Who says how the drives follow, or "assumed".
+        zone: How far before a corner programs let it leave; None where it follows the waypoints.
+        duration: Time that it takes for the moves of the path, as far as its speed law is known. [s]
 
     """
 
+    near: Array
     p95: float
     most: float
     plain: tuple[float, float]
     sent: Array
     leads: bool
     source: str
+    zone: BlendZone | None = None
+    duration: float = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Tell whether somebody identified how the drives follow."""
+        return self.source != ASSUMED
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
         plain = {"p95": 1e3 * self.plain[0], "max": 1e3 * self.plain[1]}
-        return {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "lag_led": self.leads, "without_lead": plain,
-                "source": self.source}  # fmt: skip
+        found = {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "lag_led": self.leads, "without_lead": plain,
+                 "source": self.source}  # fmt: skip
+        if self.zone is None:
+            return {**found, "follows": "waypoints"}
+        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed"}
+        return {**found, "follows": "written moves", **zone, "duration_s": self.duration}
 
     def say(self) -> str:
-        """Say in a sentence where the drives take the tip, and what the programs do about it."""
+        """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
+        if not self.known:
+            return ""
         left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm beside the path"
         if self.leads:
             return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
@@ -85,42 +120,77 @@ def describe_floor(task: PlanTask, q: Array) -> str:
             f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
 
 
-def judge_executed(task: PlanTask, q: Array, time: Array) -> ExecutedPath | None:
-    """Follow a command as the controller of the robot folder does; None where nobody states how its drives follow.
+def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
+    """Follow a command as the controller of the robot folder does.
 
     Args:
         task: The task.
         q: Command at the waypoints. Shape (n, nq). [rad or m]
         time: Time at each waypoint. Shape (n,). [s]
+        output: What programs the job asks for, if it is known.
+
+    Returns:
+        Where the tip goes; None where no moves of the tool are written and nobody states how the drives follow, or the
+        controller steers tip and part together.
 
     """
     motion = load_motion(task.robot)[0]
     drives = np.abs([motion.lag, motion.acceleration_lag, motion.lost_motion])
-    if motion.source == ASSUMED or not drives.any() or not task.cut.any():
+    known = motion.source != ASSUMED and bool(drives.any())
+    if not task.cut.any():
         return None
-    plain = _measure(task, q, time, motion)
-    if not drives[:2].any():
-        return ExecutedPath(*plain, plain, q, False, motion.source)
-    led = lead_lag(task, q, time, motion)
-    rate = np.abs(np.diff(led, axis=0)) / np.maximum(np.diff(time), 1e-9)[:, None]
-    inside = (rate <= task.velocity_limits).all() and ((led >= task.robot.lower) & (led <= task.robot.upper)).all()
-    left = _measure(task, led, time, motion)
-    if inside and left[0] < plain[0] and left[1] < plain[1]:
-        return ExecutedPath(*left, plain, led, True, motion.source)
-    return ExecutedPath(*plain, plain, q, False, motion.source)
+    languages = () if output is None else tuple(name for name in output.programs if name != "csv")
+    if output is None or not languages or output.form == "joint" or task.robot.carrying:
+        follow, zone = _follow_waypoints, None
+        if not known:
+            return None
+    else:
+        zone = widest_zone(languages)
+        follow = _write_follower(output, zone, known=known)
+    try:
+        tip, duration = follow(task, q, time, motion)
+    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read back says so
+        return None
+    plain, source = _measure(task, q, tip), motion.source if known else ASSUMED
+    if known and drives[:2].any():
+        led = lead_lag(task, q, time, motion)
+        rate = np.abs(np.diff(led, axis=0)) / np.maximum(np.diff(time), 1e-9)[:, None]
+        inside = (rate <= task.velocity_limits).all() and ((led >= task.robot.lower) & (led <= task.robot.upper)).all()
+        tip, lasts = follow(task, led, time, motion)
+        left = _measure(task, q, tip)
+        if inside and left[1] < plain[1] and left[2] < plain[2]:
+            return ExecutedPath(*left, plain[1:], led, True, source, zone, lasts)
+    return ExecutedPath(*plain, plain[1:], q, False, source, zone, duration)
 
 
 def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
-    """Return the command that leads by the lag of the drives; at rests and in rapid moves it is the command itself."""
+    """Return the command that leads by the lag of the drives, across the path alone.
+
+    At rests and in rapid moves it is the command itself.
+    """
     led = q.copy()
     for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
         run = slice(first, last + 1)
         if last - first < 3 or not task.nominal.steps[first:last].any():
             continue
         rate = _rates(q[run], time[run])
-        led[run] = q[run] + motion.lag * rate + motion.acceleration_lag * np.gradient(rate, time[run], axis=0)
+        push = np.gradient(rate, time[run], axis=0)
+        delay = _move_along(task, q[run], motion.lag * rate) / np.maximum(_move_along(task, q[run], rate), 1e-9)
+        late = np.clip(delay, motion.lag.min(), motion.lag.max())[:, None]
+        lead = (motion.lag - late - motion.lag * np.gradient(late, time[run], axis=0)) * rate
+        lead += (motion.acceleration_lag - motion.lag * late + 0.5 * late**2) * push
+        led[run] = q[run] + lead - _move_along(task, q[run], lead)[:, None] * np.gradient(q[run], axis=0)
         led[[first, last]] = q[[first, last]]
     return led
+
+
+def _move_along(task: PlanTask, q: Array, change: Array) -> Array:
+    """Return how far small changes of the joints move the tip along its way, in steps from row to row. Shape (n,)."""
+    small = 1e-6
+    ahead, back = (locate_frames(task.chain, q + sign * small * change).tcp_position for sign in (1.0, -1.0))
+    way = np.gradient(locate_frames(task.chain, q).tcp_position, axis=0)
+    moved = ((ahead - back) / (2.0 * small) * way).sum(axis=1)
+    return np.asarray(moved / np.maximum((way**2).sum(axis=1), 1e-16))
 
 
 def _rates(q: Array, time: Array) -> Array:
@@ -130,22 +200,66 @@ def _rates(q: Array, time: Array) -> Array:
     return np.asarray(rate)
 
 
-def _measure(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> tuple[float, float]:
-    """Return 95th percentile and greatest distance of the executed loaded tip across the path of the cut. [m]"""
+#: Joints that drives reach, shape (k, nq), and the place of each in the waypoints, shape (k,); the time it takes [s].
+Followed = tuple[tuple[Array, Array], float]
+
+
+def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Followed:
+    """Let the drives follow the waypoints at their times."""
     rate = np.zeros_like(q)
     for first, last in cutting_runs(np.zeros(len(q), bool), task.rests):
         rate[first : last + 1] = _rates(q[first : last + 1], time[first : last + 1])
     at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
     reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
     when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
-    row = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
+    return (reached, np.interp(when, time, np.arange(len(time)))), float(time[-1])
+
+
+def _write_follower(
+    output: OutputTable, zone: BlendZone, *, known: bool
+) -> Callable[[PlanTask, Array, Array, ServoMotion], Followed]:
+    """Return what follows the lines and arcs of written programs; drives that nobody knows follow them exactly."""
+
+    def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Followed:
+        believed, nominal = believed_robot(task.robot), task.nominal
+        program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
+                                exact=task.rests, events=nominal.events)  # fmt: skip
+        fitted = fit_moves(replace(program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=task.coarser,
+                                   cycle=motion.cycle, free=task.lead, form=output.form))  # fmt: skip
+        arm = build_arm(believed)
+        nodes, rows = lay_moves(fitted, q, arm, zone, motion.smoothing)
+        path = build_path(nodes, arm, motion.blend_share)
+        schedule = schedule_path(path, motion)
+        step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
+        length = np.r_[0.0, np.cumsum(step + 1e-9)]
+        reached, s = path.q, path.s
+        if known:
+            reached = follow_command(follow_path(path, schedule.s), motion)
+            s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), schedule.s][: len(reached)]
+        some = slice(None, None, -(-len(s) // MOST_PLACES))
+        along = np.interp(s[some], path.ends, length[rows])
+        return (reached[some], np.interp(along, length, np.arange(len(q)))), float(schedule.time[-1])
+
+    return follow
+
+
+def _measure(task: PlanTask, q: Array, followed: tuple[Array, Array]) -> tuple[Array, float, float]:
+    """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
+    reached, place = followed
+    every, effect = np.arange(len(q)), np.zeros((len(q), 3))
+    if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
+        effect = attain_rows(task, q, every, slope=False).position
+        effect = effect - attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias).position
+        effect[~task.compensated] = 0.0
+    row = np.clip(np.ceil(place).astype(int), 1, len(q) - 1)
     cut = task.cut[row] & task.cut[row - 1]
-    far: list[Array] = []
+    distance, beside = np.zeros(len(row)), np.zeros(len(q))
     for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
-        load = interpolate(when[rows], time, task.wrench)
-        bias = None if task.bias is None else interpolate(when[rows], time, task.bias)
-        tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
-        near = find_nearest(task.position, row[rows], tip, SIDE)[0]
-        far.append(np.linalg.norm(tip - near, axis=1))
-    distance = np.concatenate(far)
-    return float(np.percentile(distance, 95)), float(distance.max())
+        load, moved = (interpolate(place[rows], every, values) for values in (task.wrench, effect))
+        bias = None if task.bias is None else interpolate(place[rows], every, task.bias)
+        tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position + moved
+        nearest = find_nearest(task.position, row[rows], tip, SIDE)[0]
+        distance[rows] = np.linalg.norm(tip - nearest, axis=1)
+    for ends in (row, row - 1):
+        np.maximum.at(beside, ends, distance)
+    return beside, float(np.percentile(distance[cut], 95)) if cut.any() else 0.0, float(distance.max(initial=0.0))

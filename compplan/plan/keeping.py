@@ -54,6 +54,7 @@ class Case:
         promise: The band; None where a robot within what is known finds no equilibrium.
         inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
         unread: Why the path was not read a second time, "" where it was.
+        traced: Whether somebody identified how the drives follow.
     """
 
     task: PlanTask
@@ -65,6 +66,7 @@ class Case:
     promise: Promise | None
     inertia_wanted: bool = True
     unread: str = ""
+    traced: bool = False
 
 
 @dataclass(frozen=True)
@@ -302,7 +304,7 @@ def say_inertia(case: Case) -> str:
 def list_left_out(case: Case) -> tuple[str, ...]:
     """List what moves the tip and is not in the band."""
     told = []
-    if not any(effect["effect"] == "tracking_lag" for effect in case.task.robot.effects):
+    if not case.traced and not any(effect["effect"] == "tracking_lag" for effect in case.task.robot.effects):
         told.append("path errors of the controller (no trace of it)")
     if not np.isfinite(case.bending.inertia):
         told.append("inertia and vibration of the arm (no masses, or no springs)")

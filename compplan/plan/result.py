@@ -120,8 +120,8 @@ class Plan(Shown):
 
     @cached_property
     def executed(self) -> ExecutedPath | None:
-        """Where the drives take the loaded tip, and what programs hold; None where nobody states how they follow."""
-        return judge_executed(self.task, self.q, self.timing.time)
+        """Where the controller takes the loaded tip, and what programs hold; None where neither is known."""
+        return judge_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
 
     @property
     def sent(self) -> Array:
@@ -155,13 +155,13 @@ class Plan(Shown):
         scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
+        if self.executed is not None:
+            left = np.maximum(left, self.executed.near)
         if task.nominal.rounded is not None:
             left = left + task.nominal.rounded
         if output is not None and output.programs and output.form != "joint":
             bow += 1e-3 * output.fit_tolerance_mm
             left = left + 1e-3 * output.fit_tolerance_mm * (task.coarser - 1.0)
-        if self.executed is not None:
-            bow += self.executed.most
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -177,6 +177,7 @@ class Plan(Shown):
         case = Case(
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
             self.promise, self.job is None or self.job.plan.inertia, self.unread,
+            self.executed is not None and self.executed.known,
         )  # fmt: skip
         found = judge_keeping(case)
         return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))

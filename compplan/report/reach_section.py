@@ -129,6 +129,10 @@ def _key_figures(plan: Plan) -> PageTable:
     ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
     for way, moves in ways.items():
         rows.append([f"between waypoints, {way}", None, _length_cell(float(moves.max(initial=0.0)))])
+    if plan.executed is not None:
+        drives = "drives as identified" if plan.executed.known else "drives not known"
+        way = "programs" if plan.executed.zone else "waypoints"
+        rows.append([f"as the controller executes the {way}, {drives}", None, _length_cell(plan.executed.most)])
     rows.append([f"largest, {plan.mismatch.cell}", None, _length_cell(plan.mismatch.max_deviation)])
     uses = [task.use_tolerance(side.deviation)[side.cut] for side in sides]
     shares = [TableCell(format_percent(float((use <= 1.0).mean()))) for use in uses]
