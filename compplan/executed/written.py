@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from compplan.executed.geometry import Nodes, ToolArc
 from compplan.executed.instructions import FASTEST, Instructions
 from compplan.executed.zones import BlendZone
-from compplan.program.fit import Fitted, find_circle
+from compplan.program.fit import Fitted
+from compplan.program.shapes import find_circle
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm

@@ -224,8 +224,9 @@ def _write_follower(
         believed, nominal = believed_robot(task.robot), task.nominal
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=task.rests, events=nominal.events)  # fmt: skip
-        fitted = fit_moves(replace(program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=task.coarser,
-                                   cycle=motion.cycle, free=task.lead, form=output.form))  # fmt: skip
+        tolerance = 1e-3 * output.fit_tolerance_mm
+        fitted = fit_moves(replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle,
+                                   free=task.lead, form=output.form, arc_of=nominal.arc))  # fmt: skip
         arm = build_arm(believed)
         nodes, rows = lay_moves(fitted, q, arm, zone, motion.smoothing)
         path = build_path(nodes, arm, motion.blend_share)
