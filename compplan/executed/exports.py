@@ -98,7 +98,8 @@ def read_kuka_trace(file: Path, robot: Robot) -> tuple[Array, Array, list[str]]:
     known = units & {*ANGLES, "deg", "grad", "\xb0"}
     notes = [] if units == known else ["the unit of AxisPos_Act is not stated: degrees (mm for slides), assumed"]
     joints = joints * [ANGLES.get(entry.get(UNIT, "").strip("[]() ").lower(), 1.0) for entry in wanted]
-    return time * (1e-3 if clock.get(UNIT, "").strip("[]() ").lower() == "ms" else 1.0), joints, notes
+    seconds = 1e-3 if clock.get(UNIT, "").strip("[]() ").lower() == "ms" else 1.0
+    return np.asarray(time * seconds, np.float64), joints, notes
 
 
 def read_recording(file: Path, robot: Robot) -> tuple[Array, Array]:

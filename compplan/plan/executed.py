@@ -120,6 +120,10 @@ def describe_floor(task: PlanTask, q: Array) -> str:
             f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
 
 
+#: Joints that drives reach, shape (k, nq), and the place of each in the waypoints, shape (k,); the time it takes [s].
+Followed = tuple[tuple[Array, Array], float]
+
+
 def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
     """Follow a command as the controller of the robot folder does.
 
@@ -140,8 +144,9 @@ def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | 
     if not task.cut.any():
         return None
     languages = () if output is None else tuple(name for name in output.programs if name != "csv")
+    follow: Callable[[PlanTask, Array, Array, ServoMotion], Followed] = _follow_waypoints
+    zone: BlendZone | None = None
     if output is None or not languages or output.form == "joint" or task.robot.carrying:
-        follow, zone = _follow_waypoints, None
         if not known:
             return None
     else:
@@ -198,10 +203,6 @@ def _rates(q: Array, time: Array) -> Array:
     rate = np.gradient(q, time, axis=0)
     rate[[0, -1]] = 0.0
     return np.asarray(rate)
-
-
-#: Joints that drives reach, shape (k, nq), and the place of each in the waypoints, shape (k,); the time it takes [s].
-Followed = tuple[tuple[Array, Array], float]
 
 
 def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Followed:
