@@ -1,7 +1,7 @@
 """Small campaigns of known truth: the causes that were put in are named, with their sizes, and every number stays.
 
 They stand for the numbers that decide in the diagnosis: docs/concepts/diagnosis_numbers.md says which campaign sees
-which of them at twice and at half its value, `python tests/known_numbers.py study 20` asks anew.
+which of them at twice and at half its value, `python tests/known_numbers.py study 900` asks anew.
 """
 
 from __future__ import annotations
