@@ -16,7 +16,8 @@ METHOD = (
     "`python -m benchmarks.loop` ([commands](../first_part.md)): MuJoCo robots with three hidden effects, every third "
     "with one in no vocabulary, everyday errors of every axis, frames that the product does not know; it sees programs "
     "in and measurements out. Path B lies elsewhere. True rms deviation across the path, the force that of the shop; "
-    "bands are held against parts whose force is drawn anew by 7 %."
+    "bands are held against parts whose force is drawn anew by 7 %. So is that of the part that teaches: a noise floor "
+    "counts instrument, robot, clamping, and what that moves."
 )
 LIMITS = ("Simulated robots, five kinds; circles under a constant force.",)
 SHOPS, FIRST = 40, 0
