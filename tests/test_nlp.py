@@ -8,8 +8,10 @@ import pytest
 
 from compplan.errors import ShapeError
 from compplan.plan import nlp as program
+from compplan.plan.banded import step_banded
 from compplan.plan.nlp import build_nlp, solve_nlp
 from compplan.plan.path_problem import PathProblem, ProgramRows, pose_data, smoothness_matrix
+from compplan.plan.strategies.equations import differentiate_equations, pose_equations
 from compplan.plan.strategies.nlp import find_fast_rows
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -22,6 +24,8 @@ def make_problem(n=40, name="staubli_tx200", **changes):
     chain = build_chain(robot)
     share = np.linspace(0.0, 1.0, n)
     q = np.radians([0.0, 49.7, 89.3, 5.0, 41.0, 10.0]) + 0.05 * np.sin(np.outer(share, [3, 1, 2, 2, 1, 3]))
+    if chain.nq == 7:  # on a rail that goes a little way
+        q = np.column_stack([0.1 * share, q])
     frames = locate_frames(chain, q)
     wrench = np.column_stack([300 * share, 200 * share, 1200 * share, 20 * share, 0 * share, 5 * share])
     values = {
@@ -64,6 +68,44 @@ def test_two_passes_put_the_loaded_tool_on_the_path(spin_free):
     assert np.abs(attained.rotation[:, :, 2] - problem.rotation[:, :, 2]).max() < 1e-8
     turned = np.abs(attained.rotation[:, :, 0] - problem.rotation[:, :, 0]).max()
     assert turned < 1e-8 if not spin_free else turned > 1e-8
+
+
+def solve_banded(problem, steps=6):
+    q, every = problem.q_start, np.arange(len(problem.q_start))
+    for _ in range(steps):
+        attained = attain_pose(problem.chain, q, problem.wrench)
+        missed, columns = pose_equations(problem, attained, every), differentiate_equations(problem, attained, every)
+        q = step_banded(problem, q, missed, columns)
+    return q
+
+
+@pytest.mark.parametrize("keeps_shape", [True, False])
+@pytest.mark.parametrize("still", [None, True, False])
+def test_banded_steps_come_to_the_answer_of_the_interior_point_solver(keeps_shape, still):
+    """Six joints, and seven on a rail that stays or goes: one free direction a waypoint, or two."""
+    robot = "staubli_tx200" if still is None else "kuka_kr240_rail"
+    nq = 6 if still is None else 7
+    stays, weight = np.arange(nq) < bool(still), np.linspace(0.5, 2.0, nq)
+    hold = np.linspace(0.01, 0.1, 40)
+    problem = make_problem(name=robot, keeps_shape=keeps_shape, still=stays, hold=hold, weight=weight)
+    wanted, found = solve(problem, plain_rows(problem), passes=4).q, solve_banded(problem)
+    assert np.abs(found - problem.q_start).max() > 1e-4
+    assert np.abs(found - wanted).max() < 2e-6
+    assert np.array_equal(found[:, stays], problem.q_start[:, stays])
+
+
+def test_banded_steps_of_two_free_directions_a_waypoint_come_to_the_least():
+    """Four equations of six joints: what is left of the objective along what the equations leave free is nothing."""
+    problem = make_problem(n=30, hold=np.full(30, 1e-2))
+    rng, n, nq = np.random.default_rng(0), 30, 6
+    missed, columns = 1e-3 * rng.normal(size=(n, 4)), rng.normal(size=(n, 4, nq))
+    q = problem.q_start + 0.01 * rng.normal(size=(n, nq))
+    found = step_banded(problem, q, missed, columns)
+    assert np.abs(np.einsum("nmj,nj->nm", columns, found - q) + missed).max() < 1e-12
+    bend = program.smoothness_matrix(problem)
+    pull = bend.T @ (bend @ found) + 1e-2 * (found - problem.q_start)
+    free = np.linalg.svd(columns)[2][:, 4:]
+    assert np.abs(np.einsum("nfj,nj->nf", free, pull)).max() < 1e-12 < 1e-6 < np.abs(pull).max()
 
 
 def test_derivative_of_the_pose_equations_agrees_with_finite_differences():

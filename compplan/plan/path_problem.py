@@ -134,6 +134,11 @@ class ProgramRows:
     velocity: NDArray[np.int_] = field(default_factory=lambda: np.zeros((0, 2), int))
     acceleration: NDArray[np.int_] = field(default_factory=lambda: np.zeros((0, 2), int))
 
+    @property
+    def free(self) -> bool:
+        """Tell whether none stands in it beside the pose equations; the range of a joint is only a number."""
+        return not any(len(getattr(self, name)) for name in ("limited", "released", "velocity", "acceleration"))
+
     def same_program(self, other: ProgramRows) -> bool:
         """Tell whether the program has the same rows; bounds are only numbers in it."""
         names = ("limited", "released", "velocity", "acceleration")

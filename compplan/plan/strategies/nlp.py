@@ -1,19 +1,21 @@
 """Compensation by one nonlinear program over the whole path: exact where it can be, within all limits, and smooth.
 
 Passes of Newton's method: the deflections are linearised where the last pass stood, and `compplan.plan.nlp` solves for
-all waypoints at once. A first pass knows the pose equations alone. Waypoints at which a pass leaves a limit are tried
-one by one: where the limits can be kept, they enter the program; where they cannot, the waypoint fails, and stands in
-the next pass as near to the path as the limits allow.
+all waypoints at once. A first pass knows the pose equations alone, and `compplan.plan.banded` solves it. Waypoints at
+which a pass leaves a limit are tried one by one: where the limits can be kept, they enter the program; where they
+cannot, the waypoint fails, and stands in the next pass as near to the path as the limits allow.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.plan.banded import step_banded
 from compplan.plan.nlp import Nlp, NlpSolution, build_nlp, solve_nlp
 from compplan.plan.path_problem import ANCHOR_WEIGHT, PathProblem, ProgramRows, smoothness_matrix
 from compplan.plan.strategies.compromise import find_compromise
@@ -46,6 +48,8 @@ NEARLY = 1e-4
 EXACT = 1e-10
 #: A joint that starts this near to a limit is watched, and so are this many neighbours of a waypoint that leaves one.
 NEAR_LIMIT, NEAR_WAYPOINTS = 0.02, 5
+#: Greatest change of a joint in a banded step that counts as settled, and that is believed (assumed). [rad or m]
+STILL, FARTHEST = 1e-6, 0.5
 #: Hold on the start against the pull of smoothness, and the greatest correction that is reckoned with. [1, rad or m]
 HOLD, MOST_STEP = 2.0, 0.1
 
@@ -182,6 +186,8 @@ def _try_waypoints(task: PlanTask, state: _Iterate, suspects: NDArray[np.int_]) 
 
 def _solve_pass(task: PlanTask, problem: PathProblem, state: _Iterate) -> _Iterate:
     """Linearise and solve; where the solver finds no way, drop the rate rows, then try every waypoint by itself."""
+    if state.rows.free and problem.redundant and (free := _solve_free(task, problem, state)) is not None:
+        return replace(state, q=free.q, attained=None, solutions=(*state.solutions, free))
     nlp = state.nlp
     if nlp is None or not state.rows.same_program(nlp.rows):
         nlp = build_nlp(problem, state.rows)
@@ -196,6 +202,23 @@ def _solve_pass(task: PlanTask, problem: PathProblem, state: _Iterate) -> _Itera
         return replace(state, rows=rows, rate_passes=RATE_PASSES)
     every = np.setdiff1d(np.arange(len(state.q)), state.rows.released)
     return _try_waypoints(task, state, every)
+
+
+def _solve_free(task: PlanTask, problem: PathProblem, state: _Iterate) -> NlpSolution | None:
+    """Solve the program without its limits, by banded steps; None where they do not settle or leave a joint's range."""
+    q, attained, clock, every, none = state.q, state.attained, time.perf_counter(), np.arange(len(task)), np.zeros(0)
+    for count in range(1, MOST_PASSES + 1):
+        attained = attained or attain_rows(task, q, every)
+        missed = pose_equations(problem, attained, every)
+        found = step_banded(problem, q, missed, differentiate_equations(problem, attained, every))
+        if found is None or (change := float(np.abs(found - q).max())) > FARTHEST:
+            return None
+        q, attained = found, None
+        if change < STILL:
+            outside = ((q < problem.lower) | (q > problem.upper)) & state.rows.bounded
+            spent, left = time.perf_counter() - clock, float(_size(missed).max())
+            return None if outside.any() else NlpSolution(q, True, "banded", count, spent, left, none, none)
+    return None
 
 
 def _review(task: PlanTask, problem: PathProblem, state: _Iterate) -> _Iterate:
