@@ -17,10 +17,12 @@ from compplan.plan.keeping import find_stretches, share_length
 from compplan.plan.plan import plan_compensation, plan_job, prepare_job
 from compplan.promise.band import widen_to_path
 
+pytestmark = pytest.mark.usefixtures("graph_alone")
+
 JOB: dict[str, Any] = {
     "schema": 1,
     "robot": "kuka_kr270",
-    "toolpath": {"generator": "circle", "radius_mm": 40.0, "feed_mm_s": 20.0, "waypoints": 60},
+    "toolpath": {"generator": "circle", "radius_mm": 40.0, "feed_mm_s": 20.0, "waypoints": 30},
     "part": {"position_mm": [1700.0, 0.0, 900.0]},
     "process": {"model": "constant", "force_N": [0.0, 0.0, 200.0], "frame": "base"},
     "plan": {"strategy": "nlp"},

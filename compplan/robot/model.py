@@ -1,7 +1,6 @@
 """A robot: its URDF chain from base to tool centre point, and what bends in it.
 
-The folder format is fixed (robot.urdf, elasticity.toml, and optional files); this module reads and writes it. The base
-frame is the URDF's root link. Everything here is SI.
+Its folder is read and written by `compplan.robot.folder`. The base frame is the URDF's root link; all is in SI.
 """
 
 from __future__ import annotations
