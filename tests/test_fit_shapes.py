@@ -138,3 +138,20 @@ def test_lines_and_arcs_of_the_spline_planner_are_written_where_splines_are_aske
     write_program(program, "krl", tmp_path, any_brand=True)
     assert "\nSCIRC {" in (tmp_path / "path_L1.src").read_text()
     assert [move.kind for move in read_krl(tmp_path / "path_L.src")] == ["joint", "arc"]
+
+
+def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -> None:
+    path = read_cam(_write(tmp_path / "part.nc", GCODE), CamTable()).toolpath
+    assert path.line is not None and path.line[path.arc == 1].tolist() == [5] * int((path.arc == 1).sum())
+    assert resample_toolpath(path, 1e-3).line[-1] == 7  # type: ignore[index]
+    apt = read_cam(_write(tmp_path / "part.apt", APT), CamTable()).toolpath
+    assert apt.line is not None and apt.line[-1] == 10 and set(apt.line[apt.arc == 1].tolist()) == {9}
+    program = replace(make_program(1e3 * path.position, np.arange(len(path)) * 0.1), line_of=path.line)
+    write_program(program, "rapid", tmp_path / "out", any_brand=True)
+    text = (tmp_path / "out" / "path_L_1.mod").read_text()
+    assert "! CAM line 4\n" in text and "! CAM line 7\n" in text
+
+
+def _write(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file

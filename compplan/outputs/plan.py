@@ -329,11 +329,13 @@ def make_program(plan: Plan) -> Program:
         return program
     output, cycle = plan.job.output, load_motion(plan.robot)[0].cycle
     coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
-    arcs = plan.task.nominal.arc
-    drawn = None if arcs is None else np.r_[np.zeros(before, int), arcs, np.zeros(after, int)]
+    drawn, lines = (
+        None if marks is None else np.r_[np.zeros(before, int), marks, np.zeros(after, int)]
+        for marks in (plan.task.nominal.arc, plan.task.nominal.line)
+    )
     return replace(
         program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=coarser, cycle=cycle, free=free, form=output.form,
-        arc_of=drawn, splines=output.splines,
+        arc_of=drawn, line_of=lines, splines=output.splines,
     )  # fmt: skip
 
 

@@ -88,6 +88,7 @@ def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]
     return Toolpath(
         toolpath.position[rows], toolpath.axis[rows], feed, rapid, wrench, toolpath.frame, toolpath.source,
         toolpath.notes, placed, arc=None if toolpath.arc is None else toolpath.arc[rows],
+        line=None if toolpath.line is None else toolpath.line[rows],
     )  # fmt: skip
 
 

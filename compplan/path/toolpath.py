@@ -59,6 +59,8 @@ class Toolpath(Shown):
         tolerance: How far the tip may be off the move that ends here, across and along the travel; nan along it where
             the whole distance counts. None where one tolerance is for all. Shape (n, 2). [m]
         arc: Number of the arc of the file that the move that ends here is a chord of, 0 for none; or None. Shape (n,).
+        line: Line of the file, from 1, that the move that ends here stands on, 0 where that is not known; or None.
+            Shape (n,).
 
     Raises:
         ShapeError: If an array does not have the shape above.
@@ -77,16 +79,17 @@ class Toolpath(Shown):
     rounded: Array | None = None
     tolerance: Array | None = None
     arc: NDArray[np.int_] | None = None
+    line: NDArray[np.int_] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.position)
         shapes = {"position": (n, 3), "axis": (n, 3), "feed": (n,), "rapid": (n,), "wrench": (n, 6), "rounded": (n,)}
-        shapes |= {"tolerance": (n, 2), "arc": (n,)}
+        shapes |= {"tolerance": (n, 2), "arc": (n,), "line": (n,)}
         for name, shape in shapes.items():
             array = getattr(self, name)
-            if array is None and name in ("wrench", "rounded", "tolerance", "arc"):
+            if array is None and name in ("wrench", "rounded", "tolerance", "arc", "line"):
                 continue
-            array = np.array(array, dtype={"rapid": bool, "arc": np.int_}.get(name, np.float64))
+            array = np.array(array, dtype={"rapid": bool, "arc": np.int_, "line": np.int_}.get(name, np.float64))
             if array.shape != shape:
                 raise ShapeError(f"toolpath {name} has shape {array.shape}, expected {shape}")
             array.setflags(write=False)
@@ -284,8 +287,8 @@ def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     events = move_events(toolpath.events, index.astype(float))
     rounded = None if toolpath.rounded is None else toolpath.rounded[index]
     allowed = None if toolpath.tolerance is None else toolpath.tolerance[index]
-    arc = None if toolpath.arc is None else toolpath.arc[index]
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded, allowed, arc)
+    marks = [None if values is None else values[index] for values in (toolpath.arc, toolpath.line)]
+    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded, allowed, *marks)
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
@@ -335,6 +338,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
         toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench,
         events=events, tolerance=None if toolpath.tolerance is None else toolpath.tolerance[ends],
         arc=None if toolpath.arc is None else toolpath.arc[ends],
+        line=None if toolpath.line is None else toolpath.line[ends],
     )  # fmt: skip
 
 
@@ -380,6 +384,7 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
         rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
         tolerance=None if toolpath.tolerance is None else toolpath.tolerance[move],
         arc=None if toolpath.arc is None else toolpath.arc[move],
+        line=None if toolpath.line is None else toolpath.line[move],
     )  # fmt: skip
 
 

@@ -121,7 +121,9 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     ]
     some: dict[str, Any] = {
         name: None if (values := getattr(program, name)) is None else values[ends]
-        for name in ("joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of")
+        for name in (
+            "joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of"
+        )
     }
     words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
     fewer = replace(

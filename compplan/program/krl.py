@@ -196,7 +196,7 @@ def _linear_moves(program: Program) -> list[tuple[str, str]]:
     stops, arcs, vias = program.stops(linear=True).tolist(), program.arcs.tolist(), program.via_positions
     moves, planner = [], "S" if program.splines else ""
     for row, place in enumerate(place_table(program.positions, "ZYX").tolist()):
-        end = "" if stops[row] else " C_DIS"
+        end, cam = "" if stops[row] else " C_DIS", program.say_line(row, ";")
         if alone[row]:
             note = "; the configuration changes: a joint move\n" if program.swings[row] else ""
             moves.append(("", f"{note}PTP {_axis_point(program, row, columns)}{end}"))
@@ -206,9 +206,9 @@ def _linear_moves(program: Program) -> list[tuple[str, str]]:
         speed = f"$VEL.CP={program.feed[row] * 1e-3:.6f}"
         if arcs[row]:
             via = place_table(vias[row][None], "ZYX")[0].tolist()
-            moves.append((speed, f"{planner}CIRC {{{_place(via)}}},{target}{end}"))
+            moves.append((speed, f"{planner}CIRC {{{_place(via)}}},{target}{end}{cam}"))
         else:
-            moves.append((speed, f"{planner}LIN {target}{end}"))
+            moves.append((speed, f"{planner}LIN {target}{end}{cam}"))
     return moves
 
 

@@ -64,6 +64,7 @@ def _list_moves(program: Program) -> list[dict[str, Any]]:
             "kind": "arc" if kind == "line" and arcs[row] else kind, "row": row, "end": places[row],
             "via": middles.get(row), "joints": program.joints[row].tolist(), "feed_mm_s": float(program.feed[row]),
             "percent": float(percent[row]), "stop": bool(stops[row]), "halts": row in halts,
+            "line": 0 if program.line_of is None else int(program.line_of[row]),
             "events": [vars(event) for event in program.events if event.place == row],
         })  # fmt: skip
     return moves

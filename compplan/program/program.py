@@ -79,6 +79,7 @@ class Program:
             Part axes. Shape (n, 2, 3). [m]
         splines: Whether cubics and spline blocks are asked for where the language has them.
         arc_of: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
+        line_of: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
         carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
 
     """
@@ -120,26 +121,16 @@ class Program:
     bend: Array | None = None
     splines: bool = False
     arc_of: NDArray[np.int_] | None = None
+    line_of: NDArray[np.int_] | None = None
     carries: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
         shapes = {
-            "feed": (n,),
-            "rapid": (n,),
-            "exact": (n,),
-            "time": (n,),
-            "rates": (nq,),
-            "tcp": (n, 4, 4),
-            "status": (n,),
-            "bent": (n,),
-            "free": (n,),
-            "via": (n, 4, 4),
-            "bend": (n, 2, 3),
-            "arc_of": (n,),
-            "carries": (nq,),
-            "coarser": (n,),
-        }
+            "feed": (n,), "rapid": (n,), "exact": (n,), "time": (n,), "rates": (nq,), "tcp": (n, 4, 4), "status": (n,),
+            "bent": (n,), "free": (n,), "via": (n, 4, 4), "bend": (n, 2, 3), "arc_of": (n,), "line_of": (n,),
+            "carries": (nq,), "coarser": (n,),
+        }  # fmt: skip
         for name, shape in shapes.items():
             array = getattr(self, name)
             if array is not None and np.shape(array) != shape:
@@ -195,6 +186,11 @@ class Program:
     def curves(self) -> NDArray[np.bool_]:
         """Tell the moves that are cubics. Shape (n,)."""
         return np.zeros(len(self), bool) if self.bend is None else np.isfinite(self.bend[:, 0, 0])
+
+    def say_line(self, row: int, sign: str) -> str:
+        """Return the line of the CAM file that a move stands on as a comment behind it, by a language's sign."""
+        line = 0 if self.line_of is None else int(self.line_of[row])
+        return f" {sign} CAM line {line}" if line else ""
 
     def writes_joints(self, *, linear: bool) -> bool:
         """Tell whether a language that can (`linear`) or cannot write moves of the tool is to write joint moves."""

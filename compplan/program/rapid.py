@@ -140,7 +140,8 @@ def _linear_moves(program: Program, name: str) -> list[str]:
                 target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
         manner = _manner(program, row, alone[row], stops[row])
         note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
-        moves.append(f"{note}    {target},{manner},{seen};")
+        cam = "" if alone[row] else program.say_line(row, "!")
+        moves.append(f"{note}    {target},{manner},{seen};{cam}")
     return moves
 
 

@@ -123,7 +123,7 @@ def _blocks(program: Program) -> list[str]:
     for row, values in enumerate(table.tolist()):
         place = _words(np.array([*values, *external[row]]))
         exact, number = " G9" if stops[row] else "", f"N{10 * (row + 1)} "
-        kind = "PTP" if alone[row] else "CP"
+        kind, cam = "PTP" if alone[row] else "CP", program.say_line(row, ";")
         change, travel = ("" if kind == travel else f"{kind}\n"), kind
         note = "; the configuration changes: PTP travel\n" if program.swings[row] else ""
         if alone[row]:
@@ -138,7 +138,7 @@ def _blocks(program: Program) -> list[str]:
                 terms = zip("XYZ", values, second[row].tolist(), third[row].tolist(), strict=False)
                 poly = " ".join(f"PO[{name}]=({end:.5f},{two:.6f},{three:.6f})" for name, end, two, three in terms)
                 code, place, through = "POLY", f"{poly} {place.split(' ', 3)[3]}", " PL=1"
-            blocks.append(f"{change}{number}{code} {place}{through} F{program.feed[row] * 60.0:.3f}{exact}")
+            blocks.append(f"{change}{number}{code} {place}{through} F{program.feed[row] * 60.0:.3f}{exact}{cam}")
     return blocks
 
 

@@ -106,13 +106,13 @@ def _moves(program: Program, linear: bool) -> list[str]:
     for row, joints in enumerate(np.radians(program.joints).tolist()):
         end = f", r={radii[row]:.7f})" if radii[row] > 0.0 else ")"
         if linear and not alone[row]:
-            feed = max(program.feed[row] * 1e-3, SLOWEST)
+            feed, cam = max(program.feed[row] * 1e-3, SLOWEST), program.say_line(row, "#")
             target, how = f"pose_trans(part, {poses[row]})", f"a={TOOL_ACCELERATION}, v={feed:.6f}"
             if arcs[row]:
                 middle = f"pose_trans(part, {_poses(via[row][None])[0]})"
-                moves.append(f"  movec({middle}, {target}, {how}{end.replace(')', ', mode=0)')}")
+                moves.append(f"  movec({middle}, {target}, {how}{end.replace(')', ', mode=0)')}{cam}")
             else:
-                moves.append(f"  movel({target}, {how}{end}")
+                moves.append(f"  movel({target}, {how}{end}{cam}")
             continue
         note = "  # the configuration changes: a joint move\n" if linear and swings[row] else ""
         target = ", ".join(f"{value:.9f}" for value in joints)

@@ -36,7 +36,7 @@ class ArcReader:
 
     def __init__(self, file: Path, options: CamTable, *, flipped: bool) -> None:
         self.file, self.options, self.flipped = file, options, flipped
-        self.log = MoveLog(options.chord_tolerance_mm)
+        self.log = MoveLog(options.chord_tolerance_mm, self)
         self.scale = INCH if options.unit == "inch" else 1.0
         self.unit = ""
         self.line = 0

@@ -27,7 +27,7 @@ class FollowedReader:
 
     def __init__(self, file: Path, options: CamTable) -> None:
         self.file, self.options = file, options
-        self.log = MoveLog(options.chord_tolerance_mm)
+        self.log = MoveLog(options.chord_tolerance_mm, self)
         self.course = Course(self.log)
         self.contour = Contour(self.course)
         self.line = 0

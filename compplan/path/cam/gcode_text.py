@@ -60,7 +60,7 @@ class TextReader(GcodeFlowReader):
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         super().__init__(file)
         self.options, self.state = options, state
-        self.log = MoveLog(options.chord_tolerance_mm)
+        self.log = MoveLog(options.chord_tolerance_mm, self)
         self.begun = self.steady = False
         self.siemens = file.suffix.lower() in (".mpf", ".spf")
 

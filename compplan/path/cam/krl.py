@@ -71,6 +71,7 @@ class _KrlReader(ProgramReader):
         super().__init__(file)
         self.options = options
         self.moves = RobotMoves(options)
+        self.moves.log.reader = self
         self.feed = 0.0
         self.own: float | None = None
         self.frames: dict[str, Array] = {"$NULLFRAME": np.eye(4)}

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +31,8 @@ MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
 LONGEST_TEXT = 200
 #: Greatest radius of an arc: a kilometre. [mm]
 LARGEST_RADIUS = 1e6
-#: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none.
-WIDTH = 9
+#: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none, line.
+WIDTH = 10
 COUNTERS = (
     "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
     "cycles",
@@ -95,16 +95,24 @@ class CamFile:
     facts: CamFacts
 
 
+class HasLine(Protocol):
+    """Who reads a file."""
+
+    line: int
+
+
 @dataclass
 class MoveLog:
     """Collect the moves of a file while it is read.
 
     Args:
         chord: Greatest distance between an arc and its chords. [mm]
+        reader: Who reads the file; it knows at which line.
 
     """
 
     chord: float
+    reader: HasLine | None = None
     position: Point = (0.0, 0.0, 0.0)
     axis: Point = (0.0, 0.0, 1.0)
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTERS, 0))
@@ -232,7 +240,8 @@ class MoveLog:
             raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
         if not (abs(point[0]) < FARTHEST and abs(point[1]) < FARTHEST and abs(point[2]) < FARTHEST):
             raise InputError(f"coordinate {max(map(abs, point)):g} mm, less than {FARTHEST:g} mm is allowed")
-        self._rows.extend((*point, *self.axis, feed, rapid, arc))
+        line = 0 if self.reader is None else self.reader.line
+        self._rows.extend((*point, *self.axis, feed, rapid, arc, line))
 
     @property
     def _started(self) -> bool:
@@ -303,10 +312,10 @@ class MoveLog:
             for message, (first, times) in self.notes.items()
         )
         told = tuple(f"{file.name}, {note}." for note in notes)
-        arc = table[:, 8].astype(int)
+        arc, line = table[:, 8:].astype(int).T
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
         return CamFile(
-            Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None),
+            Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line),
             CamFacts(
                 str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
                 waypoints=len(table), notes=notes, **facts

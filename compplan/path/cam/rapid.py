@@ -75,6 +75,7 @@ class _RapidReader:
     def __init__(self, file: Path, options: CamTable) -> None:
         self.file, self.line, self.options = file, 0, options
         self.moves = RobotMoves(options)
+        self.moves.log.reader = self
         self.data: dict[tuple[str, str], str] = {}
         self.programs: dict[str, list[tuple[int, str]]] = {}
         self.wobj = self.tool = ""
