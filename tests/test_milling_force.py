@@ -216,3 +216,14 @@ def test_the_force_acts_at_half_the_engaged_height(depth: float) -> None:
     """A cylinder without axial force: its moments across the axis are half the depth times the force across them."""
     wrench = mean(engage(FLAT, (-60, 3, -depth), (0, 3, -depth)), PLAIN, 5e-5)
     assert wrench[3:5] == pytest.approx(0.5e-3 * depth * np.array([-wrench[1], wrench[0]]), rel=0.02)
+
+
+def test_a_ball_is_in_the_cut_as_far_behind_its_widest_place_as_the_tooth_before_it_stood_back() -> None:
+    found = engage(Cutter(5e-3, 0.03, 5e-3), (-60, 0, -1.5), (0, 0, -1.5))
+    edge = Coefficients((0.0, 0.0, 0.0), (0.0, 10.0, 0.0))
+    feed, height = 0.06, np.arange(0.0, 1.5, 1e-4) + 5e-5
+    rho = np.sqrt(25.0 - (5.0 - height) ** 2)  # each circle of the ball stands a feed before that of the tooth before
+    turn = np.pi + 2 * np.arcsin(np.minimum(0.5 * feed / rho, 1.0))
+    up = (5.0 - height) / 5.0 * 5.0 / rho * 1e-4  # the normal's rise, and the length of the edge
+    assert mean(found, edge, 1e-3 * feed)[2] == pytest.approx(2 / (2 * np.pi) * 10.0 * (up * turn).sum(), rel=0.01)
+    assert mean(found, edge, 1e-3 * feed)[2] > 1.02 * mean(found, edge, 1e-5)[2]  # a sixth of the feed

@@ -27,7 +27,9 @@ def bend(size: tuple[float, float], x: float, at: float = 1.0, load: float = 1.0
     return float(bend_plate(size, 1.0, 0.3, (held, held), x, np.array([at]), np.array([load]))[0, 0])
 
 
-def cut(points: list[tuple[float, float]], block: tuple[tuple[float, ...], tuple[float, ...]]) -> CuttingForce:
+def cut(
+    points: list[tuple[float, float]], block: tuple[tuple[float, ...], tuple[float, ...]], helix: float = 30.0
+) -> CuttingForce:
     """Cut along straight lines between points at one depth [mm], the first move rapid."""
     rows = [np.array(points[:1])]
     for a, b in pairwise(points):
@@ -36,7 +38,7 @@ def cut(points: list[tuple[float, float]], block: tuple[tuple[float, ...], tuple
     position = 1e-3 * np.column_stack([flat, np.full(len(flat), -DEEP)])
     count = len(flat)
     path = Toolpath(position, np.tile([0.0, 0.0, 1.0], (count, 1)), np.full(count, FEED), np.arange(count) == 0)
-    table = {"model": "end_mill", "diameter_mm": 2 * RADIUS, "teeth": 2, "spindle_rpm": 9000.0, "helix_deg": 30.0,
+    table = {"model": "end_mill", "diameter_mm": 2 * RADIUS, "teeth": 2, "spindle_rpm": 9000.0, "helix_deg": helix,
              "coefficients": {"cutting_N_mm2": (800.0, 300.0, 0.0), "edge_N_mm": (15.0, 12.0, 0.0)},
              "stock": {"block_mm": block}}  # fmt: skip
     return prepare_cutting(EndMillProcess.model_validate(table), path, None, Path("job.toml"))
@@ -94,6 +96,24 @@ def test_a_plate_is_stiffer_held_at_its_ends_and_softer_at_a_free_one() -> None:
     assert bend((3.0, 1.0), 1.0, 0.4, 0.9) == pytest.approx(bend((3.0, 1.0), 1.0, 0.9, 0.4))
 
 
+def test_straight_teeth_that_leave_a_soft_wall_are_held_off_it_by_their_edge_force() -> None:
+    made = cut([(48.0, 0.0), (-8.0, 0.0)], ((0.0, RADIUS - 0.5, -30.0), (40.0, 40.0, 0.0)), helix=0.0)  # down
+    rows = len(made.arc)
+    soft = ThinWallTable(from_mm=(0.0, RADIUS + 12.5, -20.0), to_mm=(40.0, RADIUS + 12.5, -20.0), thickness_mm=25.0,
+                         height_mm=20.0, stiffness_N_mm=5000.0)  # fmt: skip
+    (wall,) = judge_walls(made, np.full(rows, FEED), np.zeros((rows, 3)), None, [soft])
+    held = 12.0 * DEEP / 5000.0 * 1e-3  # it springs back into the wall, a bite at each pass
+    assert -1.1 * held < wall.mean < -0.7 * held
+
+
+def test_a_cut_damps_a_tool_that_swings_into_the_wall() -> None:
+    beam = ToolBeamTable(stickout_mm=60.0, damping=0.05).build(0.01, 0.06)
+    omega = beam.modes.omega[0]
+    turn = np.cos(6 * 2 * np.pi * np.arange(360) / 360)[None]
+    damped = amplify(turn, omega / (12 * np.pi), beam, np.full((1, 360), 0.1 / omega))
+    assert np.abs(damped).max() == pytest.approx(1.0 / (2 * 0.05 + 0.1), rel=0.01)
+
+
 def test_a_harmonic_near_the_tools_own_frequency_is_amplified() -> None:
     beam = ToolBeamTable(stickout_mm=60.0, damping=0.05).build(0.01, 0.06)
     rings = beam.modes.omega[0] / (2 * np.pi)
@@ -109,7 +129,7 @@ def test_a_wall_beside_a_simulation_in_time(monkeypatch) -> None:
 
     monkeypatch.setattr(bench, "LOOKED", (0.6, 1.2))
     monkeypatch.setattr(bench, "STEP", np.radians(0.5))
-    case = bench.CASES[1]
+    case = bench.draw_cases(34)[1]
     wanted, (mean, _) = bench.simulate(case), bench.predict(case)
     assert mean == pytest.approx(wanted.mean(), rel=0.1)
 

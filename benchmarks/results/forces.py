@@ -15,17 +15,15 @@ METHOD = (
     "`benchmarks.deflected` lets force, deflection and removal advance together; `benchmarks.stability` integrates the "
     "delay equation of drawn cuts; none shares code with the models of the product. `benchmarks.force_logs` draws "
     "force logs with offset, drift, lag and noise and fits them; `benchmarks.crashes` plants rapid moves in stock, "
-    "short flutes, wide holders and gouges in the shipped jobs. `benchmarks.walls` cuts ten finishing walls with arm, "
-    "tool and wall that give; `benchmarks.drilling` holds drills against published figures and a second relation."
+    "short flutes, wide holders and gouges in the shipped jobs. `benchmarks.walls` cuts ten drawn finishing walls with "
+    "arm, tool and wall that give; `benchmarks.drilling` holds drills against published figures and a second relation."
 )
 #: Aims for mean force and moment, and for the ripple, as shares.
 MEAN_AIM, RIPPLE_AIM = 0.03, 0.10
 LIMITS = (
     "The simulations share the cutting law and its coefficients with the product: they check geometry and mechanics, "
     "not the material.",
-    "The edge force of the simulation also acts behind the cutter's widest place, as far as the tooth before it stood "
-    "back; the product's ends there. A ball feels it, most at its tip: 1 to 4 % of the force at 0.06 mm a tooth and a "
-    "radius of 5 mm, up to a fifth of the ripple.",
+    "Chips thin towards what an earlier pass left, and the product's do not: a ball's second pass is 3 % off.",
     "The mean leaves run-out out; the ripple knows it.",
     "Masses and damping of the arms are assumed.",
     "No published force record of incremental forming was found by search, and no later quote of its regression's list "

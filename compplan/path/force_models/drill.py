@@ -120,7 +120,7 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
     cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
     cutting[:, 0, 5] = constant[:, 0, 5] = lips * 0.5e-3 * (1e3 * radius) ** 2 * turn
     cutting[:, 2, 2] = lips * 1e3 * radius * push
-    return MillingShape(cutting, constant)
+    return MillingShape(cutting, constant, np.zeros((len(found), 6, 6)))
 
 
 class DrillProcess(CuttingTable):

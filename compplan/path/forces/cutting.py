@@ -195,10 +195,10 @@ class CuttingForce:
     def wrench(self, nominal: Toolpath) -> Array:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
         where = nominal.arc_length
-        columns = np.concatenate([self.shape.cutting, self.shape.edge], axis=1).reshape(len(self.arc), -1)
-        shape = interpolate(where, self.arc, columns).reshape(-1, 6, 6)
+        columns = np.concatenate([self.shape.cutting, self.shape.edge, self.shape.curved], axis=1)
+        shape = interpolate(where, self.arc, columns.reshape(len(self.arc), -1)).reshape(-1, 12, 6)
         per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
-        wrench = MillingShape(shape[:, :3], shape[:, 3:]).wrench(self.process.resistance, per_tooth)
+        wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
 
     def shift(self, away: Array) -> CuttingForce:

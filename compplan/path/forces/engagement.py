@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from compplan.files.tables import Array
 from compplan.path.forces.cutter import Cutter, Slices
 
+#: Radius of a tip within which an edge is in the cut all round, half of a usual feed a tooth (assumed). [m]
+TIP = 3e-5
+
 
 @dataclass(frozen=True)
 class Engagement:
@@ -49,8 +52,31 @@ class Engagement:
 
         Shape (n, k, m).
         """
+        return np.maximum(self.speed(angle, rows), 0.0)
+
+    def speed(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
+        """Return how fast the edge moves outwards at angles, below 0 inwards; a share of the feed. Shape (n, k, m)."""
         turning = None if self.turning is None else self.turning[rows]
-        return np.maximum(outward_speed(self.cutter.slices, self.travel[rows], angle, turning), 0.0)
+        return outward_speed(self.cutter.slices, self.travel[rows], angle, turning)
+
+    def bend(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
+        """Return the curvature of a corner's surface along the travel, times its share along the surface squared.
+
+        Of the side, where it is beside the feed as a tooth is beside the radius, it is left out. Shape (n, k, m). [1/m]
+        """
+        edge, travel = self.cutter.slices, self.travel[rows]
+        bent = np.zeros((len(travel), len(edge), len(angle)))
+        rounded = (edge.normal[:, 1] < -1e-9) & (edge.normal[:, 0] > 1e-9) & (self.cutter.corner > 0.0)
+        if not rounded.any():
+            return bent
+        out, up = edge.normal[rounded, :1], edge.normal[rounded, 1:]
+        inner, outer = edge.knots[:-1, :1][rounded], edge.knots[1:, :1][rounded]
+        tip = inner < TIP  # the mean of 1 / radius over a slice
+        mean = (np.log(outer / np.maximum(inner, TIP)) + tip) / (outer - inner)
+        along = travel[:, 1, None, None] * out - travel[:, 0, None, None] * (up * np.cos(angle))
+        bent[:, rounded] = travel[:, 0, None, None] ** 2 * (out * mean * np.sin(angle) ** 2)
+        bent[:, rounded] += along**2 / self.cutter.corner
+        return bent
 
     @property
     def angles(self) -> Array:

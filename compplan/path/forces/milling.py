@@ -1,14 +1,17 @@
 """Mechanistic force of a rotating cutter: mean wrench and ripple of every waypoint, from its engagement.
 
-An edge slice at angle u (from the travel to the left) meets a chip h = f v.n (f: feed a tooth, v: direction of travel,
-n: outward normal) [Altintas2012, generalised to any profile]. The spindle turns clockwise, seen from the spindle. The
-force on the slice is F_t (z x r) - F_r n - F_a e, e along the edge towards the spindle, so that a positive axial
-coefficient draws the tool out of the spindle. Over a turn of a cutter with N teeth
+An edge slice at angle u (from the travel to the left) meets a chip h = f v.n + f^2 c / 2 (f: feed a tooth, v: direction
+of travel, n: outward normal) [Altintas2012, generalised to any profile]: the tooth before it stood a feed back, and its
+surface, of curvature c along the travel, bends away. So a tooth is in the cut up to v.n = -f c / 2: near the tip of a
+ball that is a few per cent of its edge force (on a side, half a per cent, it is left out). The spindle turns clockwise,
+seen from the spindle. The force on the slice is F_t (z x r) - F_r n - F_a e, e along the edge towards the spindle, so
+that a positive axial coefficient draws the tool out of the spindle. Over a turn of a cutter with N teeth
 
     w = N / (2 pi) * sum over slices and angles of (K h^(1 - m) + K_edge) * length * du,
 
-which is linear in the coefficients; their columns are kept. Valid where a waypoint is many turns long, teeth stand
-evenly, and the chip is thin beside the cutter's radius. Path axes: x travel across the axis, z the tool axis.
+which is linear in the coefficients; their columns are kept, to first order in f c. Valid where a waypoint is many turns
+long, teeth stand evenly, and the chip is thin beside the cutter's radius; that chips thin towards what an earlier pass
+left is not followed. Path axes: x travel across the axis, z the tool axis.
 """
 
 from __future__ import annotations
@@ -30,6 +33,10 @@ FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
 #: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed.
 PLOUGHS, PLOUGHING_FEED = 0.005, 1e-5
+#: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
+STEEP, STEEP_BEHIND = 0.01, 0.002
+#: Angles by which an arc reaches farther at most, in a ripple.
+FARTHER = 10
 #: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
 THINNEST = 1e-4
 
@@ -63,11 +70,13 @@ class MillingShape:
     Attributes:
         cutting: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm. Shape (n, 3, 6). [N, N m]
         edge: By 1 N/mm. Shape (n, 3, 6). [N, N m]
+        curved: What both grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
 
     """
 
     cutting: Array
     edge: Array
+    curved: Array
 
     def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
         """Return the mean wrench on the tool at its tip, path axes.
@@ -85,10 +94,11 @@ class MillingShape:
 
     def columns(self, exponent: tuple[float, float, float], feed_per_tooth: Array) -> Array:
         """Return what each coefficient, cutting then edge ones, is multiplied with at a feed. Shape (n, 6, 6)."""
-        thickness = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None] ** (1.0 - np.array(exponent))
-        ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)
-        edge = ploughing[:, None, None] * self.edge
-        return np.concatenate([thickness[:, :, None] * self.cutting, edge], axis=1)
+        feed = np.maximum(feed_per_tooth * 1e3, 0.0)[:, None]
+        ploughing = np.clip(feed_per_tooth / PLOUGHING_FEED, 0.0, 1.0)[:, None].repeat(3, axis=1)
+        by_size = np.concatenate([feed ** (1.0 - np.array(exponent)), ploughing], axis=1)
+        straight = np.concatenate([self.cutting, self.edge], axis=1)
+        return np.asarray(by_size[:, :, None] * (straight + feed[:, :, None] * self.curved))
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
@@ -101,8 +111,8 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
 
     """
     edge, angle = found.cutter.slices, found.angles
-    at_low, by_rise = edge_wrenches(edge, angle)
-    cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
+    at_low, by_rise = (part.reshape(3, -1, 6) for part in edge_wrenches(edge, angle))
+    straight, curved = np.zeros((len(found), 6, 6)), np.zeros((len(found), 6, 6))
     turn = teeth / len(angle)  # N / (2 pi) du
     length = edge.length * 1e3
     for first in range(0, len(found), ROWS):
@@ -111,16 +121,35 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
         some = np.flatnonzero(share.any(axis=(1, 2)))
         if not len(some):
             continue
-        share = share[some]
-        out = found.outward(angle, first + some)
-        weight = turn * share * length[:, None]
-        for c in range(3):
-            ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
-            for target, part in ((cutting, weight * out ** (1.0 - exponent[c])), (constant, ploughs)):
-                target[first + some, c] = np.einsum("nkm,kmw->nw", part, at_low[c]) + np.einsum(
-                    "nkm,kmw->nw", 0.5 * share * part, by_rise[c]
-                )
-    return MillingShape(cutting, constant)
+        share, here = share[some], first + some
+        speed, bend = found.speed(angle, here), 1e-3 * found.bend(angle, here)
+        weight, out = turn * share * length[:, None], np.maximum(speed, 0.0)
+        ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
+        behind = _find_behind(weight, speed, bend)
+        halves = 0.5 * share
+        chips = {m: weight * (out if m == 0.0 else out ** (1.0 - m)) for m in set(exponent)}
+        growth = 0.5 * bend / np.maximum(out, STEEP)
+        for c, m in enumerate(exponent):
+            more = (1.0 - m) * growth * chips[m]
+            for target, k, part in ((straight, c, chips[m]), (curved, c, more), (straight, 3 + c, ploughs),
+                                    (curved, 3 + c, behind)):  # fmt: skip
+                low, rise = part.reshape(len(some), -1), (halves * part).reshape(len(some), -1)
+                target[here, k] = low @ at_low[c] + rise @ by_rise[c]
+    return MillingShape(straight[:, :3], straight[:, 3:], curved)
+
+
+def _find_behind(weight: Array, speed: Array, bend: Array) -> Array:
+    """Return how much of slices is in the cut behind where their edge moves outwards, a mm of feed. Shape (n, k, m).
+
+    It stands in the last bin of an arc that ends there; the speed falls to the next bin by its slope times a bin.
+    """
+    behind = np.zeros_like(weight)
+    for way in (1, -1):
+        after = np.roll(speed, -way, axis=2)
+        ends = (weight > 0.0) & (after <= 0.0) & (speed > 0.0)
+        fall = np.maximum(speed - after, STEEP_BEHIND)
+        behind += np.where(ends, weight * 0.5 * bend / fall, 0.0)
+    return behind
 
 
 def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
@@ -165,8 +194,9 @@ def ripple_force(
     edge = found.cutter.slices
     count = found.depth.shape[2] * FINE
     angle = middle_angles(count)
-    share, height = _spread_arcs(found.depth[rows])
-    out = found.outward(angle, rows) * feed_per_tooth[:, None, None] * 1e3
+    feed, speed = feed_per_tooth[:, None, None] * 1e3, found.speed(angle, rows)
+    out = feed * (speed + 0.5e-3 * feed * found.bend(angle, rows))
+    share, height = _reach_behind(*_spread_arcs(found.depth[rows]), (speed <= 0.0) & (out > 0.0))
     force = np.zeros((len(rows), count, 3))
     directions = edge_wrenches(edge, angle)[0][..., :3]
     turning = np.arange(count)
@@ -180,7 +210,8 @@ def ripple_force(
             top = height[:, k].max(axis=1)  # the pieces stand on the engaged part of the slice
             lag = (edge.low[k] + level * top * edge.rise[k]) * lead
             if edge.rise[k] > 0.0:
-                engaged = share[:, k] * (height[:, k] >= level * top[:, None] - 1e-6)
+                covered = pieces * height[:, k] / np.maximum(top, 1e-30)[:, None] - piece
+                engaged = share[:, k] * np.clip(covered, 0.0, 1.0)
             else:
                 engaged, top = share[:, k] * height[:, k], np.ones(len(rows))
             width = edge.length[k] * 1e3 * top / pieces
@@ -243,6 +274,15 @@ def _spread_arcs(depth: NDArray[np.float32]) -> tuple[Array, Array]:
     fine = np.where(after[..., None], inner > 1.0 - part[..., None], inner < part[..., None])
     share = fine.reshape(*depth.shape[:2], -1).astype(np.float64)
     return share * (np.repeat(depth, FINE, axis=2) > 0), np.repeat(height, FINE, axis=2)
+
+
+def _reach_behind(share: Array, height: Array, behind: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return shares and heights of arcs that go on behind where the edge moves outwards, see `_spread_arcs`."""
+    for way in (1, -1):
+        for _ in range(FARTHER if behind.any() else 0):
+            more = behind & (share == 0.0)
+            share, height = (np.where(more, np.roll(part, way, axis=2), part) for part in (share, height))
+    return share, height
 
 
 def ripple_amplitude(force: Array) -> Array:

@@ -1,24 +1,26 @@
 """How far finished walls lie from where the path wants them: by the arm, by the tool's beam, by a wall that gives.
 
 A wall is what the cutter's side leaves: a stretch of cut whose engaged arc reaches square to the travel, and that no
-later cut takes away. Its surface stands where the edge reaches farthest beside that angle, height by height along the
-helix (where the force jumps, as that of straight teeth does, a tool that swings back cuts behind the angle).
+later cut takes away. Its surface stands where the edges leave it that pass it beside that angle, one feed after the
+other, height by height along the helix; a tool that springs out behind its cut meets the wall again, and its edge force
+holds it off.
 The arm is slow beside the teeth and stands where the mean force puts it; the tool answers the force of that instant
-(its lowest mode amplifies the harmonics of a turn), and so does a thin wall, without inertia. The force acts in the
-middle of the edge that is engaged then. It is that of the tool where it really is: to first order, from one further
-engagement of the path shifted by what was found. A vibration that grows (chatter) is left out. Above 0: into the wall,
-too much is taken; below 0: material is left.
+(its lowest mode amplifies the harmonics of a turn, and the cut damps it), and so does a thin wall, without inertia.
+The force acts in the middle of the edge that is engaged then. It is that of the tool where it really is: to first
+order, from one further engagement of the path shifted by what was found. A vibration that grows (chatter) is left out.
+Above 0: into the wall, too much is taken; below 0: material is left.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.linalg import circulant
 from scipy.spatial import cKDTree
 
 from compplan.files.tables import Array
@@ -26,7 +28,7 @@ from compplan.files.tomlfile import StrictTable
 from compplan.path.contact import path_axes, travel_across
 from compplan.path.forces.cutting import CuttingForce
 from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.milling import ripple_force
+from compplan.path.forces.milling import PLOUGHS, ripple_force
 from compplan.path.forces.thin_wall import ThinWallTable
 from compplan.path.forces.tool_beam import ToolBeam
 from compplan.path.toolpath import Toolpath
@@ -41,6 +43,8 @@ MOST, TAKEN = 80, 2e-5
 FELT = 5e-5
 #: Angle beside a wall's at which an edge may still reach it. [rad]
 BESIDE = np.radians(8.0)
+#: Passes of teeth at a wall that are followed on either side.
+MOST_PASSES = 60
 #: Parts of an error.
 PARTS = ("arm", "tool", "thin wall")
 
@@ -207,9 +211,17 @@ def _give(
     into = np.einsum("pi,pi->p", away[rows], stretch.side * axes[rows, :, 1])
     gives = np.zeros((3, len(rows), HEIGHTS))
     gives[0] = into[:, None]
-    shaken = force if beam is None else amplify(force, spindle.speed, beam)
+    shaken = force
+    if beam is not None:
+        middle = low + 0.5 * found.axial[rows]
+        soft_tip = np.array([beam.compliance(each[None], each[None])[0, 0] for each in middle])
+        shaken = amplify(force, spindle.speed, beam, _drag(cutting, rows, spindle.speed, per_tooth, soft_tip))
+    edge_force = cutting.process.resistance.edge[1]
     for i, row in enumerate(rows):
-        at, off = _pass(stretch.side, height[i] * lead, force.shape[1], spindle.teeth)
+        apart = max(float(per_tooth[i]) / radius, BESIDE / MOST_PASSES)
+        passes = apart * np.arange(-int(BESIDE / apart), int(BESIDE / apart) + 1)
+        gone = np.maximum(passes, 0.0) / max(lead, 1e-9)  # length of the edge that has left the cut
+        at, place = _pass(stretch.side, height[i] * lead, force.shape[1], spindle.teeth, passes)
         soft = np.zeros((2, HEIGHTS))
         if beam is not None:
             soft[0] = beam.compliance(height[i], load[i]).diagonal()
@@ -221,12 +233,12 @@ def _give(
                               for each in (height, load))  # fmt: skip
                 soft[1] = wall.compliance(foot[0], up, pushed).diagonal()
                 break
-        # beside the wall's angle the edge stands back by its roundness; what reaches farthest makes the wall
         there = soft[:, :, None, None] * np.stack([shaken[i, at], force[i, at]])  # (2, h, teeth, w)
-        gave = soft.any(axis=1)
-        there[gave] -= 0.5 * radius * off**2 / max(int(gave.sum()), 1)
-        best = there.sum(axis=0).argmax(axis=2)[None, :, :, None]
-        gives[1:, i] = np.take_along_axis(there, best, axis=3)[..., 0].mean(axis=2)
+        hold = 1e3 * edge_force * soft.sum(axis=0)[:, None] * np.minimum(gone, found.axial[row])  # (h, q)
+        level = _pass_wall(there.sum(axis=0), place, radius, hold, passes, float(per_tooth[i]))
+        at_wall = there[..., at.shape[2] // 2 - 1]
+        rest = level - at_wall.sum(axis=0)
+        gives[1:, i] = (at_wall + (soft / np.maximum(soft.sum(axis=0), 1e-30))[:, :, None] * rest).mean(axis=2)
     return gives
 
 
@@ -242,27 +254,91 @@ def _find_load(
     return np.asarray(np.clip(ends, low[:, None], (low + found.axial[rows])[:, None]).mean(axis=0))
 
 
-def _pass(side: float, lag: Array, count: int, teeth: int) -> tuple[NDArray[np.int_], Array]:
-    """Return the numbers of the angles at and beside which each tooth passes the wall, and how far beside that is.
+def _pass(side: float, lag: Array, count: int, teeth: int, passes: Array) -> tuple[NDArray[np.int_], Array]:
+    """Return which angles of a turn lie beside that at which each tooth passes the wall.
 
-    Shapes (h, teeth, w), (w,). [rad]
+    Args:
+        side: Of the wall.
+        lag: Of the edge at each height. Shape (h,). [rad]
+        count: Angles of a turn.
+        teeth: Number of teeth.
+        passes: Angles beside the wall's that are asked for. Shape (q,). [rad]
+
+    Returns:
+        Numbers of the angles, the first half in the cut and the other behind it, shape (h, teeth, w); where the passes
+        lie among them, shape (h, teeth, q).
+
     """
-    beside = np.arange(-int(BESIDE / (2.0 * np.pi) * count), int(BESIDE / (2.0 * np.pi) * count) + 1)
-    place = side * 0.5 * np.pi - lag[:, None] - 2.0 * np.pi * np.arange(teeth) / teeth
-    at = np.rint(place / (2.0 * np.pi) * count - 0.5).astype(int)
-    return (at[:, :, None] + beside) % count, 2.0 * np.pi * beside / count
+    most = int(BESIDE / (2.0 * np.pi) * count) + 1
+    angle = 0.5 * np.pi - side * (lag[:, None] + 2.0 * np.pi * np.arange(teeth) / teeth)
+    wall = angle / (2.0 * np.pi) * count - 0.5 * side  # numbers count along the travel to the wall, and on behind it
+    last = np.floor(wall)
+    at = side * (last[:, :, None] + np.arange(1 - most, most + 1))
+    return at.astype(int) % count, (wall - last)[:, :, None] + passes / (2.0 * np.pi) * count + most - 1
 
 
-def amplify(force: Array, speed: float, beam: ToolBeam) -> Array:
+def _pass_wall(gives: Array, place: Array, radius: float, hold: Array, passes: Array, feed: float) -> Array:
+    """Return where a wall stands once every tooth has passed, a feed farther on each time.
+
+    Beside the wall's angle an edge stands back by its roundness. Behind the cut it springs out and meets the wall
+    again: what it bites there brings back the edge force, which holds it off, in full from `PLOUGHS` of the feed on.
+
+    Args:
+        gives: Where edges stand at angles beside the wall's without that, but for their roundness; the first half in
+            the cut, where the force of straight teeth ends. Shape (h, t, w). [m]
+        place: Where the passes lie among these angles. Shape (h, t, q).
+        radius: Of the cutter. [m]
+        hold: By how much the whole edge force of what has left the cut holds the edge off at a pass. Shape (h, q). [m]
+        passes: Angles at which teeth pass, one after the other. Shape (q,). [rad]
+        feed: A tooth. [m]
+
+    Returns:
+        Shape (h, t). [m]
+
+    """
+    half, bite = gives.shape[2] // 2, PLOUGHS * max(feed, 1e-6)
+    behind = passes > 0.0
+    low = np.clip(place.astype(int), np.where(behind, half, 0), np.where(behind, 2 * half - 2, half - 2))
+    near, far = (np.take_along_axis(gives, low + k, axis=2) for k in (0, 1))
+    edges = near + (place - low) * (far - near) - 0.5 * radius * passes**2
+    level = edges[..., 0]
+    for q in range(1, len(passes)):
+        ahead, held = edges[..., q] - level, hold[:, q, None]
+        level = level + np.maximum(np.where(ahead > bite + held, ahead - held, ahead * bite / (bite + held)), 0.0)
+    return np.asarray(level)
+
+
+def amplify(force: Array, speed: float, beam: ToolBeam, drag: Array | None = None) -> Array:
     """Return the force through a turn as the lowest mode of a beam answers it, over its static answer.
 
     Args:
         force: At even angles of a turn; the spindle turns to smaller ones. Shape (p, a). [N]
         speed: Turns a second. [1/s]
         beam: The tool.
+        drag: What the cut takes off a tool that moves, times the beam's compliance. Shape (p, a). [s]
 
     """
-    parts = np.fft.rfft(force, axis=1)
-    ratio = 2.0 * np.pi * speed * np.arange(parts.shape[1]) / beam.modes.omega[0]
-    parts /= 1.0 - ratio**2 - 2j * beam.damping * ratio
-    return np.fft.irfft(parts, n=force.shape[1], axis=1)
+    omega, count = beam.modes.omega[0], force.shape[1]
+    ratio = 2.0 * np.pi * speed * np.arange(count // 2 + 1) / omega
+    stiff = 1.0 - ratio**2 - 2j * beam.damping * ratio
+    if drag is None:
+        return np.asarray(np.fft.irfft(np.fft.rfft(force, axis=1) / stiff, n=count, axis=1))
+    own, rate = (circulant(np.fft.irfft(part, n=count)) for part in (stiff, -1j * omega * ratio))
+    return np.asarray(np.linalg.solve(own + drag[:, :, None] * rate, force[:, :, None])[..., 0])
+
+
+def _drag(
+    cutting: CuttingForce, rows: NDArray[np.int_], speed: float, per_tooth: Array, compliance: Array
+) -> Array:  # fmt: skip
+    """Return how much a cut damps a tool that moves into the wall, see `amplify`. Shape (p, a). [s]
+
+    An edge meets what the tooth before left a feed aside of it, so that it cuts deeper by the way that the tool went
+    meanwhile: a feed over the speed of the edge. The slope of the chip's law is taken at half the feed.
+    """
+    found, spindle, resistance = cutting.engagement, cutting.process.spindle(), cutting.process.resistance
+    edges = replace(resistance, cutting=(0.0, 0.0, 0.0), edge=(0.0, 1.0, 0.0))
+    width = np.abs(ripple_force(found, rows, edges, spindle, per_tooth)[:, :, 1])  # [mm]
+    power = resistance.exponent[1]
+    slope = 1e3 * resistance.cutting[1] * (1.0 - power) * np.maximum(0.5e3 * per_tooth, 1e-3) ** -power  # [N/m/mm]
+    turn = per_tooth / (2.0 * np.pi * found.cutter.radius * speed)
+    return np.asarray((slope * turn * compliance)[:, None] * width)
