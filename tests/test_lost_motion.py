@@ -12,7 +12,7 @@ from compplan.path.generators import Pace, generate_circle
 from compplan.path.toolpath import place_toolpath
 from compplan.plan.between import measure_between
 from compplan.plan.plan import PlanOptions, plan_compensation, plan_job
-from compplan.plan.strategies.lost_motion import find_sides, list_plays
+from compplan.plan.strategies.lost_motion import find_crossings, find_sides, list_plays
 from compplan.plan.task import attain_rows
 from compplan.robot import load_robot
 
@@ -54,6 +54,17 @@ def test_a_command_that_leads_by_half_the_play_puts_the_link_where_it_has_to_be(
 def test_swings_too_small_to_matter_turn_no_side() -> None:
     link = np.array([0.0, 1.0, 2.0, 1.9, 2.1, 3.0, 1.0, 0.0])
     assert find_sides(link, 0.5, 1.0).tolist() == [1, 1, 1, 1, 1, 1, -1, -1]
+
+
+def test_rounding_crosses_no_play_and_chooses_no_reversal() -> None:
+    rng = np.random.default_rng(0)
+    links = rng.uniform(-3.0, 3.0, (200, 6))
+    lead = 2e-5 * np.where(np.arange(200) < 80, 1.0, -1.0)[:, None]
+    assert np.flatnonzero(find_crossings(links + lead, links)).tolist() == [79]
+    stands = np.concatenate([np.linspace(0.0, 1.0, 20), np.ones(30), np.linspace(1.0, 0.0, 20)])
+    for _ in range(20):
+        sides = find_sides(stands + rng.uniform(-1e-13, 1e-13, 70), 1e-6, 1.0)
+        assert np.array_equal(sides, np.where(np.arange(70) <= 50, 1.0, -1.0))
 
 
 def test_the_tip_is_on_the_path_at_its_reversals_too(plan) -> None:

@@ -18,7 +18,7 @@ from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
-from compplan.plan.strategies.lost_motion import without_play
+from compplan.plan.strategies.lost_motion import find_crossings, without_play
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
@@ -272,7 +272,7 @@ def _missing_pieces(found: Agreement) -> tuple[Array, NDArray[np.int_]]:
     ends = np.maximum(off[:-1], off[1:])
     between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
     if links is not None:
-        crosses = (np.abs(np.diff(found.command.q - links, axis=0)) > 0.0).any(axis=1)
+        crosses = find_crossings(found.command.q, links)
         for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
             way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
@@ -293,7 +293,7 @@ def _even_crossings(found: Agreement, pieces: NDArray[np.int_]) -> NDArray[np.in
     if links is None:
         return pieces
     step = np.diff(found.timing.time) / pieces
-    crossing = np.flatnonzero((np.abs(np.diff(found.command.q - links, axis=0)) > 0.0).any(axis=1))
+    crossing = np.flatnonzero(find_crossings(found.command.q, links))
     more = np.ones_like(pieces)
     for move in crossing.tolist():
         near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))

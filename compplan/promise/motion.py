@@ -96,7 +96,8 @@ def swing_arm(
     modes = find_modes(dynamics, q[places], MODES)
     level = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
     level /= np.sqrt(np.mean(level**2))  # a dozen even draws spread less than the distribution
-    factors = np.exp(width * level - 0.5 * width**2)
+    spread = np.sqrt(np.log1p(width**2))  # of the logarithm, for a relative deviation: lognormal, mean 1
+    factors = np.exp(spread * level - 0.5 * spread**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
     error = np.empty((DRAWS, len(q), 3))
     for number, (factor, share) in enumerate(zip(factors.tolist(), dampings.tolist(), strict=True)):

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.effects.backlash import CAME_FROM_BELOW
 from compplan.plan.task import PlanTask
@@ -20,6 +21,8 @@ from compplan.robot import Array, Robot
 #: Swings of a link that turn no side: this share of the play, and at least so much; less play is none (assumed).
 #: [rad or m]
 SWING, LEAST = 0.02, 1e-6
+#: A joint stands where it differs by less: rounding does not choose the row at which it turns. [rad or m]
+STANDS = 1e-9
 
 
 def is_play(entry: Mapping[str, Any]) -> bool:
@@ -92,6 +95,11 @@ def lead_play(task: PlanTask, links: Array) -> Array:
     return lead
 
 
+def find_crossings(q: Array, links: Array) -> NDArray[np.bool_]:
+    """Tell which moves cross lost motion: a command leads its links by another amount than before. Shape (n - 1,)."""
+    return np.asarray((np.abs(np.diff(q - links, axis=0)) > 0.5 * LEAST).any(axis=1))
+
+
 def find_sides(position: Array, swing: float, first: float) -> Array:
     """Return on which side a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
 
@@ -104,12 +112,12 @@ def find_sides(position: Array, swing: float, first: float) -> Array:
     """
     sides, side, far = np.empty(len(position)), first, 0
     values = position.tolist()
-    begin = 0
+    begin, most = 0, values[0] if values else 0.0
     for row, value in enumerate(values):
-        if side * (value - values[far]) >= 0.0:
-            far = row
-        elif side * (values[far] - value) > swing:
+        if side * (value - most) >= -STANDS:
+            far, most = row, max(value, most) if side > 0.0 else min(value, most)
+        elif side * (most - value) > swing:
             sides[begin : far + 1] = side
-            begin, side, far = far + 1, -side, row
+            begin, side, far, most = far + 1, -side, row, value
     sides[begin:] = side
     return sides
