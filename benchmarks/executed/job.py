@@ -34,6 +34,8 @@ CELLS = {
 }
 #: Feeds of the two traces, and of logs that are held against the model: one repeats, two are other speeds [m/s].
 TRACED, OTHERS = (0.04, 0.09), (0.04, 0.065, 0.12)
+#: Half the box about a tip that an arm has to reach [m].
+BOX = 0.15
 #: Zone of the traced programs [m], corners of a trace and the way between two [m].
 ZONE, CORNERS, SIDES = 2e-3, 24, (0.008, 0.02)
 #: Noise of a reading [rad], cycle of a log [s], share of its rows that are torn.
@@ -68,11 +70,16 @@ def draw_shop(folder: Path, seed: int) -> Shop:
 
 
 def _draw_place(rng: np.random.Generator, arm: Arm) -> tuple[Array, Array]:
-    """Draw a posture that is far from the ends of the reach and whose wrist is bent."""
+    """Draw a posture from which the arm reaches a box about its tip, and whose wrist is bent."""
+    box = np.stack(np.meshgrid(*[[-BOX, BOX]] * 3), axis=-1).reshape(-1, 3)
     while True:
         found = draw_posture(rng, arm)
         bent = found is not None and abs(np.sin(found[0][-2])) > 0.4
-        if found is not None and bent and np.linalg.norm(found[1][:3, 3]) < 0.7 * reach_of(arm):
+        if found is None or not bent or np.linalg.norm(found[1][:3, 3]) > 0.7 * reach_of(arm):
+            continue
+        poses = np.tile(found[1], (len(box), 1, 1))
+        poses[:, :3, 3] += box @ found[1][:3, :3].T
+        if Kinematics(arm).reach(np.tile(found[0], (len(box), 1)), poses, rounds=40)[1].max() < 1e-8:
             return found
 
 
