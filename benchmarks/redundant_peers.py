@@ -36,6 +36,8 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik, solve_branches
 Array = NDArray[np.float64]
 #: Stations, nodes at most at each, greatest motion of a turning joint from one to the next. [1, 1, rad]
 STATIONS, NODES, MOST = 40, 3000, 1.2
+#: Between two waypoints a joint that goes farther was torn: another branch or full turn. [rad or m]
+TORN = 1.0
 #: What a radian (or metre) of motion costs beside a second.
 TIE = 1e-3
 
@@ -139,6 +141,7 @@ def follow_way(
     found = refine_ik(arm, near, nominal.position, rotation)
     missed = np.abs(pose_error(arm.chain, found, nominal.position, rotation)).max(axis=1) > 1e-6
     missed |= ((found < robot.lower) | (found > robot.upper)).any(axis=1)
+    missed[1:] |= np.abs(np.diff(found, axis=0)).max(axis=1) > TORN
     leaning = np.abs(between[:, 1:3]).max() > 0.0
     path = replace(nominal, axis=-rotation[:, :, 2]) if leaning else nominal
     return Start(path, found, rotation, {}, missed)
