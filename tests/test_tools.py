@@ -168,7 +168,7 @@ def test_two_tools_and_their_holes_are_read_back_from_the_programs(posted: cp.Po
 def test_a_main_program_calls_the_programs_of_all_tools_where_the_language_has_calls(posted: cp.Posted) -> None:
     lines = (posted.folder / "two_ALL_L.src").read_text().splitlines()
     assert [line for line in lines if line.startswith("two_")] == ["two_T1_L()", "two_T2_L()"]
-    assert lines[1] == "DEF two_ALL_L()" and lines[-1] == "END"
+    assert "DEF two_ALL_L()" in lines[:5] and lines[-1] == "END"
     assert not list(posted.folder.glob("*ALL*.mod"))  # RAPID modules have a main program each
     whole = json.loads((posted.folder / "plan.json").read_text())
     assert whole["main_programs"] == ["two_ALL_L.src"]

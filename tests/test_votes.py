@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +139,12 @@ def _hasty(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(planning, "agree", agree)
 
 
+def _without_last(path: Toolpath) -> Toolpath:
+    columns = {each.name: getattr(path, each.name) for each in fields(path)}
+    kept = {name: value[:-1] for name, value in columns.items() if isinstance(value, np.ndarray)}
+    return replace(path, **kept)
+
+
 def _heavy(patch: pytest.MonkeyPatch) -> None:
     true = bending.load_motion
     patch.setattr(bending, "load_motion", lambda *words: 2.0 * true(*words))
@@ -147,11 +153,7 @@ def _heavy(patch: pytest.MonkeyPatch) -> None:
 MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
     "y mirrored": (_reads(_scaled([1.0, -1.0, 1.0])), "goes another way"),
     "another unit": (_reads(_scaled([0.5, 0.5, 0.5])), "second reading"),
-    "the last move missing": (
-        _reads(lambda path: replace(path, position=path.position[:-1], axis=path.axis[:-1], feed=path.feed[:-1],
-                                    rapid=path.rapid[:-1],
-                                    arc=None if path.arc is None else path.arc[:-1])), "misses the last",
-    ),
+    "the last move missing": (_reads(_without_last), "misses the last"),
     "feed a minute": (_reads(lambda path: replace(path, feed=path.feed * 6.0)), "feed"),
     "part turned the other way": (_turned_part, "goes another way|begins"),
     "tool turned the other way": (_turned_tool, "tool axis|correction"),
