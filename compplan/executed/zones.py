@@ -39,7 +39,7 @@ ZONES = {
     "inform": BlendZone(5e-4, "assumed of PL=1"),
     "sinumerik": BlendZone(1e-4, "assumed of G642"),
 }
-#: BlendZone of a language that is not listed, such as a post of one's own.
+#: Zone of a language that is not listed, such as a post of one's own.
 OTHER = BlendZone(1e-4, "assumed")
 
 

@@ -12,7 +12,6 @@ which couples a waypoint with the next two alone: f free directions make a band 
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 from scipy.linalg import LinAlgError, solveh_banded
 
 from compplan.plan.path_problem import PathProblem, smoothness_matrix
@@ -41,11 +40,10 @@ def step_banded(problem: PathProblem, q: Array, missed: Array, columns: Array) -
     smooth = (bend.T @ bend).tocsr()
     pull = worth * (smooth @ (at - start if problem.keeps_shape else at) + problem.anchor[:, None] * (at - start))
     slope = np.einsum("njf,nj->nf", basis, pull)
-    matrix = sparse.csr_matrix(smooth + sparse.diags(problem.anchor))
     band = np.zeros((3 * free, len(q), free))
     for away in range(3):  # the block of waypoints k and k + away: element (i, j) stands on diagonal away f + j - i
         part = np.zeros(len(q))
-        part[: len(q) - away] = matrix.diagonal(away)
+        part[: len(q) - away] = smooth.diagonal(away) + (problem.anchor if away == 0 else 0.0)
         blocks = part[:, None, None] * np.einsum("nji,j,njk->nik", basis, worth, np.roll(basis, -away, axis=0))
         for i in range(free):
             for j in range(free):

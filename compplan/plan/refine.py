@@ -159,7 +159,6 @@ def _choose_run(
         first: The graph's run.
         candidates: Where each comes from, its start, and what the program did.
         meter: How runs are measured.
-        tube: Share of the tolerance by which the program may leave the path.
 
     """
     def share(run: TimedStart) -> tuple[float, float, float]:

@@ -50,8 +50,8 @@ def make_tool(entry: Mapping[str, str], path: Path, line: int) -> LibraryTool:
     if "length_mm" not in said:
         raise InputError("length_mm is empty, expected a length", file=path, where=line or None)
     if "teeth" in said:
-        said["teeth"] = check_whole(said["teeth"], path, line, "teeth")
-    number = check_whole(check_number(entry.get("number"), path, line or None, "number"), path, line, "number")
+        said["teeth"] = check_whole(said["teeth"], path, line or None, "teeth")
+    number = check_whole(entry.get("number"), path, line or None, "number")
     nose, width = said.pop("holder_from_mm", None), said.pop("holder_diameter_mm", None)
     if (nose is None) != (width is None) or (nose is not None and not 0.0 < nose < said["length_mm"]):
         message = "holder_from_mm (its nose above the tip, below length_mm) and holder_diameter_mm go together"

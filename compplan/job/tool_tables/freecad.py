@@ -41,7 +41,7 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
         bit = next((file for folder in FOLDERS if (file := path.parent / folder / name).is_file()), None)
         if bit is None:
             raise InputError(f"names the bit {name!r}, which is neither beside it nor in ../Bit", file=path)
-        number = check_whole(check_number(entry.get("nr"), path, None, "nr"), path, None, "nr")
+        number = check_whole(entry.get("nr"), path, None, "nr")
         yield _read_bit(_parse(read_text(bit), bit), number, bit)
 
 
@@ -69,7 +69,7 @@ def _read_bit(table: Mapping[str, Any], number: int | None, path: Path) -> Libra
     corner = said("CornerRadius") if "CornerRadius" in parameters else said("FlatRadius")
     return LibraryTool(
         number, name, None, kind, diameter,
-        None if not flutes else check_whole(check_number(flutes, path, None, "Flutes"), path, None, "Flutes"),
+        None if not flutes else check_whole(flutes, path, None, "Flutes"),
         round_ball(shape, diameter, corner if shape == "bullnose" else None), said("CuttingEdgeHeight"),
         check_number(re.sub(r"\s*(°|deg)$", "", tip), path, None, "TipAngle") if kind == "drill" and tip else None,
         missing="a tool bit counts no length from the spindle; write [[tool]] with position_mm and cutter_file",

@@ -42,7 +42,7 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
         post, geometry, holder = (as_mapping(entry.get(key)) for key in ("post-process", "geometry", "holder"))
         if "number" not in post:
             continue
-        number = check_whole(check_number(post["number"], path, None, "number"), path, None, "number")
+        number = check_whole(post["number"], path, None, "number")
         scale = read_scale(str(entry.get("unit", unit or "")), path, number)
 
         def said(key: str, table: Mapping[str, Any] = geometry, factor: float = scale) -> float | None:

@@ -26,7 +26,7 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
         nc, body, holder = (tool.find(name) for name in ("nc", "body", "holder"))
         if nc is None or nc.get("number") is None:
             continue
-        number = check_whole(check_number(nc.get("number"), path, None, "number"), path, None, "number")
+        number = check_whole(nc.get("number"), path, None, "number")
         scale = read_scale(tool.get("unit", unit or ""), path, number)
         length = _attribute(body, "body-length", scale, path)
         gauge = _attribute(holder, "gauge-length", scale, path)

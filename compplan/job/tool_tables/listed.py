@@ -62,8 +62,9 @@ def check_number(word: object, path: Path, where: int | None, what: str) -> floa
     return value
 
 
-def check_whole(value: float, path: Path, line: int | None, what: str) -> int:
-    """Return a count."""
+def check_whole(word: object, path: Path, line: int | None, what: str) -> int:
+    """Return a number that is a count."""
+    value = check_number(word, path, line, what)
     if value != int(value) or value < 0:
         raise InputError(f"{what} is {value:g}, expected a whole number", file=path, where=line)
     return int(value)

@@ -29,7 +29,7 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
         element.tag = element.tag.rpartition("}")[2]
     for tool in root.iter("CuttingTool"):
         called = (tool.findtext(".//ProgramToolNumber") or "").strip()
-        number = check_whole(check_number(called, path, None, "ProgramToolNumber"), path, None, "ProgramToolNumber") \
+        number = check_whole(called, path, None, "ProgramToolNumber") \
             if called else None  # fmt: skip
         values: dict[str, float] = {}
         for measurements in tool.iter("Measurements"):
