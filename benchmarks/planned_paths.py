@@ -93,7 +93,7 @@ def compare_plans(case: Case, out: Path) -> dict[str, object] | None:
         except CompplanError:
             continue
         before, after = (miss_path(case, plan) for plan in plans)
-        faded = any("lie outside what the campaign" in note for note in plans[1].notes)
+        faded = any("errors in doubt" in note for note in plans[1].notes)
         causes = [str(sized.cause.kind or sized.cause.effect) for sized in case.causes]
         return {
             "seed": case.seed, "kind": case.kind, "causes": causes, "status": said["verdict"]["status"],

@@ -76,6 +76,17 @@ def test_what_held_by_chance_goes_out_and_widens_the_band_by_its_own_motion(nomi
     assert width(faded.uncertainty) - width(robot.uncertainty) == pytest.approx(motion, rel=0.02)
 
 
+def test_what_held_on_the_whole_and_not_at_each_place_fades_however_many_stays_there_are(nominal: Robot) -> None:
+    robot = folder(nominal, np.ones(40), 0.1)
+    path, still = robot.visited.q[:5], np.zeros((5, 6))
+    for spread, kept in ((0.25, 1.0), (0.5, 2.0 * (1.0 - 1.645 * 0.5)), (0.7, 0.0)):
+        held = replace(robot.visited, spread=spread)
+        faded, share = fade_robot(replace(robot, visited=held), path, still)
+        assert share == pytest.approx(kept, abs=0.03)
+        if 0.0 < share < 1.0:  # the same place takes nothing out once more
+            assert fade_robot(faded, path, still)[1] == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_share_of_the_parts_moves_the_tip_by_that_share(nominal: Robot) -> None:
     robot = folder(nominal, np.ones(40), 0.1)
     path = robot.visited.q[:6]
@@ -111,7 +122,7 @@ def test_a_plan_under_a_load_that_the_campaign_had_not_says_so_and_its_band_is_w
         load = np.tile([0.0, 0.0, force, 0.0, 0.0, 0.0], (6, 1))
         path = cp.Toolpath(place, axis, np.full(6, 0.02), np.zeros(6, bool), load, "base")
         plan = cp.plan_compensation(robot, path)
-        assert any("lie outside what the campaign" in note for note in plan.notes) == fades
+        assert any("errors in doubt" in note for note in plan.notes) == fades
         wider = np.max(plan.task.robot.uncertainty.width) > 5.0 * np.max(robot.uncertainty.width)
         assert wider == fades
 
@@ -127,6 +138,10 @@ def test_a_diagnosis_says_which_parts_of_its_folder_are_in_doubt(nominal: Robot)
     robot = found.updated
     sure = [f.effect for f in found.verdict.findings]
     assert robot.visited is not None and len(robot.visited.q) > 20
+    # noise makes a part of what the shares of the stays scatter by
+    weight = robot.visited.deviation**-2.0
+    off = robot.visited.share - np.average(robot.visited.share, weights=weight)
+    assert 0.0 < robot.visited.spread**2 < 0.8 * np.average(off**2, weights=weight)
     assert not {e.place for e in sure} & {(p.effect, p.joint, p.axis) for p in robot.visited.parts}
     # what stays without them are the names, as the folder holds them
     held = [e for e in found.deliveries[0].state.effects if e.place in {one.place for one in sure}]

@@ -5,6 +5,8 @@ leads astray elsewhere. At each stay that the fit never saw, the share w of the 
 is known to a deviation. Over the place of the tip and the force on it, w is a normal process of mean zero and variance
 one [Rasmussen2006, ch. 2] whose two lengths are what the stays say (a mean over lengths by their evidence): what held
 alike everywhere reaches far, what held by chance hardly reaches the next pose, and nothing reaches endlessly far.
+A path may lie all in one place, and there the parts hold more or less than around it: w spreads by what differs from
+stay to stay beyond noise, however well many stays tell its mean.
 
 A share a of the parts makes the tip worse than none where w is below a / 2. Of the parts stays the share that does so
 in one case of twenty at most: a = 2 w_05, from 0 to 1, the mean over the path. The rest is taken out of the robot, and
@@ -87,7 +89,7 @@ def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Arra
     weight /= weight.sum()
     mean = weight @ np.array(means)
     deviation = np.sqrt(np.maximum(weight @ np.array(squares) - mean**2, 0.0))
-    return np.clip(2.0 * (mean - SAFE * deviation), 0.0, 1.0)
+    return np.clip(2.0 * (mean - SAFE * np.hypot(deviation, visited.spread)), 0.0, 1.0)
 
 
 def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:
@@ -105,7 +107,8 @@ def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:
         changed = _scale_part(changed, part, share)
     parts = tuple(replace(part, value=share * part.value) for part in visited.parts) if share > 0.0 else ()
     size = max(share, ROUNDING)
-    left = replace(visited, parts=parts, share=visited.share / size, deviation=visited.deviation / size)
+    told = (visited.share / size, visited.deviation / size, visited.spread / size)
+    left = replace(visited, parts=parts, share=told[0], deviation=told[1], spread=told[2])
     changed, known = replace(changed, visited=left if parts else None), robot.uncertainty
     return changed if known is None else replace(changed, uncertainty=_take_out(known, visited.parts, 1.0 - share))
 

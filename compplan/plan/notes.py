@@ -42,13 +42,13 @@ def describe_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
 
 
 def describe_fading(robot: Robot, share: float) -> str:
-    """Say that the path leads where the campaign of the robot folder was not, and what the plan makes of that."""
+    """Say that parts of the robot folder may not hold along the path, and what the plan makes of that."""
     parts = [] if robot.visited is None else robot.visited.parts
     names = ", ".join(dict.fromkeys(part.effect.replace("_", " ") for part in parts))
     return (
-        f"Poses or loads of this path lie outside what the campaign of the robot folder shows: of its errors in doubt "
-        f"({names}) {100.0 * share:.0f} % are compensated, the rest widens the 95 % band. Poses near the path, under "
-        "its load, settle it: compplan campaign."
+        f"The campaign of the robot folder does not show that its errors in doubt ({names}) hold at the poses and "
+        f"loads of this path: {100.0 * share:.0f} % of them are compensated, the rest widens the 95 % band. Poses near "
+        "the path, under its load, settle it: compplan campaign."
     )
 
 

@@ -14,6 +14,7 @@
     wrench    = [[0, 0, -100, 0, 0, 0]]  # N, N m, base axes, at the TCP
     share     = [0.97]                 # part of their motion of the tip that was there
     deviation = [0.10]                 # one standard deviation of it
+    spread    = 0.2                    # standard deviation of that part from place to place, beyond noise (0)
 
 A folder without the file holds no part in doubt. A key "name#i" is item i of the list "name"; `fixed` holds settings.
 """
@@ -71,6 +72,7 @@ class Visited:
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (k, 6). [N, N m]
         share: Part of their motion of the tip that was there. Shape (k,).
         deviation: Standard deviation of it. Shape (k,).
+        spread: Standard deviation of that part from one place to another, the noise of the measurement taken off.
     """
 
     parts: tuple[VisitedPart, ...]
@@ -78,6 +80,7 @@ class Visited:
     wrench: Array
     share: Array
     deviation: Array
+    spread: float = 0.0
 
     def of_arm(self, joints: set[str]) -> Visited:
         """Return it without the parts that go with the tool, or sit at none of these joints."""
@@ -103,6 +106,7 @@ class StaysTable(StrictTable):
     wrench: Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
     share: Numbers
     deviation: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Field(strict=False)]
+    spread: Annotated[float, Field(ge=0.0)] = 0.0
 
 
 class VisitedTable(StrictTable):
@@ -139,8 +143,9 @@ def read_visited(file: Path, nq: int) -> Visited | None:
         VisitedPart(p.effect, p.joint, p.axis, p.keys, np.array(p.value, float), dict(p.fixed)) for p in table.part
     )
     return Visited(
-        parts, np.array(stays.joints), np.array(stays.wrench), np.array(stays.share), np.array(stays.deviation)
-    )
+        parts, np.array(stays.joints), np.array(stays.wrench), np.array(stays.share), np.array(stays.deviation),
+        stays.spread,
+    )  # fmt: skip
 
 
 def format_visited(visited: Visited) -> str:
@@ -157,6 +162,7 @@ def format_visited(visited: Visited) -> str:
         lines += [f"{name} = [", *rows, "]"]
     for name, values in (("share", visited.share), ("deviation", visited.deviation)):
         lines.append(f"{name} = [{', '.join(_short(v) for v in values.tolist())}]")
+    lines.append(f"spread = {_short(visited.spread)}")
     return "\n".join(lines) + "\n"
 
 

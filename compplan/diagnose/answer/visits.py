@@ -3,7 +3,11 @@
 The parts in doubt are all that a folder holds beside its names: small errors, doubtful causes; and the names too,
 unless they are beyond doubt or nothing is left that they do not explain. With g what the rest of the folder leaves of a
 stay that no fit saw, and m the motion of the tip by the parts, the share w = g . m / |m|^2 of them was there, known to
-e / |m|, e^2 the mean square per axis of what the whole folder leaves.
+e / |m|, e^2 the mean square per axis of what the whole folder leaves. From place to place it spreads by s,
+
+    s^2 = max(sum |m|^2 (w - w_mean)^2 - sum v, 0) / sum |m|^2, w_mean = sum |m|^2 w / sum |m|^2,
+
+v the variance per axis that noise alone gives the mean of a stay's rows.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.answer.verdict import noise_floor
 from compplan.diagnose.data.agreed import SAMPLE
 from compplan.diagnose.doubt.blend import is_built
 from compplan.diagnose.doubt.held_out import HeldOut
@@ -57,11 +62,15 @@ def list_visits(
     moves = np.flatnonzero(length > STILL * length.max(initial=0.0))
     if not len(moves):
         return None
+    along = np.einsum("ni,ni->n", gap[moves], motion[moves]) / length[moves]
+    off = along - length[moves] * float(along @ length[moves] / np.sum(length[moves] ** 2))
+    noise = noise_floor(fit) ** 2 / 3.0 / count[moves]
+    spread = float(np.sqrt(max(np.sum(off**2 - noise), 0.0) / np.sum(length[moves] ** 2)))
     moves = moves[np.unique(np.linspace(0, len(moves) - 1, SAMPLE).astype(int))]
     at, size = rows[first[moves]], length[moves]
     share = np.einsum("ni,ni->n", gap[moves], motion[moves]) / size**2
     error = max(float(np.sqrt(np.mean(left**2))), 1e-9)
-    return Visited(parts, np.nan_to_num(campaign.q[at]), np.nan_to_num(campaign.wrench[at]), share, error / size)
+    return Visited(parts, np.nan_to_num(campaign.q[at]), np.nan_to_num(campaign.wrench[at]), share, error / size, spread)
 
 
 def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collection[Place]) -> tuple[VisitedPart, ...]:
