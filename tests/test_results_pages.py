@@ -9,6 +9,7 @@ import pytest
 import textstat
 
 from benchmarks.results import PAGES
+from benchmarks.results.diagnosis_real import count_published
 
 ROOT = Path(__file__).parents[1]
 #: The pages that have been measured.
@@ -103,3 +104,11 @@ FIRST_PAGES = ("README.md", "docs/first_part.md", "docs/loop.md", "docs/programs
 @pytest.mark.parametrize("name", FIRST_PAGES)
 def test_first_pages_read_at_school_grade_ten_or_below(name: str) -> None:
     assert textstat.flesch_kincaid_grade(read_prose(ROOT / name)) <= 10.0
+
+
+def test_published_causes_of_a_robot_count_by_their_effect_and_joint() -> None:
+    claims = [{"effect": "gravity_sag", "joint": None}, {"effect": "transmission_error", "joint": "elbow_joint"},
+              {"effect": "transmission_error", "joint": "wrist_1_joint"}]  # fmt: skip
+    assert count_published("ur10_b_whole", claims) == (2, 5)
+    assert count_published("ur5_0015", claims) == (1, 2)
+    assert count_published("another_robot", claims) == (0, 0)

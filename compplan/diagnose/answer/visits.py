@@ -70,7 +70,8 @@ def list_visits(
     at, size = rows[first[moves]], length[moves]
     share = np.einsum("ni,ni->n", gap[moves], motion[moves]) / size**2
     error = max(float(np.sqrt(np.mean(left**2))), 1e-9)
-    return Visited(parts, np.nan_to_num(campaign.q[at]), np.nan_to_num(campaign.wrench[at]), share, error / size, spread)
+    q, wrench = np.nan_to_num(campaign.q[at]), np.nan_to_num(campaign.wrench[at])
+    return Visited(parts, q, wrench, share, error / size, spread)
 
 
 def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collection[Place]) -> tuple[VisitedPart, ...]:
