@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.known.assumed import known_uncertainty
+from compplan.job.job import Job
+from compplan.known.assumed import free_base, known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
 from compplan.measure.distance import band_radius, calibrate_band
 from compplan.path.generators import Pace, generate_circle
@@ -91,6 +92,51 @@ def test_the_calibration_factor_widens_parameters_and_what_is_unexplained_and_no
     alone = [replace(k, repeatability=0.0) for k in (known, wide)]
     still = replace(slopes, shared=0.0 * slopes.shared, local=0.0 * slopes.local)
     assert draw_paths(still, alone[1]) == pytest.approx(3.0 * draw_paths(still, alone[0]), rel=1e-9)
+
+
+def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() -> None:
+    """Zero of .01 deg, lengths of .1 mm of joint_1 as delivered; what the log told of joint_2 stays."""
+    robot = load_robot("kuka_kr270")
+    unknowns = tuple(
+        Unknown(*place, (key,), np.array([1e-6]))
+        for *place, key in (
+            ("joint_offset", "joint_1", None, "offset_rad"), ("link_geometry", "joint_1", "tx", "tx_m"),
+            ("joint_offset", "joint_2", None, "offset_rad"),
+        )
+    )  # fmt: skip
+    factor = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, 0.8]])
+    known = free_base(robot, Uncertainty("measured", "test", unknowns, factor, calibration=2.0))
+    width = dict(zip(known.names, known.width, strict=True))
+    assert width["joint_offset joint_1"] == pytest.approx(np.radians(0.01))
+    assert [width[f"link_geometry joint_1 t{axis}"] for axis in "xyz"] == pytest.approx([1e-4] * 3)
+    assert width["joint_offset joint_2"] == pytest.approx(2e-6)
+    assert "zero and place of joint_1 assumed" in known.source
+    first = known.names.index("joint_offset joint_1")
+    assert np.delete(known.covariance[first], first) == pytest.approx(0.0)
+    again = free_base(replace(robot, uncertainty=known), known)  # a second log finds it as the first left it
+    assert dict(zip(again.names, again.width, strict=True)) == pytest.approx(width)
+
+
+def test_a_part_that_was_touched_off_moves_with_the_first_joint_zero() -> None:
+    """A zero of width s moves the tip by s times its distance from the axis; a part found with the robot goes along."""
+    robot, turn = load_robot("kuka_kr270"), 1e-4
+    zero = Unknown("joint_offset", "joint_1", None, ("offset_rad",), np.array([turn]))
+    tool = Unknown("tool_frame", None, None, ("tx_m",), np.zeros(1))
+    robot = replace(robot, uncertainty=Uncertainty("measured", "test", (zero, tool), np.eye(2), repeatability=0.0))
+    q = np.radians([20.0, -70, 90, 0, 60, 0]) + np.linspace(0, 0.2, 4)[:, None]
+    scene = stage_path(robot, q, np.zeros((4, 6)))
+    reach = np.linalg.norm(linearise_path(scene, robot.uncertainty, SURE, np.ones(4, bool)).tip[:, :2], axis=1)
+    job = {"schema": 1, "robot": "kuka_kr270", "toolpath": "path.csv"}
+    job["process"] = {"model": "constant", "force_N": [0.0, 0.0, 0.0]}
+    corners = [[0, 0, 0], [9, 0, 0], [0, 9, 0]]
+    found = {"datum_mm": {"plane": corners, "line": corners[:2], "point": corners[0]}}
+    placed, touched, fitted, measured = (
+        Job.model_validate({**job, "part": part})
+        for part in ({}, {"touched_off": True}, found, {**found, "touched_off": False})
+    )
+    for told, share in ((None, 1.0), (placed, 1.0), (measured, 1.0), (touched, 0.0), (fitted, 0.0)):
+        promise = promise_path(robot, scene, np.ones(4, bool), SURE, job=told)
+        assert promise.radius == pytest.approx(share * 1.959964 * turn * reach, rel=2e-3)
 
 
 def test_lost_motion_counts_by_the_direction_of_travel(tmp_path: Path) -> None:

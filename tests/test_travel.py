@@ -16,7 +16,6 @@ from test_learn import cut_part
 from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.known.assumed import free_base
 from compplan.known.slopes import ForceSpread, read_force_spread, tie_force
 from compplan.loop.elsewhere import try_elsewhere
 from compplan.loop.gather import Gathered
@@ -226,21 +225,6 @@ def test_a_taught_robot_is_tried_on_paths_that_the_part_did_not_see(job: Job) ->
         assert numbers[0] == 3 and numbers[1] / numbers[2] == pytest.approx(turn / 1.96e-4, rel=0.02)
         reach = np.linalg.norm(task.position[:, :2], axis=1)
         assert turn * 0.8 * reach.min() < 1e-3 * numbers[1] < turn * 1.3 * reach.max()
-
-
-@pytest.mark.parametrize("fitted", ["base", "tool"])
-def test_a_part_tells_what_a_fitted_base_frame_hid(fitted: str, tmp_path: Path) -> None:
-    """A zero of the first joint goes with the base frame; what other parameters go with has been told already."""
-    robot = replace(load_robot("kuka_kr270"), folder=tmp_path)
-    pose = "position_mm = [0.0, 0.0, 0.0]\nrotation_deg = [0.0, 0.0, 0.0]\n"
-    text = f"schema = 1\nfitted = ['{fitted}']\n[base]\n{pose}[[tool]]\ntarget = ''\n{pose}"
-    (tmp_path / "registration.toml").write_text(text, encoding="utf-8")
-    places = (("joint_offset", "joint_1", None), ("link_geometry", "joint_1", "tx"), ("joint_offset", "joint_2", None))
-    unknowns = tuple(Unknown(*place, ("offset",), np.array([1e-6])) for place in places)
-    factor = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]])
-    known = Uncertainty("measured", "test", unknowns, factor, calibration=2.0)
-    hidden = np.radians(0.01) if fitted == "base" else 2e-6
-    assert free_base(robot, known).width == pytest.approx([hidden, 2e-6, 2e-6])
 
 
 def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() -> None:

@@ -24,6 +24,7 @@ from compplan.identify.problem import (
 from compplan.identify.refine import GAIN_LIMIT, Refinement, refine_structure
 from compplan.identify.spring_place import place_spring
 from compplan.identify.update import identified_uncertainty, update_robot
+from compplan.known.assumed import free_base
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.heldout import gain_score
 from compplan.measure.fit.rows import Rows, take_rows
@@ -104,6 +105,8 @@ def identify_campaign(
     gap = measure_gap(replace(problem.rows, registration=frames), growth.structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
+    if "base" in chosen.register:
+        known = free_base(robot, known)
     notes += [*said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
     return Identification(
         robot=replace(updated, uncertainty=known),

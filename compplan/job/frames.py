@@ -200,6 +200,7 @@ class PartTable(PoseTable):
 
     points_mm: PointPairs | None = None
     datum_mm: Datums | None = None
+    touched_off: bool | None = None
 
     @model_validator(mode="after")
     def _check_one(self) -> PartTable:

@@ -303,6 +303,11 @@ class Job(StrictTable):
         return self.part.pose
 
     @property
+    def touched_off(self) -> bool:
+        """Whether the part was found with the robot itself: stated, else where its frame is fitted to points."""
+        return self.part.fit is not None if self.part.touched_off is None else self.part.touched_off
+
+    @property
     def tool_x_base(self) -> Array:
         """Where the TCP frame's x axis points when rotation about the tool axis is not free, base axes. Shape (3,)."""
         direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)

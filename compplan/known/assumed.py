@@ -12,9 +12,9 @@ from compplan.effects.checks import check_effect
 from compplan.effects.scene import own_springs
 from compplan.effects.signature import pack_parameters
 from compplan.errors import InputError, UnknownNameError
-from compplan.measure.registration import folder_registration
+from compplan.job.job import Job
 from compplan.robot import Robot
-from compplan.robot.uncertainty import FILE, Uncertainty, Unknown
+from compplan.robot.uncertainty import FILE, Uncertainty, Unknown, split_unknowns
 
 #: Relative standard deviation of a compliance by the folder's grade (assumed: force models of identified robots explain
 #: some 90 % of the deflection, machines of one type differ by some 20 %; scaled: three sourced arms scatter by .4 to .6
@@ -39,51 +39,58 @@ HELD = 0.3
 UNEXPLAINED, SCALE = 5e-5, 0.3
 #: Repeatability where the folder states none, per axis (assumed, as in [noise]). [m]
 REPEATABILITY = 2e-5
-#: Shares of other parameters in one that no measurement told anything of.
-ALONE = 1e-2
 #: A factor on the 6x6 elasticity of a link: an unknown, no effect of the vocabulary.
 LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
-def known_uncertainty(robot: Robot) -> Uncertainty:
+def known_uncertainty(robot: Robot, job: Job | None = None) -> Uncertainty:
     """Return what is known of a robot and how surely: its folder's file, otherwise assumed widths.
 
-    A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off.
+    A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off. What
+    moves base and arm alike has no width where the part of a job was touched off with the robot: it moves the part too.
 
     Raises:
         InputError: If the folder's file names no effect, joint or parameter of this robot.
     """
     known = robot.uncertainty
     if known is None:
-        return assume_uncertainty(robot)
-    check_uncertainty(robot, known)
-    if not any(unknown.effect == "tool_frame" for unknown in known.unknowns):
-        known = _add(known, _tool())
-    return replace(known, repeatability=_repeatability(robot, known))
-
-
-def free_base(robot: Robot, known: Uncertainty) -> Uncertainty:
-    """Give the first joint back its assumed zero, place and direction where a base frame fitted to the log hid them.
-
-    Such a log moves with the base frame, and says nothing of them: a part that is measured in the base frame does.
-    What has been told since goes with other parameters, and keeps its width.
-    """
-    fitted = folder_registration(robot)
-    if fitted is None or "base" not in fitted.parts:
+        known = assume_uncertainty(robot)
+    else:
+        check_uncertainty(robot, known)
+        if not any(unknown.effect == "tool_frame" for unknown in known.unknowns):
+            known = _add(known, _tool())
+        known = replace(known, repeatability=_repeatability(robot, known))
+    if job is None or not job.touched_off:
         return known
-    first, own = robot.actuated[0].name, np.abs(known.factor)
-    assumed = {(u.effect, u.joint, u.axis): u.deviation for u in assume_geometry(robot, DELIVERED)}
-    unknowns, row = [], 0
-    for unknown in known.unknowns:
-        rows = np.arange(row, row := row + len(unknown.keys))
-        column = own[rows].argmax(axis=1)
-        alone = (np.abs(own[rows].sum(axis=1) - 1.0) < ALONE) & (np.abs(own[:, column].sum(axis=0) - 1.0) < ALONE)
-        width = assumed.get((unknown.effect, unknown.joint, unknown.axis))
-        if unknown.joint == first and width is not None and alone.all():
-            unknown = replace(unknown, deviation=np.maximum(unknown.deviation, width / known.calibration))
-        unknowns.append(unknown)
-    return replace(known, unknowns=tuple(unknowns))
+    return replace(known, unknowns=tuple(
+        replace(u, deviation=0.0 * u.deviation) if moves_base(robot, u) else u for u in known.unknowns
+    ))  # fmt: skip
+
+
+def moves_base(robot: Robot, unknown: Unknown) -> bool:
+    """Tell whether an unknown moves base and arm alike: zero, place and direction of the first joint."""
+    return unknown.effect in ("joint_offset", "link_geometry") and unknown.joint == robot.actuated[0].name
+
+
+def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
+    """Give what moves base and arm alike the widths from before a log that a base frame was fitted to.
+
+    Such a log moves with the base frame and says nothing of them; a part that stands where the job says does.
+
+    Args:
+        before: The robot folder that the log was held against.
+        known: What is known of it after the log.
+    """
+    then = known_uncertainty(before)
+    hidden = [(u, width) for u, width in split_unknowns(then.unknowns, then.width) if moves_base(before, u)]
+    places = [(u.effect, u.joint, u.axis) for u, _ in hidden]
+    known = known.select((u.effect, u.joint, u.axis) not in places for u in known.unknowns)
+    for unknown, width in hidden:
+        known = _add(known, replace(unknown, deviation=width / known.calibration))
+    how = "assumed" if before.uncertainty is None else "as before"
+    said = f"zero and place of {before.actuated[0].name} {how}: the fitted base frame hides them"
+    return replace(known, source=f"{known.source}; {said}") if hidden else known
 
 
 def check_uncertainty(robot: Robot, known: Uncertainty) -> None:

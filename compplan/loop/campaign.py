@@ -144,7 +144,7 @@ def design_campaign(
         scene, rows = stage_path(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool)
         notes = [known.source]
     else:
-        known = known_uncertainty(robot)
+        known = known_uncertainty(robot, plan.job)
         scene, rows = stage_path(robot, plan.q, task.wrench, task.step_time), task.cut
         notes = list_assumed(robot)
     frames = tuple(part for part in shop.register if part != "base" or shop.instrument == TRACKER)

@@ -16,7 +16,7 @@ from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
 from compplan.files.tables import Table
 from compplan.job.job import Job
-from compplan.known.assumed import free_base, known_uncertainty
+from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import (
     ForceSpread,
     pick_rows,
@@ -166,12 +166,15 @@ def teach_part(
         points, wanted, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, sure=sure,
         surface=surface,
     )  # fmt: skip
-    known, task = free_base(before.robot, known_uncertainty(before.robot)), before.task
+    known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
     whole = read_force_spread(job)
     spread = replace(whole, level=whole.common)
     slopes = linearise_path(scene, known, spread, task.cut)
+    # what moves a part that was touched off along with the arm is not told by it
+    told = known_uncertainty(before.robot, job).width > 0.0
+    slopes = replace(slopes, model=slopes.model * told)
     # the wanted path's own lengths: the corrected path is a little longer or shorter
     places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
     length = places[slopes.rows]

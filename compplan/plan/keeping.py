@@ -28,6 +28,7 @@ MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 #: What is said where one reader alone has read the path, and what to do about it.
 UNREAD = "the path was not read a second time"
 LOOK = "Compare the planned path with the CAM system before the first cut."
+TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: A band so many times as wide as the uncorrected program is off is explained.
 WIDE = 10.0
@@ -265,6 +266,9 @@ def find_change(case: Case, promise: Promise, cause: str) -> str:
         return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
+    zero = f"joint_offset {case.task.robot.actuated[0].name}"
+    if cause in CAUSES and promise.leading and promise.leading[0][0] == zero:
+        return TOUCH_OFF
     if cause in CAUSES and promise.known.grade == "measured":
         return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
     return MEASURE

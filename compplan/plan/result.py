@@ -167,7 +167,7 @@ class Plan(Shown):
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
             return promise_path(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.bending.motion, part=part)  # fmt: skip
+                                between=bow, motion=self.bending.motion, part=part, job=self.job)  # fmt: skip
         except ConvergenceError:
             return None
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from compplan.effects.scene import Scene
+from compplan.job.job import Job
 from compplan.known.assumed import known_uncertainty, list_assumed
 from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tie_force, tip_of
 from compplan.known.vary import pick_rivals
@@ -188,6 +189,7 @@ def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
 def promise_path(
     robot: Robot, scene: Scene, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
+    job: Job | None = None,
 ) -> Promise:  # fmt: skip
     """Promise how far the true tip is from the planned one along a path.
 
@@ -200,11 +202,12 @@ def promise_path(
         between: Greatest distance between rows beyond that at the rows. [m]
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
+        job: The job, which may say that the part was touched off with the robot.
 
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
     """
-    known = known_uncertainty(robot)
+    known = known_uncertainty(robot, job)
     slopes = linearise_path(scene, known, force, cut, motion=motion, part=part)
     parts, n = split_covariance(slopes, known), len(cut)
     spread = {name: _spread(slopes.rows, value, n) for name, value in parts.items()}

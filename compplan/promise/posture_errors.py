@@ -75,7 +75,7 @@ def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
     """
     if job.posture.preset != "promise":
         return None
-    return PostureErrors(robot, known_uncertainty(robot), read_force_spread(job))
+    return PostureErrors(robot, known_uncertainty(robot, job), read_force_spread(job))
 
 
 def derive_force(at: Linearization, wrench: Array, spread: ForceSpread) -> Array:

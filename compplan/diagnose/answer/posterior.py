@@ -28,6 +28,7 @@ from compplan.diagnose.ledger.unmodelled import UNMODELLED
 from compplan.diagnose.search.search import Claim
 from compplan.diagnose.search.state import Fit, FitState
 from compplan.effects import is_of_instrument
+from compplan.known.assumed import free_base
 from compplan.measure.distance import calibrate_band
 from compplan.robot import Array
 from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
@@ -82,7 +83,7 @@ def state_uncertainty(
     unknowns, root = spread_unknowns(known.unknowns, known.moment)
     name = campaign.file.name if campaign.file else "a campaign"
     scatter = fit.problem.robot.repeatability or channel.noise.stay or None
-    return Uncertainty(
+    stated = Uncertainty(
         grade="measured",
         source=f"diagnosed from {name}, {int(good.sum())} rows at {len(np.unique(pose))} poses",
         unknowns=unknowns,
@@ -94,6 +95,8 @@ def state_uncertainty(
         groups=groups,
         rivals=robots,
     )
+    frames = state.registration
+    return stated if frames is None or "base" not in frames.parts else free_base(fit.problem.robot, stated)
 
 
 def _with_usual_classes(fit: Fit) -> Fit:
