@@ -58,7 +58,8 @@ def test_a_mass_on_a_spring_rings_as_an_integration_in_small_steps_says(
     modes = find_modes(dynamics, np.zeros((1, 1)), MODES)
     omega = scale * modes[0].omega[0]
     assert modes[0].omega[0] == pytest.approx((1e-5 * 20.0) ** -0.5, rel=1e-3)
-    more = ring(modes, np.array([0]), time, load, scale, damping)
+    one, share = np.ones((1, 1)), np.array([damping])
+    more = ring(modes, np.array([0]), time, [load], one, np.array([scale]), share)[0]
     static = 1e-5 * load[:, 0]
 
     def change(t: float, x: np.ndarray) -> list[float]:
@@ -74,7 +75,8 @@ def test_a_mass_on_a_spring_rings_as_an_integration_in_small_steps_says(
 def test_a_load_that_stays_adds_nothing_to_what_the_springs_give_at_once(tmp_path: Path) -> None:
     dynamics = build_dynamics(one_joint_arm(tmp_path, 1.0, 1e-5, mass=20.0))
     time = np.linspace(0.0, 1.0, 50)
-    more = ring(find_modes(dynamics, np.zeros((1, 1)), MODES), np.array([0]), time, np.full((50, 1), 10.0), 1.0, 0.03)
+    modes, one = find_modes(dynamics, np.zeros((1, 1)), MODES), np.ones(1)
+    more = ring(modes, np.array([0]), time, [np.full((50, 1), 10.0)], one[None], one, 0.03 * one)
     assert np.abs(more).max() < 1e-15
 
 

@@ -20,9 +20,10 @@ from compplan.plan.program_step import _time_slopes
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
 from compplan.plan.refine import _judge
 from compplan.plan.reversals import describe_reversals, list_reversals
-from compplan.plan.run_meter import measure_radius
+from compplan.plan.run_meter import lead_radius, spread_tip
 from compplan.plan.timing import cutting_runs, time_command
 from compplan.posture.slides import count_reversals
+from compplan.promise.band import band_radius
 from compplan.statics.sensitivity import attain_pose
 
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
@@ -167,7 +168,18 @@ def test_knowing_more_makes_the_band_of_a_posture_narrower_in_the_program_too(pl
     q, wrench, force = plan.q[rows], plan.task.wrench[rows], read_force_spread(None)
     known = known_uncertainty(robot)
     surer = replace(robot, uncertainty=replace(known, calibration=0.5 * known.calibration))
-    assert (measure_radius(surer, force, q, wrench) < 0.9 * measure_radius(robot, force, q, wrench)).all()
+    narrow, wide = (lead_radius(each, force, q, wrench)(q, wrench) for each in (surer, robot))
+    assert (narrow < 0.9 * wide).all()
+
+
+def test_the_band_by_what_changes_with_the_posture_is_that_of_everything_that_is_known(plan: Plan) -> None:
+    task, force = plan.task, read_force_spread(None)
+    rows = np.flatnonzero(task.cut)[::3]
+    lead = lead_radius(task.robot, force, task.q_start[rows], task.wrench[rows])
+    turned = task.q_start + 0.1 * np.sin(np.arange(len(task)))[:, None]
+    for q in (task.q_start, turned):
+        whole = band_radius(spread_tip(replace(task, q_start=q), force, rows))
+        assert lead(q[rows], task.wrench[rows]) == pytest.approx(whole, rel=0.02)
 
 
 def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judged(tmp_path: Path) -> None:

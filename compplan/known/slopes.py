@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.effects import attain_scene, command_campaign
-from compplan.effects.scene import Scene
+from compplan.effects.scene import Attained, Scene
 from compplan.effects.stacked import attain_positions
 from compplan.job.job import Job
 from compplan.job.loading import find_learned_force
@@ -124,16 +124,23 @@ def take_scene(scene: Scene, rows: NDArray[np.int_]) -> Scene:
     return replace(scene, campaign=scene.campaign.take(rows), **parts)
 
 
-def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.int_]) -> Array:
+def rest_scene(scene: Scene, rows: NDArray[np.int_]) -> Attained:
+    """Return what some rows of a scene come to, settled so far that others are compared with it."""
+    return attain_scene(take_scene(scene, rows), tolerance=REFINED)
+
+
+def measure_slopes(
+    scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.int_], rest: Attained | None = None
+) -> Array:
     """Return the motion of the target per unit of every parameter. Shape (k, 3, p). [m per SI unit]
 
     Args:
         scene: The robot at all rows of the path.
         unknowns: The parameters; p in all.
         rows: Rows to differentiate at. Shape (k,).
+        rest: What `rest_scene` says of them, where it is known.
     """
-    here = take_scene(scene, rows)
-    rest = attain_scene(here, tolerance=REFINED)
+    rest = rest or rest_scene(scene, rows)
     varied, steps = [], []
     for unknown in unknowns:
         for k, deviation in enumerate(unknown.deviation):
@@ -146,25 +153,21 @@ def measure_slopes(scene: Scene, unknowns: Sequence[Unknown], rows: NDArray[np.i
     return np.stack(columns, axis=-1) if columns else np.zeros((len(rows), 3, 0))
 
 
-def measure_force_slopes(scene: Scene, rows: NDArray[np.int_], spread: ForceSpread) -> tuple[Array, Array]:
+def measure_force_slopes(
+    scene: Scene, rows: NDArray[np.int_], spread: ForceSpread, rest: Attained | None = None
+) -> tuple[Array, Array]:
     """Return the motion of the tip by one standard deviation of the force: shared (k, 3, 4) and local (k, 3, 1). [m]
 
     The shared ones hold all along the path: its level, and a turn about each base axis.
     """
     here = take_scene(scene, rows)
-    rest = attain_scene(here, tolerance=REFINED)
-
-    def move(wrench: Array) -> Array:
-        moved = attain_scene(replace(here, wrench=wrench), tolerance=REFINED, theta=rest.theta)
-        return (moved.position - rest.position) / SHARE
-
     if not here.wrench.any():
         return np.zeros((len(rows), 3, 4)), np.zeros((len(rows), 3, 1))
-    level = move(here.wrench * (1.0 + SHARE))
-    turned = []
-    for axis in np.eye(3):
-        turn = Rotation.from_rotvec(SHARE * axis)
-        turned.append(move(turn_wrench(here.wrench, turn)))
+    rest = rest or rest_scene(scene, rows)
+    turns = [turn_wrench(here.wrench, Rotation.from_rotvec(SHARE * axis)) for axis in np.eye(3)]
+    pushed = [replace(here, wrench=wrench) for wrench in (here.wrench * (1.0 + SHARE), *turns)]
+    moved = attain_positions(pushed, tolerance=REFINED, theta=rest.theta)
+    level, *turned = [(position - rest.position) / SHARE for position in moved]
     shared = np.stack([spread.level * level, *(spread.direction * column for column in turned)], axis=-1)
     return shared, spread.path * level[:, :, None]
 

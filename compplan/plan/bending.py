@@ -124,12 +124,13 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
         return None
     loads = load_motion(build_moving_chain(task.robot), task.q_links, time, find_inside(task))
     held = np.zeros_like(loads) if not task.inertia or task.bias is None else task.bias
-    still, moving, moved = (
-        locate_loaded(
-            task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias, theta=task.theta
-        )[0]
-        for bias in (None, loads, held)
-    )
+
+    def locate(bias: Array | None) -> Array:
+        return locate_loaded(task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias,
+                             theta=task.theta)[0]  # fmt: skip
+
+    still, moving = locate(None), locate(loads)
+    moved = locate(held) if held.any() else still
     width, masses = know_masses(task.robot, known_uncertainty(task.robot))
     source = f"{masses}, damping of the modes {damping:g} of critical (assumed)"
     return swing_arm(

@@ -53,20 +53,26 @@ class Prices(NamedTuple):
     motion: float = 2e-3
     most_band: float = 1.0
 
+    @property
+    def counts_band(self) -> bool:
+        """Tell whether the band counts at all."""
+        return self.band != 0.0 or bool(np.isfinite(self.most_band))
+
 
 @dataclass(frozen=True)
 class Ground:
     """What a program asks of postures, beside its limits.
 
     Attributes:
-        band: Radius of the 95 % band at joint positions (k, nq) under a wrench (k, 6). Shape (k,). [m]
+        band: Radius of the 95 % band at joint positions (k, nq) under a wrench (k, 6), None where it does not count.
+            Shape (k,). [m]
         margin: By how much joint positions keep clear, or None. [m]
         room: Distance to joint limits that is kept where the start has it. [rad or m]
         torques: Torque rows of the stations from one to another at joint positions, or None.
 
     """
 
-    band: Callable[[Array, Array], Array]
+    band: Callable[[Array, Array], Array] | None = None
     margin: Callable[[Array], Array] | None = None
     room: float = 0.0
     torques: Callable[[Array], Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]] | None = None
@@ -93,8 +99,8 @@ class Point:
         speeds: Share of the programmed feed along each run.
         time: Time of runs and rapid moves. [s]
         radius: Band at its stations. Shape (j,). [m]
-        slope: Its derivative by the coordinates. Shape (f, j). [m/rad or 1]
         cost: What is minimised.
+        slope: Derivative of the band by the coordinates where it is asked for. Shape (f, j). [m/rad or 1]
 
     """
 
@@ -105,8 +111,8 @@ class Point:
     speeds: list[Array]
     time: float
     radius: Array
-    slope: Array
     cost: float
+    slope: Array | None = None
 
 
 @dataclass
@@ -151,19 +157,19 @@ class JointProgram:
             return None
         moves = np.abs(q[self.rapids] - q[self.rapids - 1])
         total += float(time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum())
-        radius, slope = self.measure(q, rate)
-        point = Point(change, values, q, rate, speeds, total, radius, slope, 0.0)
+        at = self.looked
+        radius = np.ones(len(at)) if self.ground.band is None else self.ground.band(q[at], freedom.wrench[at])
+        point = Point(change, values, q, rate, speeds, total, radius, 0.0)
         return replace(point, cost=self.cost(point))
 
-    def measure(self, q: Array, rate: Array) -> tuple[Array, Array]:
-        """Return the band at its stations and its derivative by every free coordinate. Shapes (j,), (f, j)."""
+    def differentiate(self, point: Point) -> Point:
+        """Add the derivative of the band at its stations by every free coordinate, where the band counts."""
         freedom, at, f = self.freedom, self.looked, len(self.freedom.names)
-        if self.prices.band == 0.0 and not np.isfinite(self.prices.most_band):
-            return np.ones(len(at)), np.zeros((f, len(at)))
-        moved = PROBE * np.moveaxis(rate[at] * freedom.units, 2, 0)
-        probes = np.concatenate([q[at][None], q[at] + moved]).reshape(-1, q.shape[1])
-        found = self.ground.band(probes, np.tile(freedom.wrench[at], (f + 1, 1))).reshape(f + 1, -1)
-        return found[0], (found[1:] - found[0]) / PROBE / freedom.units[:, None]
+        if self.ground.band is None or point.slope is not None:
+            return point
+        probes = point.q[at] + PROBE * np.moveaxis(point.rate[at] * freedom.units, 2, 0)
+        found = self.ground.band(probes.reshape(-1, probes.shape[-1]), np.tile(freedom.wrench[at], (f, 1)))
+        return replace(point, slope=(found.reshape(f, -1) - point.radius) / PROBE / freedom.units[:, None])
 
     def cost(self, point: Point) -> float:
         """Return what is minimised, a passed band included."""

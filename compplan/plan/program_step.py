@@ -36,6 +36,7 @@ def solve_program(program: JointProgram) -> Point:
     assert program.first is not None
     point, size, dull = replace(program.first, cost=program.cost(program.first)), FIRST_STEP, 0
     for count in range(STEPS):
+        point = program.differentiate(point)
         step = propose_step(program, point, size)
         if step is None:
             break
@@ -198,7 +199,7 @@ def _add_band(program: JointProgram, rows: StepRows, point: Point, spread: Array
     """Add the band at its stations: below B, B below what is allowed."""
     first, prices = program.first, program.prices
     assert first is not None
-    if prices.band == 0.0 and not np.isfinite(prices.most_band):
+    if point.slope is None:
         return
     scale = float(first.radius.max())
     by_c = np.einsum("fj,jfc->jc", point.slope, spread[program.looked]) / scale

@@ -16,7 +16,7 @@ from compplan.plan.feed import TorqueRules
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
 from compplan.plan.one_program import Ground, Point, Prices, build_program
 from compplan.plan.program_step import margin_stations, solve_program
-from compplan.plan.run_meter import RunMeter, TimedStart, measure_radius
+from compplan.plan.run_meter import RunMeter, TimedStart, lead_radius
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import INERTIA_WINDOWS, cutting_runs, time_rapids
 from compplan.posture.clearance import measure_margin
@@ -32,7 +32,7 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 LOG = logging.getLogger(__name__)
 
 #: Stations of the program at most, waypoints that they may stand for, and stations of the graph's bound.
-MOST_STATIONS, MOST_WAYPOINTS, BOUND_STATIONS = 400, 8000, 50
+MOST_STATIONS, MOST_WAYPOINTS, BOUND_STATIONS = 400, 8000, 25
 #: Windows of smoothing, as shares of those that plans have, and starts whose speed is eased, the best ones.
 WINDOWS, EASED = (1.0, 0.7), 3
 #: Gain that a posture is changed for, and difference of time or band that counts as none.
@@ -112,11 +112,12 @@ def better_start(start: Start, choice: StartChoice) -> Start:
         return start
     first = measured[0]
     origins = _find_origins(start, choice, preset)
-    candidates: list[tuple[str, Start, Brought | None]] = [(name, origin, None) for name, origin in origins.items()]
+    runs: list[tuple[TimedStart, str, Brought | None]] = [(first, "graph", None)]
     for name, origin in origins.items():
+        runs += [(run, name, None) for run in choice.meter.measure(origin)] if origin is not start else []
         found = propose_start(task if origin is start else choice.meter.state(origin), origin, choice, prices)
-        candidates += [(name, *found)] if found else []
-    taken = _choose_run(preset, first, candidates, choice.meter)
+        runs += [(run, name, found[1]) for run in choice.meter.measure(found[0])] if found else []
+    taken = _choose_run(preset, first, runs, choice.meter)
     if taken is None:
         return start
     run, name, how = taken
@@ -150,27 +151,28 @@ def _find_origins(start: Start, choice: StartChoice, preset: str) -> dict[str, S
 
 
 def _choose_run(
-    preset: str, first: TimedStart, candidates: list[tuple[str, Start, Brought | None]], meter: RunMeter
+    preset: str, first: TimedStart, runs: list[tuple[TimedStart, str, Brought | None]], meter: RunMeter
 ) -> tuple[TimedStart, str, Brought | None] | None:
-    """Choose the run that a preset is for, of all candidates and of the best ones eased; None where none gains.
+    """Choose the run that a preset is for, of all runs and of the best ones eased; None where none gains.
 
     Args:
         preset: The preset by name, "" for none.
         first: The graph's run.
-        candidates: Where each comes from, its start, and what the program did.
+        runs: The runs, where each comes from, and what the program did.
         meter: How runs are measured.
 
     """
     def share(run: TimedStart) -> tuple[float, float, float]:
         return run.time / first.time, run.band / first.band, run.still / first.still
 
-    runs = [(run, name, how) for name, start, how in candidates for run in meter.measure(start)]
+    runs = list(runs)
     beside = None if preset == "fast" else first
     order = sorted(runs, key=lambda entry: share(entry[0])[0] if preset == "fast" else sum(share(entry[0])[:2]))
     for number, (run, name, how) in enumerate(order[:EASED]):
         for window in WINDOWS if number == 0 else WINDOWS[:1]:
             if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):
-                runs += [(eased, name, how) for eased in meter.measure(run.start, window=window, beside=beside)]
+                runs += [(eased, name, how) for eased in meter.measure(
+                    run.start, window=window, beside=beside, quiet=run.quiet)]  # fmt: skip
     best, least = None, 1.0 - LEAST_GAIN
     for run, name, how in runs:
         value = _judge(preset, *share(run))
@@ -245,7 +247,8 @@ def propose_start(task: PlanTask, start: Start, choice: StartChoice, prices: Pri
     freedom = find_freedom(task, stance, choice.nominal, choice.tool_x, MOST_STATIONS, choice.tube)
     if freedom is None:
         return None
-    program = build_program(freedom, _state_ground(freedom, stance, request, choice.meter), prices)
+    ground = _state_ground(freedom, stance, request, choice.meter, prices)
+    program = None if ground is None else build_program(freedom, ground, prices)
     if program is None:
         return None
     point = solve_program(program)
@@ -268,9 +271,14 @@ def _keep_in_tube(freedom: Freedom, moved: Array) -> Array:
     return np.where([name in TUBE for name in freedom.names], np.clip(moved, -most, most), moved)
 
 
-def _state_ground(freedom: Freedom, stance: Stance, request: PostureRequest, meter: RunMeter) -> Ground:
-    """State what postures have to keep."""
+def _state_ground(
+    freedom: Freedom, stance: Stance, request: PostureRequest, meter: RunMeter, prices: Prices
+) -> Ground | None:
+    """State what postures have to keep; None where nothing is cut."""
     task, scene, settings = freedom.task, request.scene, stance.settings
+    cut = freedom.rows[task.cut[freedom.rows]]
+    if not len(cut):
+        return None
     margin = None
     if scene is not None:
         at = margin_stations(len(freedom.rows))
@@ -283,8 +291,8 @@ def _state_ground(freedom: Freedom, stance: Stance, request: PostureRequest, met
         def torques(q: Array) -> Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]:
             return TorqueRules(task.robot, q, freedom.wrench).rows
 
-    return Ground(lambda q, wrench: measure_radius(task.robot, meter.force, q, wrench), margin, settings.limit_margin,
-                  torques)  # fmt: skip
+    band = lead_radius(task.robot, meter.force, task.q_start[cut], task.wrench[cut]) if prices.counts_band else None
+    return Ground(band, margin, settings.limit_margin, torques)
 
 
 def _follow(

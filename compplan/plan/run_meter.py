@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from compplan.cell.vibration import build_dynamics
+from compplan.cell.vibration import Dynamics, build_dynamics
 from compplan.effects.scene import Scene
 from compplan.errors import ConvergenceError
 from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, stage_path
+from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, rest_scene, stage_path
 from compplan.plan.bending import measure_motion
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.task import PlanTask
@@ -34,6 +34,9 @@ from compplan.robot.uncertainty import Uncertainty
 
 #: Rows of the cut at which the band of a finished posture is measured.
 BAND_ROWS = 120
+#: Rows at which leading parameters are told, how far each joint is moved for that, and least change of their part of
+#: the variance, as a share of all. [1, rad or m, 1]
+LEADING_ROWS, MOVED, LEAST_LEAD = 10, 0.15, 5e-3
 #: Runs that are tried at most, and waypoints times runs.
 ROUNDS, WORK = 20, 40_000
 #: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
@@ -52,6 +55,7 @@ class TimedStart(NamedTuple):
         time: The whole run. [s]
         band: Widest 95 % band along the cut. [m]
         still: The same, vibration left out. [m]
+        quiet: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
 
     """
 
@@ -59,6 +63,7 @@ class TimedStart(NamedTuple):
     time: float
     band: float
     still: float
+    quiet: Array
 
 
 @dataclass(frozen=True)
@@ -85,13 +90,16 @@ class RunMeter:
         except ConvergenceError:
             return np.inf
 
-    def measure(self, start: Start, *, window: float = 1.0, beside: TimedStart | None = None) -> list[TimedStart]:
+    def measure(
+        self, start: Start, *, window: float = 1.0, beside: TimedStart | None = None, quiet: Array | None = None
+    ) -> list[TimedStart]:
         """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
 
         Args:
             start: The start, without a pace.
             window: Windows of smoothing, share of those that plans have.
             beside: A run whose time is not to be passed, or None.
+            quiet: Covariance of the tip without vibration, where it has been measured.
 
         Returns:
             The runs; none where no run keeps the limits.
@@ -100,34 +108,35 @@ class RunMeter:
         plain = Easing(window, np.zeros(1), np.ones(1))
         task, found = self.state(start if window == 1.0 else replace(start, pace=plain)), []
         slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
+        dynamics = build_dynamics(task.robot)
         try:
-            still = spread_tip(task, self.force, rows)
+            still = spread_tip(task, self.force, rows) if quiet is None else quiet
             aside = task.position[rows] - task.programmed[rows]
-            quiet = band_radius(still, mean=aside)
+            calm = band_radius(still, mean=aside)
             for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
                 eased = start if count == 0 and window == 1.0 else replace(
                     start, pace=Easing(window, task.origin, slower))  # fmt: skip
                 run = replace(task, start=eased)
                 time = time_run(run, run.q_start, self.wish)[1].time
-                rings = self.spread_vibration(run, time, rows)
+                rings = self.spread_vibration(run, time, rows, dynamics)
                 band = band_radius(still + rings, mean=aside)
-                widest = (float(each.max(initial=0.0)) for each in (band, quiet))
-                found.append(TimedStart(eased, float(time[-1]), *widest))
+                widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
+                found.append(TimedStart(eased, float(time[-1]), widest, least, still))
                 if beside is None or time[-1] > TOO_LONG * beside.time or not rings.any():
                     break
                 if count % 2 == 0:
                     target = LOWER * min(target, found[-1].band if count == 0 else np.inf, beside.band)
-                room = np.sqrt(np.maximum(target**2 - quiet**2, (LEAST_ROOM * target) ** 2))
-                use = np.sqrt(np.maximum(band**2 - quiet**2, 0.0)) / room
+                room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
+                use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
                 wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
                 slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
         except ConvergenceError:
             pass
         return found
 
-    def spread_vibration(self, task: PlanTask, time: Array, rows: NDArray[np.int_]) -> Array:
+    def spread_vibration(self, task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> Array:
         """Return the covariance of the tip by its vibration at some waypoints of a run. Shape (k, 3, 3). [m^2]."""
-        motion = measure_motion(task, time, build_dynamics(task.robot), self.damping)
+        motion = measure_motion(task, time, dynamics, self.damping)
         if motion is None:
             return np.zeros((len(rows), 3, 3))
         away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
@@ -148,13 +157,40 @@ def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Ar
     return _spread_scene(scene, known_uncertainty(task.robot), force, rows)
 
 
-def measure_radius(robot: Robot, force: ForceSpread, q: Array, wrench: Array) -> Array:
-    """Measure the 95 % band at joint positions (k, nq) under a wrench (k, 6), by what is known of a robot. [m]."""
-    scene, every = stage_path(robot, q, wrench), np.arange(len(q))
-    return band_radius(_spread_scene(scene, known_uncertainty(robot), force, every))
+def lead_radius(robot: Robot, force: ForceSpread, q: Array, wrench: Array) -> Callable[[Array, Array], Array]:
+    """Return a band at joint positions (k, nq) under a wrench (k, 6) by what changes with the posture. [m]
+
+    Near joint positions that are given, parameters whose part of the variance hardly changes are taken at their mean.
+
+    Args:
+        robot: The robot.
+        force: How surely the force is known.
+        q: Joint positions along a path. Shape (n, nq). [rad or m]
+        wrench: Shape (n, 6). [N, N m]
+
+    """
+    known, some = known_uncertainty(robot), np.unique(np.linspace(0, len(q) - 1, LEADING_ROWS).astype(int))
+    near = np.concatenate([q[some], *(q[some] + MOVED * side for side in np.eye(q.shape[1]))])
+    scene = stage_path(robot, near, np.tile(wrench[some], (q.shape[1] + 1, 1)))
+    model = measure_slopes(scene, known.unknowns, np.arange(len(near)))
+    part = ((model * known.width) ** 2).sum(axis=1)
+    leads, owner = np.ptp(part, axis=0) > LEAST_LEAD * part.sum(axis=1).mean(), []
+    for number, unknown in enumerate(known.unknowns):
+        owner += [number] * len(unknown.keys)
+    kept = np.isin(owner, np.array(owner)[leads])
+    all_of, own = (model[: len(some), :, rows] @ known.spread[rows] for rows in (slice(None), kept))
+    left = (all_of @ np.swapaxes(all_of, 1, 2) - own @ np.swapaxes(own, 1, 2)).mean(axis=0)
+    names = tuple(known.unknowns[k] for k in np.unique(np.array(owner)[kept]))
+    fewer = replace(known, unknowns=names, factor=known.factor[kept], rivals=())
+
+    def radius(q: Array, wrench: Array) -> Array:
+        return band_radius(_spread_scene(stage_path(robot, q, wrench), fewer, force, np.arange(len(q))) + left)
+
+    return radius
 
 
 def _spread_scene(scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
-    shared, local = measure_force_slopes(scene, rows, force)
-    slopes = Slopes(rows, np.zeros((len(rows), 3)), measure_slopes(scene, known.unknowns, rows), shared, local)
+    rest = rest_scene(scene, rows)
+    shared, local = measure_force_slopes(scene, rows, force, rest)
+    slopes = Slopes(rows, np.zeros((len(rows), 3)), measure_slopes(scene, known.unknowns, rows, rest), shared, local)
     return np.asarray(sum(split_covariance(slopes, known).values()))

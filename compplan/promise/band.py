@@ -22,7 +22,7 @@ from scipy.spatial.distance import cdist
 from compplan.effects.scene import Scene
 from compplan.job.job import Job
 from compplan.known.assumed import known_uncertainty, list_assumed
-from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, tie_force, tip_of
+from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, rest_scene, tie_force
 from compplan.known.vary import pick_rivals
 from compplan.measure.distance import LEVEL, band_radius
 from compplan.path.toolpath import interpolate
@@ -162,12 +162,14 @@ def linearise_path(
     rows = pick_rows(cut)
     if motion is not None:
         rows = np.union1d(rows, motion.worst_rows(cut, MOVED))
-    shared, local = measure_force_slopes(scene, rows, force)
+    rest = rest_scene(scene, rows)
+    shared, local = measure_force_slopes(scene, rows, force, rest)
     if part is not None:
         shared = np.concatenate([shared, part[rows]], axis=2)
     moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
     tie = tie_force(known, force) if len(force.robot) else None
-    return Slopes(rows, tip_of(scene, rows), measure_slopes(scene, known.unknowns, rows), shared, local, moved, tie)
+    model = measure_slopes(scene, known.unknowns, rows, rest)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:

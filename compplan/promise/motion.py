@@ -99,11 +99,10 @@ def swing_arm(
     spread = np.sqrt(np.log1p(width**2))  # of the logarithm, for a relative deviation: lognormal, mean 1
     factors = np.exp(spread * level - 0.5 * spread**2)
     dampings = np.clip(damping * DAMPING_FACTOR ** level[(7 * np.arange(DRAWS)) % DRAWS], 1e-3, 0.9)
-    error = np.empty((DRAWS, len(q), 3))
-    for number, (factor, share) in enumerate(zip(factors.tolist(), dampings.tolist(), strict=True)):
-        static, load = (factor * of - to for of, to in ((moving.static, held.static), (moving.load, held.load)))
-        error[number] = static + ring(modes, places, time, load, factor**-0.5, share)
-    answer = moving.static + ring(modes, places, time, moving.load, 1.0, damping)
+    mix = np.column_stack([np.r_[factors, 1.0], -np.r_[np.ones(DRAWS), 0.0]])
+    more = ring(modes, places, time, [moving.load, held.load], mix, mix[:, 0] ** -0.5, np.r_[dampings, damping])
+    more += np.einsum("db,bni->dni", mix, [moving.static, held.static])
+    error, answer = more[:-1], more[-1]
     return Motion(error, answer, moving.static, source)
 
 
