@@ -10,11 +10,12 @@ import pytest
 from scipy.special import ndtr
 
 from compplan.effects import attain_scene
+from compplan.effects.scene import own_springs
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable, describe_noise
 from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, stage_path
+from compplan.known.slopes import ForceSpread, push_scene, stage_path
 from compplan.known.vary import vary_scene
 from compplan.plan.plan import build_task, prepare_job
 from compplan.promise.band import draw_paths, linearise_path
@@ -24,6 +25,7 @@ from compplan.study.draw import _Noises, draw_cells
 from compplan.study.judging import run_strategy
 from compplan.study.posterior import MODES, count_coordinates, settle_robot
 from compplan.study.study import Study, prepare_study
+from compplan.study.summary import _describe_draws
 
 JOB = {
     "schema": 1,
@@ -110,6 +112,33 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
         assert near.mean() == pytest.approx(0.3, abs=0.03)
         assert drawn[near].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
         assert drawn[~near].std(axis=0).max() < 0.2 * drawn.std(axis=0).max()
+
+
+def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too() -> None:
+    """A softer joint 2 under less force: samples stand where the exact equilibrium of both has them."""
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior"}}, "job.toml"))
+    spring = 0.2 * own_springs(robot)[1].compliance
+    soft = Unknown("joint_stiffness", "joint_2", None, ("compliance_change_rad_per_Nm",), np.array([spring]))
+    tool = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.zeros(3))
+    known = Uncertainty("measured", "test", (soft, tool), np.eye(4))
+    together = np.zeros((4, 4))
+    together[0, 0] = -0.9 * 0.1 * spring
+    force = ForceSpread(0.1, 0.02, 0.0, "process.toml: one part", 0.0, together)
+    task = build_task(replace(robot, uncertainty=known), nominal, replace(options, posture=None))
+    rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
+    study = prepare_study(task, NoiseTable(robot="posterior", **rest), ["none"], force=force)
+    columns = study.surroundings.factors.columns
+    points = np.full((3, study.surroundings.factors.size), 0.5)
+    points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
+    points[2:, columns["wrench_level"]] = ndtr(1.0)
+    seen = np.moveaxis(run_strategy(study, "none", draw_cells(study.surroundings, points)), 0, -1)
+    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    alone = np.sqrt(1.0 - 0.9**2)
+    for row, (softer, level) in enumerate([(0.0, 0.0), (1.5, -0.9 * 1.5), (1.5, -0.9 * 1.5 + alone)]):
+        pushed = push_scene(scene, np.array([level, 0.0, 0.0, 0.0]), force)
+        exact = attain_scene(vary_scene(pushed, [soft], np.array([softer * spring]))).position - task.position
+        assert seen[row] == pytest.approx(exact, abs=2e-6)
+    assert any("(10%, 1.1 deg) go with the robot: process.toml" in words for words in _describe_draws(study))
 
 
 def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:

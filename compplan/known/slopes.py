@@ -103,7 +103,7 @@ def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
     value, vector = np.linalg.eigh(tied @ tied.T)
     # parameters and force were rounded: what goes with the robot is at most all of it
     tied = vector @ np.diag(1.0 / np.sqrt(np.maximum(value, 1.0))) @ vector.T @ tied
-    return tied, vector @ np.diag(np.sqrt(np.maximum(1.0 - value, 0.0)))
+    return tied, vector @ np.diag(np.sqrt(np.maximum(1.0 - value, 0.0))) @ vector.T
 
 
 def pick_rows(cut: NDArray[np.bool_], most: int = ROWS) -> NDArray[np.int_]:

@@ -19,6 +19,7 @@ from compplan.effects.attained import attain_with_effects
 from compplan.effects.linearization import AXES, linearize_scene
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import ForceSpread
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.study.factors import PARTS, Factors, link_blocks, to_normal
@@ -104,8 +105,10 @@ class Cells(NamedTuple):
     tracker: list[Array]
 
 
-def survey_surroundings(task: PlanTask, noise: NoiseTable, factors: Factors) -> Surroundings:
-    """Work out what all samples of a task share."""
+def survey_surroundings(
+    task: PlanTask, noise: NoiseTable, factors: Factors, force: ForceSpread | None = None
+) -> Surroundings:
+    """Work out what all samples of a task share; `force`: what measured parts said of it."""
     chain, q = task.chain, task.q_start
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(task.position, axis=0), axis=1))])
     knots = min(int(np.ceil(length[-1] / (noise.correlation_mm * 1e-3) * KNOTS)) + 2, MOST_KNOTS)
@@ -127,7 +130,7 @@ def survey_surroundings(task: PlanTask, noise: NoiseTable, factors: Factors) -> 
         knot=np.minimum(length / spacing, knots - 1.000001),
         forget=float(np.exp(-spacing / (noise.correlation_mm * 1e-3))),
         repeatability=REPEATABILITY if stated is None else stated,
-        posterior=take_posterior(task, find_travel(q).T) if noise.robot == "posterior" else None,
+        posterior=take_posterior(task, find_travel(q).T, force) if noise.robot == "posterior" else None,
     )
 
 
@@ -213,7 +216,10 @@ def draw_cells(at: Surroundings, points: Array) -> Cells:
     causes = np.vstack([*(take(name) for name in moving), robot])
     causes *= at.scale[:, None]
     bias, noises = take("force_bias"), _Noises(at, points)
-    wrench = [_draw_wrench(at, take, noises, part) for part in range(PARTS)]
+    shares = np.vstack([take("wrench_level"), take("wrench_direction")])
+    if at.posterior is not None:
+        shares = at.posterior.push(robot, shares)
+    wrench = [_draw_wrench(at, shares, noises, part) for part in range(PARTS)]
     force = noises.white(_FORCE, "force_noise", 0, 6)
     force *= _six(noise.force_noise_N, noise.moment_noise_Nm)
     force += (bias[:6, :, None] * _six(noise.force_bias_N, noise.moment_bias_Nm)
@@ -259,11 +265,18 @@ def _draw_drive(at: Surroundings, take: Callable[[str], Array], points: Array) -
     return drive
 
 
-def _draw_wrench(at: Surroundings, take: Callable[[str], Array], noises: _Noises, part: int) -> Array:
-    """Draw the wrench on the tool: level and direction hold for the cell, what varies along the path for a part."""
+def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises, part: int) -> Array:
+    """Draw the wrench on the tool: level and direction hold for the cell, what varies along the path for a part.
+
+    Args:
+        at: What all samples share.
+        shares: Level and turns, in their deviations. Shape (4, b).
+        noises: What varies along the path.
+        part: Number of the part.
+    """
     noise = at.noise
-    turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * take("wrench_direction").T).as_matrix()
-    level = 1.0 + noise.wrench_level * take("wrench_level")[0]
+    turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()
+    level = 1.0 + noise.wrench_level * shares[0]
     turned = np.concatenate([np.einsum("bij,jn->ibn", turn, half) for half in (at.wrench[:3], at.wrench[3:])])
     turned *= level[:, None] + noise.wrench_path * noises.along_path(part)
     return turned

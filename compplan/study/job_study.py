@@ -11,6 +11,7 @@ from compplan.errors import InputError
 from compplan.files.origin import note_seed
 from compplan.job.job import Job
 from compplan.known.assumed import known_uncertainty
+from compplan.known.slopes import read_force_spread
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, build_task, prepare_job
 from compplan.plan.strategies.online import PLAIN
@@ -121,7 +122,8 @@ def _prepare(
     task = build_task(robot, nominal, options, file=job.file)
     plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
     study = prepare_study(
-        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, announce=say
+        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, force=read_force_spread(job),
+        announce=say,
     )
     return study, options.strategy
 

@@ -3,12 +3,13 @@
 A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
 one coordinate for each cause with rivals picks by their weights; and one of what no parameter explains. Compliances of
 driven springs, zeros, lost motion and gear waves act where the samples have them,
-so that encoders see them; everything else moves the tip to first order.
+so that encoders see them; everything else moves the tip to first order. Where a measured part taught force and robot
+together, level and turns of the force go with the parameters, as in the promise.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from compplan.effects.scene import own_springs
 from compplan.errors import InputError
 from compplan.job.noise import OF_ROBOT, NoiseTable
 from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import measure_slopes, pick_rows, stage_path
+from compplan.known.slopes import ForceSpread, measure_slopes, pick_rows, stage_path, tie_force
 from compplan.known.vary import group_rivals
 from compplan.path.toolpath import interpolate
 from compplan.plan.task import PlanTask
@@ -58,11 +59,22 @@ class RobotPosterior:
         root: Parameters per normal coordinate, then per rival explanation that holds. Shape (p, r + rivals). [SI]
         parts: Parameters that act inside the arm; the others move the tip.
         rivals: For each cause, the numbers of its rivals and the weights of each and of the folder's, last.
+        tie: How level and turns go with the parameters and what of them is apart (`tie_force`); None: all is apart.
+        force: What measured parts said of the force where it goes with the robot, or None.
     """
 
     root: Array
     parts: tuple[ArmParameter, ...]
     rivals: list[tuple[list[int], Array]]
+    tie: tuple[Array, Array] | None = None
+    force: ForceSpread | None = None
+
+    def push(self, z: Array, shares: Array) -> Array:
+        """Return level and turns of the force in their deviations, of settled coordinates and own ones. (4, b)."""
+        if self.tie is None:
+            return shares
+        tied, apart = self.tie
+        return np.asarray(tied @ z[: tied.shape[1]] + apart @ shares)
 
     def settle(self, z: Array) -> Array:
         """Turn the coordinate of each cause into which rival holds, 1 for that one; b samples.
@@ -117,10 +129,27 @@ def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
     return noise.model_copy(update={**dict.fromkeys(OF_ROBOT, 0.0), "repeatability_mm": told * 1e3})
 
 
-def take_posterior(task: PlanTask, travel: Array) -> RobotPosterior:
-    """Find where the parameters of a task's robot act. travel: direction of travel of each joint, shape (nq, n)."""
+def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
+    """Take level and direction of the force from what measured parts said of them together with the robot."""
+    if noise.robot != "posterior" or force is None or not len(force.robot):
+        return noise
+    spread = {"wrench_level": force.level, "wrench_direction_deg": float(np.degrees(force.direction))}
+    return noise.model_copy(update=spread)
+
+
+def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
+    """Find where the parameters of a task's robot act.
+
+    Args:
+        task: The task.
+        travel: Direction of travel of each joint. Shape (nq, n).
+        force: How surely the force is known, where measured parts said it, or None.
+    """
     known = known_uncertainty(task.robot)
-    return RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_rivals(known))
+    found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_rivals(known))
+    if force is None or not len(force.robot) or known.rivals:
+        return found
+    return replace(found, tie=tie_force(known, force), force=force)
 
 
 def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
+from compplan.known.slopes import ForceSpread
 from compplan.path.toolpath import select_waypoints
 from compplan.plan.correction_loop import Loop, Plant
 from compplan.plan.coupling import find_stiffness
@@ -34,7 +35,7 @@ from compplan.study.draw import (
 )
 from compplan.study.factors import list_factors
 from compplan.study.kernel import Kernel, build_kernel
-from compplan.study.posterior import settle_robot
+from compplan.study.posterior import settle_force, settle_robot
 
 #: Waypoints that a study looks at; a longer path is thinned evenly, and its report says so.
 MOST_WAYPOINTS = 2500
@@ -150,6 +151,7 @@ def prepare_study(
     *,
     most_waypoints: int = MOST_WAYPOINTS,
     plain: PlanTask | None = None,
+    force: ForceSpread | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Study:
     """Prepare a study.
@@ -160,13 +162,14 @@ def prepare_study(
         strategies: The strategies; all that the robot can carry out if left out.
         most_waypoints: A longer path is thinned evenly to this many waypoints.
         plain: The same task at a posture that was not chosen for accuracy, for `PLAIN`.
+        force: What measured parts said of the force, which then goes with robots drawn from the posterior.
         announce: Called with what is done next.
 
     Raises:
         InputError: If a strategy does not suit the robot, or nothing of the path is cut.
 
     """
-    noise = settle_robot(task.robot, noise or NoiseTable())
+    noise = settle_force(settle_robot(task.robot, noise or NoiseTable()), force)
     if not task.compensated.any():
         raise InputError("nothing of the path is cut, there is nothing to compare")
     gears = bool(task.chain.actuator.any())
@@ -191,7 +194,7 @@ def prepare_study(
         for name in chosen
     }  # fmt: skip
     stiffness = find_stiffness(task)
-    study = assemble_study(thin, noise, answers, len(task))
+    study = assemble_study(thin, noise, answers, len(task), force)
     return study if stiffness is None else replace(study, coupling=_couple(thin, stiffness[rows]))
 
 
@@ -212,7 +215,9 @@ def _couple(thin: PlanTask, stiffness: Array) -> Coupling:
     return Coupling(stiffness, compliance, np.asarray(np.linalg.inv(inner), float))
 
 
-def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer], waypoints: int) -> Study:
+def assemble_study(
+    thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer], waypoints: int, force: ForceSpread | None = None
+) -> Study:
     """Put together what all samples share.
 
     Args:
@@ -220,6 +225,7 @@ def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer]
         noise: The standard deviations.
         answers: The strategies, prepared for the thinned task.
         waypoints: Number of waypoints of the whole path.
+        force: What measured parts said of the force, or None.
 
     """
     selection = actuator_selection(thin.chain)
@@ -233,7 +239,7 @@ def assemble_study(thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer]
         answers=answers,
         workers={name: _make_worker(thin, c, selection, noise) for name, c in answers.items()},
         kernel=build_kernel(thin.chain),
-        surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise)),
+        surroundings=survey_surroundings(thin, noise, list_factors(thin.robot, noise), force),
         gear=(
             np.abs(selection) @ np.diag(thin.chain.compliance),
             np.ascontiguousarray(np.moveaxis(columns, 0, -1)),
@@ -287,7 +293,9 @@ def thin_study(study: Study, most: int) -> Study:
         )
         for name, c in study.answers.items()
     }
-    thinned = assemble_study(thin_task(study.task, most), study.noise, answers, study.waypoints_of_path)
+    posterior, thin = study.surroundings.posterior, thin_task(study.task, most)
+    force = None if posterior is None else posterior.force
+    thinned = assemble_study(thin, study.noise, answers, study.waypoints_of_path, force)
     coupling = study.coupling
     return replace(thinned, coupling=None if coupling is None else Coupling(*(part[rows] for part in coupling)))
 

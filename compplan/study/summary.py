@@ -33,12 +33,18 @@ def _describe_reach(study: Study) -> list[str]:
     return [COUPLED, f"left out of every sample: {LEFT_OUT}"]
 
 
-def _describe_robots(study: Study) -> list[str]:
-    """Say what robots are drawn from, where that is what the folder knows."""
+def _describe_draws(study: Study) -> list[str]:
+    """Say what robots are drawn from, where that is what the folder knows, and what of the force goes with them."""
     if study.noise.robot != "posterior":
-        return []
-    robot = study.task.robot
-    return [f"robots are drawn from what is known: {known_uncertainty(robot).source}", *list_assumed(robot)]
+        return describe_noise(study.noise)
+    robot, posterior = study.task.robot, study.surroundings.posterior
+    said = [f"robots are drawn from what is known: {known_uncertainty(robot).source}", *list_assumed(robot)]
+    if posterior is None or (force := posterior.force) is None:
+        return [*describe_noise(study.noise), *said]
+    taken = ("noise.wrench_level ", "noise.wrench_direction_deg ")
+    said += [f"level and direction of the force ({force.level:.0%}, {np.degrees(force.direction):.2g} deg) go with the"
+             f" robot: {force.source}"]  # fmt: skip
+    return [*(sentence for sentence in describe_noise(study.noise) if not sentence.startswith(taken)), *said]
 
 
 def summarise_run(
@@ -75,7 +81,7 @@ def summarise_run(
         "sensitivity_of": main,
         "within_tolerance_means": "share of samples whose greatest deviation stays within the tolerance",
         "intervals": "ci95 of a mean: Student's t on independent replicates; of quantiles: order statistics",
-        "assumptions": [*_describe_reach(study), *describe_noise(study.noise), *_describe_robots(study)],
+        "assumptions": [*_describe_reach(study), *_describe_draws(study)],
     }
     if sensitivity is not None:
         summary["sensitivity"] = dict(zip(sensitivity.groups, sensitivity.total[main].tolist(), strict=True))
