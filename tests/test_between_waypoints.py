@@ -11,6 +11,7 @@ from arms import one_joint_arm
 from scipy.integrate import odeint
 
 import compplan as cp
+from compplan.cell.inertia import load_springs
 from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.job.job import check_job
 from compplan.plan.agreement import _resolve_starts
@@ -244,6 +245,17 @@ def test_one_joint_and_a_mass_follow_the_path_in_time_where_they_are_driven_ahea
     found = odeint(lambda x, t: [x[1], (np.interp(t, fine, q) - x[0]) / (1e-5 * 50.0)], [0.0, 0.0], time, hmax=1e-4)
     bent = 1e-5 * 50.0 * np.abs(push).max()
     assert np.abs(found[:, 0] - q0[:, 0]).max() < 5e-3 * bent
+
+
+def test_a_point_that_stands_twice_in_a_path_puts_no_load_on_the_arm(tmp_path):
+    # the digits of the second may differ, and it takes no time: not a motion of 1e-12 rad in 1e-12 s
+    robot = one_joint_arm(tmp_path, 1.0, 1e-5, mass=50.0)
+    time, q = np.array([0.0, 0.0, 0.1, 0.2, 0.3, 0.3]), 1e-3 * np.array([[0.0], [1e-9], [1.0], [2.0], [3.0], [3.0]])
+    inside, moves = np.array([False, True, True, True, True, False]), np.array([False, True, True, True, True, True])
+    load = load_motion(build_moving_chain(robot), q, time, inside)
+    assert np.abs(load).max() < 1e-3
+    judged = load_springs(build_dynamics(robot).standing, q, time, moves, np.zeros(6, bool))
+    assert np.abs(judged).max() < 1e-3
 
 
 def test_a_margin_of_the_joint_limits_that_is_not_kept_is_told_with_the_limit(tmp_path):

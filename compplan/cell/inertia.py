@@ -54,7 +54,7 @@ def load_springs(
     if not sum(inertia.mass for inertia in judge.model.inertias) > 0 or not len(judge.elastic):
         return found
     inside = np.zeros(len(q), bool)
-    inside[1:-1] = moving[1:-1] & moving[2:]
+    inside[1:-1] = moving[1:-1] & moving[2:] & (np.minimum(np.diff(time)[:-1], np.diff(time)[1:]) > 1e-6)
     rows = np.flatnonzero(inside & ~rests)
     if among is not None:
         rows = np.intersect1d(rows, among)

@@ -12,7 +12,7 @@ import numpy as np
 from compplan.cell.forces import DrivenRows
 from compplan.cell.frames import read_part
 from compplan.robot import Array
-from compplan.second.follow import Followed, find_difference
+from compplan.second.follow import FEED_SHARE, Followed, find_difference
 from compplan.second.moves import CannotTellError, Reading
 from compplan.second.tables import read_generator, read_table
 
@@ -55,22 +55,27 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
         return Vote(notes=(said,), unread=f"{name}, {error}")
     part, table = read_part(tables.get("part") or {}), tables.get("feed", {})
     posture = tables.get("posture", {})
-    constant = table.get("constant_mm_s")
+    constant, one_feed = table.get("constant_mm_s"), table.get("mode") == "constant"
     rounded = table.get("corner_tolerance_mm")
     if rounded is None:
         rounded = ROUNDED * read_strictest(tables) * isinstance(source, str)
     path = Followed(
         (rows.position - part.translation) @ part.rotation, rows.axis @ part.rotation, rows.rapid,
-        feed if constant is None else None, chord + ROUNDING, 1e-3 * rounded,
+        feed if constant is None and not one_feed else None, chord + ROUNDING, 1e-3 * rounded,
         float(np.radians(np.hypot(posture.get("lead_deg", 0.0), posture.get("lean_deg", 0.0)))),
     )  # fmt: skip
     breaches = []
     if difference := find_difference(path, reading):
         breaches.append(f"{name}: {difference}")
-    if constant is not None:
-        cut = ~rows.rapid & ~rows.lead
-        if np.abs(feed[cut] - 1e-3 * constant).max(initial=0.0) > 1e-6 * constant:
-            breaches.append(f"the path has not the feed of {constant:g} mm/s that the job states")
+    cut = ~rows.rapid & ~rows.lead
+    programmed = reading.feed[reading.feed > 0.0].min(initial=np.inf) if constant is None else 1e-3 * constant
+    if one_feed and cut.any():
+        least, most = float(feed[cut].min()), float(feed[cut].max())
+        if most - least > 1e-6 * most or most > programmed * (1.0 + FEED_SHARE):
+            said = f"{1e3 * least:.4g} to {1e3 * most:.4g} mm/s, not one of {1e3 * programmed:.4g} mm/s at most"
+            breaches.append(f"{name}: the path has a feed of {said}")
+    elif constant is not None and np.abs(feed[cut] - programmed).max(initial=0.0) > 1e-6 * programmed:
+        breaches.append(f"the path has not the feed of {constant:g} mm/s that the job states")
     return Vote(tuple(breaches))
 
 

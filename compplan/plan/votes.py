@@ -226,7 +226,8 @@ def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
         return []
     task, cutting = driven.task, driven.cutting
     q = task.q_links
-    rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:])
+    step = np.diff(driven.time)
+    rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:] & (np.minimum(step[:-1], step[1:]) > 1e-6))
     if not len(rows):
         return []
     push = np.linalg.norm(fit_parabolas(q, driven.time, rows)[1], axis=1)

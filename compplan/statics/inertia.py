@@ -27,6 +27,9 @@ from compplan.statics.chain import Chain, build_chain, chunks, locate_frames
 #: Directions of the four points from the centre: their sum is zero, their second moment four times the unit matrix.
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 
+STANDS = 1e-6
+"""A step that takes less does not move the arm. [s]"""
+
 
 def build_moving_chain(robot: Robot) -> Chain:
     """Build the elastic chain of a robot with all its masses as points; their weight loads nothing here.
@@ -58,9 +61,13 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
         chain: The chain with its masses (`build_moving_chain`).
         q: Joint positions of the links' motion, the chain's the last of them. Shape (n, nq). [rad or m]
         time: Time at each row. Shape (n,). [s]
-        inside: Rows that are within a run from rest to rest, its ends left out. Shape (n,).
+        inside: Rows that are within a run from rest to rest, its ends left out. Shape (n,). Of these, rows beside a
+            step that takes no time stand where a run begins or ends.
     """
-    loads, rows = np.zeros((len(q), chain.n_springs)), np.flatnonzero(inside)
+    step = np.diff(time)
+    on_the_way = np.zeros(len(q), bool)
+    on_the_way[1:-1] = inside[1:-1] & (step[:-1] > STANDS) & (step[1:] > STANDS)
+    loads, rows = np.zeros((len(q), chain.n_springs)), np.flatnonzero(on_the_way)
     q = q[:, q.shape[1] - chain.nq :]
     if not len(rows) or not len(chain.mass):
         return loads
