@@ -19,10 +19,13 @@ from compplan.executed.geometry import Nodes, ToolArc, build_path, locate_nodes
 from compplan.executed.instructions import Instructions, read_instructions
 from compplan.executed.run import execute_program
 from compplan.executed.timing import limit_speed
-from compplan.executed.zones import ZONES, widest_zone
-from compplan.program import WRITERS, kawasaki_as, urscript
+from compplan.program import WRITERS, build_program, kawasaki_as, urscript, write_program
 from compplan.program.servo import read_motion
+from compplan.program.zones import ZONES, widest_zone
 from compplan.robot import load_robot
+from compplan.second.programs.fanuc_abb import read_fanuc, read_rapid
+from compplan.second.programs.kuka_staubli import read_krl, read_val3
+from compplan.second.programs.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 
@@ -190,3 +193,85 @@ def test_programs_are_executed_as_an_emulator_of_another_author_does(tmp_path: P
     wanted = locate_frames(plan.task.chain, plan.q).tcp_position
     beside = measure_beside(wanted, tip)
     assert said["max"] == pytest.approx(beside.max(), rel=0.05) and beside.max() > 0.05
+
+
+def plan_bends(folder: Path, robot: str, place: str, tolerance: float, programs: list[str], motion: str = "") -> Path:
+    """Write a job whose path bends by 7 deg to and fro, too little to be rounded as a corner."""
+    heading = np.radians([0.0, 7.0, 0.0, 7.0, 0.0])
+    corners = np.vstack([np.zeros(2), np.cumsum(6.0 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)])
+    way = np.vstack([np.linspace(a, b, 7)[k > 0 :] for k, (a, b) in enumerate(pairwise(corners))])
+    rows = np.column_stack([way, 0.0 * way[:, 0], np.full(len(way), 20.0)])
+    np.savetxt(folder / "p.csv", rows, delimiter=",", header="x_mm,y_mm,z_mm,feed_mm_s", comments="")
+    (folder / "job.toml").write_text(
+        f'schema = 1\nrobot = "{robot}"\ntoolpath = "p.csv"\n[part]\nposition_mm = [{place}]\n'
+        f'[plan]\ntolerance_mm = {tolerance}\n[process]\nmodel = "constant"\nforce_N = [0.0, 0.0, 0.0]\n'
+        f"[output]\nprograms = {json.dumps(programs)}\n"
+    )
+    return folder / "job.toml"
+
+
+def test_zones_are_smaller_where_the_language_s_own_would_take_a_quarter_of_the_tolerance(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
+    from benchmarks.executed.controller import draw_controller, lay_path
+    from benchmarks.executed.job import measure_beside
+    from benchmarks.executed.programs import read_cut
+
+    job = plan_bends(tmp_path, "abb_irb4600_60_205", "1400.0, 0.0, 600.0", 0.008, ["rapid"])
+    answer = run_command(["plan", job, "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
+    found = json.loads(answer.out)
+    said = found["executed_mm"]
+    assert found["status"] == "solved" and said["smaller_zones"] == 4
+    start, blocks = read_cut(tmp_path / "out", "rapid")
+    zones = {block.zone for block in blocks}
+    assert {0.0, 3e-4} < zones and min(zones - {0.0}) < 2e-4
+    tip = lay_path(start, blocks, draw_controller(0, 6, "rapid"))[0][:, :3, 3]
+    plan = plan_job(load_job(job))
+    beside = measure_beside(locate_frames(plan.task.chain, plan.q).tcp_position, tip)
+    assert beside.max() < 0.25 * 0.008 + 0.002  # and what lines may leave
+
+
+#: Postures of arms that bend the wrist. [deg]
+POSTURES = {
+    "krl": [0, -80, 100, 10, 60, 5], "rapid": [5, 10, 10, 10, 60, 5], "urscript": [5, -100, -110, -60, 90, 5],
+    "fanuc_ls": [5, 10, 10, 10, 60, 5], "kawasaki_as": [5, 10, 80, 10, 60, 5], "val3": [5, 10, 80, 10, 60, 5],
+    "sinumerik": [5, -80, 100, 10, 60, 5], "inform": [5, 10, 10, 10, 60, 5],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("language", "robot", "says", "read"),
+    [
+        ("krl", "kuka_kr16_2", "$APO.CDIS=0.0", read_krl),
+        ("rapid", "abb_irb4600_60_205", "[FALSE,0.0", read_rapid),
+        ("urscript", "ur10e", "r=0.0000", read_urscript),
+        ("fanuc_ls", "fanuc_m20ia", "CNT", read_fanuc),
+        ("kawasaki_as", "kawasaki_rs020n", "ACCURACY 0.0", read_kawasaki),
+        ("sinumerik", "kuka_kr16_2", "G641 ADIS=0.0", read_sinumerik),
+        ("inform", "yaskawa_gp25", "PL=0", read_inform),
+        ("val3", "staubli_tx200", "mEnd", read_val3),
+    ],
+)
+def test_a_corner_has_a_smaller_zone_or_an_exact_stop_and_is_read_back(
+    language: str, robot: str, says: str, read, tmp_path: Path
+) -> None:
+    arm = build_arm(load_robot(robot))
+    q = np.repeat(np.radians([POSTURES[language]]), 7, axis=0)
+    frames = locate_frames(arm.chain, q)
+    way = np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 0.0], [12.0, 0.0], [12.0, 4.0], [12.0, 8.0], [12.0, 12.0]])
+    place = frames.tcp_position + 1e-3 * np.column_stack([way, np.zeros(7)])
+    q = refine_ik(arm, q, place, frames.tcp_rotation)
+    assert np.abs(locate_frames(arm.chain, q).tcp_position - place).max() < 1e-9
+    time, rapid = 0.2 * np.arange(7.0), np.r_[True, np.zeros(6, bool)]
+    program = build_program(arm.robot, q, np.full(7, 0.02), rapid, name="bend", time=time)
+    program = replace(program, tolerance=2e-6, form="linear", corner=np.full(7, 5e-6), cycle=0.004)
+    files = {}
+    for corner in (program.corner, None):
+        folder = tmp_path / ("bound" if corner is not None else "free")
+        folder.mkdir()
+        write_program(replace(program, corner=corner, pieces={}), language, folder, any_brand=True)
+        files[folder.name] = "".join(file.read_text() for file in sorted(folder.rglob("*")) if file.is_file())
+    assert says in files["bound"] and files["bound"] != files["free"]
+    main = next(file for file in sorted((tmp_path / "bound").iterdir()) if not file.stem[-1].isdigit())
+    moves = [move for move in read(main) if move.kind != "act"]
+    assert len(moves) == 3 and moves[1].stops == (language in ("inform", "val3"))

@@ -35,6 +35,7 @@ class Commanded:
         coarser: How much more than the strictest tolerance the move to each row may take. Shape (n,).
         stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
             Shape (m,).
+        may_stop: Where programs may stop exactly instead of leaving the path in a zone. Shape (m,).
         sent: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
 
     """
@@ -46,6 +47,7 @@ class Commanded:
     path: tuple[int, int]
     feed: Array
     stands: NDArray[np.bool_]
+    may_stop: NDArray[np.bool_]
     free: NDArray[np.bool_]
     table: NDArray[np.bool_]
     coarser: Array

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from compplan.files.columns import FileColumn
 from compplan.files.tables import Array, Table, read_table
+from compplan.program.zones import FASTEST
 from compplan.robot import Robot
 
-#: Fastest feed and largest zone that are taken for true. [m/s], [m]
-FASTEST, WIDEST = 20.0, 2.0
+#: Largest zone that is taken for true. [m]
+WIDEST = 2.0
 
 COLUMNS = (
     FileColumn("move", "text", required=True),

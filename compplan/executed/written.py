@@ -8,21 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.executed.geometry import Nodes, ToolArc
-from compplan.executed.instructions import FASTEST, Instructions
-from compplan.executed.zones import BlendZone
+from compplan.executed.instructions import Instructions
 from compplan.program.fit import Fitted
 from compplan.program.shapes import find_circle
+from compplan.program.zones import FASTEST, BlendZone, find_zones, mark_moves
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm
 
-#: A move that is shorter leads nowhere. [m]
-NOWHERE = 1e-8
 
-
-def lay_moves(
-    fitted: Fitted, q: Array, arm: Arm, zone: BlendZone, smoothing: float
-) -> tuple[Nodes, NDArray[np.int_]]:
+def lay_moves(fitted: Fitted, q: Array, arm: Arm, zone: BlendZone) -> tuple[Nodes, NDArray[np.int_]]:
     """Return where the moves of a fitted program end, as the geometry that the controller believes has them.
 
     Moves that lead nowhere are left out; a controller reads past them.
@@ -32,17 +27,14 @@ def lay_moves(
         q: Commanded joints of the whole program. Shape (n, nq). [rad or m]
         arm: The robot as its controller believes it.
         zone: How far before a corner the controller may leave the path.
-        smoothing: Time over which it averages the speed. [s]
 
     Returns:
         The moves, and the row of the whole program at the end of each. Shape (m,).
 
     """
     program = fitted.program
-    alone, stops = program.alone(linear=True), program.stops(linear=True)
-    place = locate_frames(arm.chain, q[fitted.rows]).tcp_position
-    moves = np.r_[True, np.linalg.norm(np.diff(place, axis=0), axis=1) > NOWHERE] | alone | program.arcs | stops
-    rows, alone, stops, feeds = fitted.rows[moves], alone[moves], stops[moves], program.feed[moves]
+    alone, moves = program.alone(linear=True), mark_moves(program)
+    rows, alone, feeds = fitted.rows[moves], alone[moves], program.feed[moves]
     frames, n = locate_frames(arm.chain, q[rows]), len(rows)
     position = frames.tcp_position
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
@@ -56,9 +48,7 @@ def lay_moves(
             arcs[k] = ToolArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
             length[k] = radius * arcs[k].sweep
     feed = np.where(alone | (feeds <= 0.0), FASTEST, 1e-3 * feeds)
-    room = zone.share * np.minimum(length, np.r_[length[1:], 0.0])
-    size = zone.size + zone.overlap * 0.5 * smoothing * np.minimum(feed, np.r_[feed[1:], 0.0])
-    size = np.where(stops, 0.0, np.minimum(size, room))
+    size = find_zones(program, zone)[0][moves]
     instructions = Instructions(
         Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], q[rows], feed, size
     )

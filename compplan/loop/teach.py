@@ -260,7 +260,8 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off."""
     nominal, task, options = build_learned(job, robot, residual)
     # the judge of a job reads the job's own robot and path: here both have learned, and the task's own force acts
-    plan = replace(plan_task(task, options.strategy, name=job.name or job.file.stem, feed=options.feed), job=job)
+    name = job.name or job.file.stem
+    plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
         said = f"the path is shifted by up to {most:.3g} mm for what cut parts taught; deviations count from there"

@@ -19,9 +19,13 @@ from compplan.outputs.cell import write_plan_cell
 from compplan.path.events import ENDING, Event, find_halts
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison, summarise_comparison
+from compplan.plan.executed import bound_zones
 from compplan.plan.result import Plan, replace_said, summarise_plan
 from compplan.program import Program
+from compplan.program.fit import LINE
 from compplan.program.post import Post
+from compplan.program.program import Pieces
+from compplan.program.zones import mark_corner_stops
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -101,7 +105,9 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
     sent = np.vstack([way.q, plan.sent, back.q])
-    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, free, choose_rows(plan), coarser, sent)
+    may_stop = mark_corner_stops(make_program(plan), job.output.programs)
+    table = choose_rows(plan)
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
     if not vote.breaches and not vote.notes:
         return plan
@@ -327,16 +333,30 @@ def make_program(plan: Plan) -> Program:
     )
     if plan.job is None:
         return program
-    output, cycle = plan.job.output, load_motion(plan.robot)[0].cycle
+    output, motion = plan.job.output, load_motion(plan.robot)[0]
     coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
+    zones = bound_zones(plan.task, motion)
+    zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
     drawn, lines = (
         None if marks is None else np.r_[np.zeros(before, int), marks, np.zeros(after, int)]
         for marks in (plan.task.nominal.arc, plan.task.nominal.line)
     )
     return replace(
-        program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=coarser, cycle=cycle, free=free, form=output.form,
-        arc_of=drawn, line_of=lines, splines=output.splines,
+        program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=coarser, cycle=motion.cycle, free=free,
+        form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
+        pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip
+
+
+def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
+    """Return the moves that were fitted where the executed path was judged, at the rows of the whole program."""
+    if plan.executed is None or plan.executed.pieces is None:
+        return {}
+    ends, kind = plan.executed.pieces
+    last = before + len(plan.task)
+    whole = np.r_[np.arange(before), ends + before, last + np.arange(after)]
+    kinds = np.r_[np.full(before, LINE), np.where(kind >= 0, kind + before, kind), np.full(after, LINE)]
+    return {(True, False): (whole, kinds)}
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:

@@ -4,6 +4,9 @@ The third path that is judged, beside joint-linear and straight moves: the lines
 the zones of their language, at the speed that the controller gives them, followed by drives and bent by the load.
 Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
 
+It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
+tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_down`).
+
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
 (`compplan.executed.drives`). To second order the inverse of it, a delay T of the whole path aside, is
 
@@ -19,8 +22,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from compplan.errors import InfeasibleError
@@ -29,15 +34,19 @@ from compplan.executed.drives import follow_command
 from compplan.executed.geometry import build_path, follow_path
 from compplan.executed.timing import schedule_path
 from compplan.executed.written import lay_moves
-from compplan.executed.zones import BlendZone, widest_zone
+from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
 from compplan.path.toolpath import interpolate
+from compplan.plan.agreement import Agreement, agree
+from compplan.plan.feed import FeedWish
 from compplan.plan.task import PlanTask, attain_rows
-from compplan.plan.timing import cutting_runs
+from compplan.plan.timing import Timing, cutting_runs
+from compplan.posture.start import Easing
 from compplan.program.counting import believed_robot, load_motion
 from compplan.program.fit import fit_moves
 from compplan.program.program import build_program
 from compplan.program.servo import ASSUMED, ServoMotion
+from compplan.program.zones import BlendZone, find_zones, mark_moves, widest_zone
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -45,6 +54,9 @@ from compplan.statics.sensitivity import attain_pose
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
 SIDE, BLOCK = 40, 100_000
+#: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`, in so many turns. It reaches so
+#: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
+FURTHER, SLOWEST, TURNS, REACH, FARTHER = 1.15, 5.0, 4, 2.0, 3.0
 #: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
 MOST_PLACES = 200_000
 
@@ -63,6 +75,8 @@ class ExecutedPath:
         source: Who says how the drives follow, or "assumed".
         zone: How far before a corner programs let it leave; None where it follows the waypoints.
         duration: Time that it takes for the moves of the path, as far as its speed law is known. [s]
+        smaller: Corners at which programs ask for a smaller zone than their language's.
+        pieces: Ends and kinds of the written moves, with arcs and without cubics, or None.
 
     """
 
@@ -75,6 +89,8 @@ class ExecutedPath:
     source: str
     zone: BlendZone | None = None
     duration: float = 0.0
+    smaller: int = 0
+    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
     @property
     def known(self) -> bool:
@@ -88,13 +104,15 @@ class ExecutedPath:
                  "source": self.source}  # fmt: skip
         if self.zone is None:
             return {**found, "follows": "waypoints"}
-        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed"}
+        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed",
+                "smaller_zones": self.smaller}  # fmt: skip
         return {**found, "follows": "written moves", **zone, "duration_s": self.duration}
 
     def say(self) -> str:
         """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
         if not self.known:
-            return ""
+            return (f"{self.smaller} corners have smaller zones than the language's own, so that they leave the path "
+                    f"by at most {ROUNDED:.0%} of the tolerance.") if self.smaller else ""  # fmt: skip
         left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm beside the path"
         if self.leads:
             return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
@@ -120,8 +138,62 @@ def describe_floor(task: PlanTask, q: Array) -> str:
             f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
 
 
-#: Joints that drives reach, shape (k, nq), and the place of each in the waypoints, shape (k,); the time it takes [s].
-Followed = tuple[tuple[Array, Array], float]
+@dataclass(frozen=True)
+class Followed:
+    """What a controller makes of a command.
+
+    Args:
+        q: Joints that the drives reach. Shape (k, nq). [rad or m]
+        place: The place of each in the waypoints. Shape (k,).
+        duration: [s]
+        smaller: Corners with a smaller zone than the language's.
+        pieces: Ends and kinds of the written moves, or None.
+
+    """
+
+    q: Array
+    place: Array
+    duration: float
+    smaller: int = 0
+    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
+
+
+def bound_executed(task: PlanTask) -> Array:
+    """Return how far the executed tip may be off across the path at each waypoint. Shape (n,). [m]"""
+    return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
+
+
+def vote_on_executed(task: PlanTask, executed: ExecutedPath | None) -> tuple[str, ...]:
+    """Say in a sentence where the executed path leaves the tolerance."""
+    if executed is None or (use := executed.near / bound_executed(task)).max(initial=0.0) <= 1.0:
+        return ()
+    worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
+    return (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
+            f"waypoint {worst}",)  # fmt: skip
+
+
+def slow_down(task: PlanTask, timing: Timing, executed: ExecutedPath | None, turn: int = 0) -> PlanTask | None:
+    """Return a task whose run is slower where drives take the tip out of its tolerance; None where nothing asks for it.
+
+    Args:
+        task: The task as it was commanded.
+        timing: Its run.
+        executed: Where the controller takes it.
+        turn: How often it was made slower before.
+
+    """
+    if executed is None or not executed.known or task.start is None:
+        return None
+    use = executed.near / bound_executed(task)
+    if use.max(initial=0.0) <= 1.0 or (task.pace >= SLOWEST)[use > 1.0].all():
+        return None
+    slower, reach = np.ones(len(task)), REACH * FARTHER**turn * task.smoothing
+    for k in np.flatnonzero(use > 1.0).tolist():
+        near = slice(*np.searchsorted(timing.time, [timing.time[k] - reach, timing.time[k] + reach]))
+        slower[near] = np.maximum(slower[near], FURTHER * use[k])
+    window = 1.0 if task.start.pace is None else task.start.pace.window
+    pace = Easing(window, task.origin, np.minimum(slower * task.pace, SLOWEST))
+    return replace(task, start=replace(task.start, pace=pace))
 
 
 def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
@@ -153,19 +225,60 @@ def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | 
         zone = widest_zone(languages)
         follow = _write_follower(output, zone, known=known)
     try:
-        tip, duration = follow(task, q, time, motion)
+        found = follow(task, q, time, motion)
     except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read back says so
         return None
-    plain, source = _measure(task, q, tip), motion.source if known else ASSUMED
+    plain, source = _measure(task, q, found), motion.source if known else ASSUMED
     if known and drives[:2].any():
         led = lead_lag(task, q, time, motion)
         rate = np.abs(np.diff(led, axis=0)) / np.maximum(np.diff(time), 1e-9)[:, None]
         inside = (rate <= task.velocity_limits).all() and ((led >= task.robot.lower) & (led <= task.robot.upper)).all()
-        tip, lasts = follow(task, led, time, motion)
-        left = _measure(task, q, tip)
+        ahead = follow(task, led, time, motion)
+        left = _measure(task, q, ahead)
         if inside and left[1] < plain[1] and left[2] < plain[2]:
-            return ExecutedPath(*left, plain[1:], led, True, source, zone, lasts)
-    return ExecutedPath(*plain, plain[1:], q, False, source, zone, duration)
+            more = ahead.duration, ahead.smaller, ahead.pieces
+            return ExecutedPath(*left, plain[1:], led, True, source, zone, *more)
+    return ExecutedPath(*plain, plain[1:], q, False, source, zone, found.duration, found.smaller, found.pieces)
+
+
+def drive_within(
+    task: PlanTask, strategy: str, wish: FeedWish, output: OutputTable | None, progress: Callable[[str], None]
+) -> tuple[Agreement, str, ExecutedPath | None]:
+    """Command a task; judge where the controller takes the tip, and drive slower where identified drives go too far.
+
+    One feed for the whole cut stays, and a run that no slower one brings within the tolerance. A correction that lies
+    below what the robot can move is not made.
+
+    Args:
+        task: The task.
+        strategy: Name of the strategy.
+        wish: What the process asks of the feed.
+        output: What programs are asked for, if it is known.
+        progress: Told what is being done.
+
+    Returns:
+        Command and run, the strategy in the end, the executed path.
+
+    """
+    found = agree(task, strategy, wish, progress)
+    if floor := describe_floor(found.task, found.command.q):
+        strategy = "none"
+        found = agree(task, strategy, wish, progress)
+        found = replace(found, notes=(*found.notes, floor))
+    executed = judge_executed(found.task, found.command.q, found.timing.time, output)
+    trial, after = found, executed
+    for turn in range(0 if wish.constant or found.command.status != "solved" else TURNS):
+        slower = slow_down(trial.task, trial.timing, after, turn)
+        if slower is None or executed is None:
+            break
+        progress("slower where the drives leave the tolerance")
+        trial = agree(replace(task, start=slower.start), strategy, wish, progress)
+        after = judge_executed(trial.task, trial.command.q, trial.timing.time, output)
+        if trial.command.status == "solved" and after is not None and not vote_on_executed(trial.task, after):
+            note = (f"The run is up to {slower.pace.max():.3g} times slower where the drives as identified would take "
+                    f"the tip beyond the tolerance ({1e3 * executed.most:.3g} mm, now {1e3 * after.most:.3g}).")
+            return replace(trial, notes=(*trial.notes, note)), strategy, after
+    return found, strategy, executed
 
 
 def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
@@ -213,7 +326,7 @@ def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion
     at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
     reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
     when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
-    return (reached, np.interp(when, time, np.arange(len(time)))), float(time[-1])
+    return Followed(reached, np.interp(when, time, np.arange(len(time))), float(time[-1]))
 
 
 def _write_follower(
@@ -223,13 +336,16 @@ def _write_follower(
 
     def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Followed:
         believed, nominal = believed_robot(task.robot), task.nominal
+        exact = np.zeros(len(q), bool) if task.rests is None else task.rests.copy()
+        exact[0] |= not nominal.rapid[0]  # an approach ends there
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
-                                exact=task.rests, events=nominal.events)  # fmt: skip
+                                exact=exact, events=nominal.events)  # fmt: skip
         tolerance = 1e-3 * output.fit_tolerance_mm
-        fitted = fit_moves(replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle,
-                                   free=task.lead, form=output.form, arc_of=nominal.arc))  # fmt: skip
+        program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
+                          form=output.form, arc_of=nominal.arc, **bound_zones(task, motion))  # fmt: skip
+        fitted = fit_moves(program)
         arm = build_arm(believed)
-        nodes, rows = lay_moves(fitted, q, arm, zone, motion.smoothing)
+        nodes, rows = lay_moves(fitted, q, arm, zone)
         path = build_path(nodes, arm, motion.blend_share)
         schedule = schedule_path(path, motion)
         step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
@@ -240,14 +356,21 @@ def _write_follower(
             s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), schedule.s][: len(reached)]
         some = slice(None, None, -(-len(s) // MOST_PLACES))
         along = np.interp(s[some], path.ends, length[rows])
-        return (reached[some], np.interp(along, length, np.arange(len(q)))), float(schedule.time[-1])
+        smaller = int((np.isfinite(find_zones(fitted.program, zone)[1]) & mark_moves(fitted.program)).sum())
+        place = np.interp(along, length, np.arange(len(q)))
+        return Followed(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
 
     return follow
 
 
-def _measure(task: PlanTask, q: Array, followed: tuple[Array, Array]) -> tuple[Array, float, float]:
+def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
+    """Return how far zones may lead beside the path of a task, and how its controller blends, as a `Program` has it."""
+    return {"corner": ROUNDED * bound_executed(task), "blend_share": motion.blend_share, "smoothing": motion.smoothing}
+
+
+def _measure(task: PlanTask, q: Array, followed: Followed) -> tuple[Array, float, float]:
     """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
-    reached, place = followed
+    reached, place = followed.q, followed.place
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
     if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
         effect = attain_rows(task, q, every, slope=False).position

@@ -14,12 +14,12 @@ from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.files.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
+from compplan.job.output import OutputTable
 from compplan.known.fading import fade_robot
 from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread
 from compplan.path.contact import tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
-from compplan.plan.agreement import agree
 from compplan.plan.approach import plan_approach, plan_retract
 from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
@@ -30,7 +30,7 @@ from compplan.plan.evaluate import (
     evaluate_run,
     measure_margins,
 )
-from compplan.plan.executed import describe_floor
+from compplan.plan.executed import drive_within, vote_on_executed
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
@@ -182,22 +182,21 @@ def plan_compensation(
 
 def plan_task(
     task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None, job: Job | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
 ) -> Plan:  # fmt: skip
     """Let one strategy command a task; time and judge its command; `progress` is told what is being done.
+
+    `output` says what programs are asked for where no job is given.
 
     Raises:
         InfeasibleError: If the arm buckles under the load; with waypoint and joint.
 
     """
+    output = output if job is None else job.output
     try:
-        found = agree(task, strategy, feed or FeedWish(), progress)
+        found, strategy, executed = drive_within(task, strategy, feed or FeedWish(), output, progress)
     except ConvergenceError as error:
         raise explain_buckling(task, error) or error from None
-    if floor := describe_floor(found.task, found.command.q):
-        strategy = "none"
-        found = agree(task, strategy, feed or FeedWish(), progress)
-        found = replace(found, notes=(*found.notes, floor))
     command, timing, feed_notes = found.command, found.timing, found.notes
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
@@ -222,12 +221,12 @@ def plan_task(
         breaches += (after.settled.explain(),)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
     crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
-    breaches += (*votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
+    breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
         told += (jerk,)
-    return Plan(
+    plan = Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
@@ -235,6 +234,8 @@ def plan_task(
         notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling),
                *votes.notes),
     )  # fmt: skip
+    plan.__dict__["executed"] = executed
+    return plan
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:

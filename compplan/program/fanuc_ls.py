@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.files.tables import Array, write_text
@@ -18,6 +19,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, describe_feeds, head_lines, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
+from compplan.program.zones import ZONES, find_zones
 
 name = "fanuc_ls"
 BRAND = "FANUC"
@@ -129,6 +131,7 @@ def _write_kind(
             phrase_events(program.events, program.wiring, PHRASES, "FANUC").items(), start=1
         )
     }
+    share = _share_zones(program) if frame else np.full(len(program), 100)
     files, via = [], _places(program, program.via_positions) if frame and program.arcs.any() else []
     for part, rows in zip(names, parts, strict=True):
         numbers = range(1, rows.stop - rows.start + 1)
@@ -138,7 +141,7 @@ def _write_kind(
         extra = {row: rows.stop - rows.start + k for k, row in enumerate(arcs, start=1)}
         for row, number in zip(indices, numbers, strict=True):
             moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
-            move = _move(program, row, number, bool(alone[row]), bool(stops[row]), extra.get(row))
+            move = _move(program, row, number, bool(alone[row]), 0 if stops[row] else int(share[row]), extra.get(row))
             moves += [move, *events.get(row, [])]
         positions = [_position(entries[row], number, _second_group(program, row))
                      for row, number in zip(indices, numbers, strict=True)]  # fmt: skip
@@ -151,10 +154,17 @@ def _write_kind(
     return files
 
 
-def _move(program: Program, row: int, number: int, alone: bool, stop: bool, via: int | None) -> str:
+def _share_zones(program: Program) -> NDArray[np.int_]:
+    """Return how much of CNT100 each corner may have: a share of its size (assumed). Shape (n,). [%]"""
+    whole = find_zones(replace(program, corner=None), ZONES["fanuc_ls"])[0]
+    stated = np.minimum(find_zones(program, ZONES["fanuc_ls"])[1], 1e9)
+    return np.clip(100.0 * stated / np.maximum(whole, 1e-9), 1.0, 100.0).astype(int)
+
+
+def _move(program: Program, row: int, number: int, alone: bool, share: int, via: int | None) -> str:
     if alone:
         return f"J P[{number}] 20% FINE ;"
-    manner = f"{'FINE' if stop else 'CNT100'}{' COORD' if program.moves_part else ''}"
+    manner = f"{f'CNT{share}' if share else 'FINE'}{' COORD' if program.moves_part else ''}"
     end = f"P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {manner} ;"
     return f"L {end}" if via is None else f"C P[{via}]\n    :  {end}"
 

@@ -55,12 +55,14 @@ class Fitted:
     Args:
         program: The program at the ends of its moves, with `via` of its arcs and `bend` of its cubics.
         rows: The row of each in the whole program. Shape (m,).
+        kinds: LINE, CURVE, or the row that an arc goes by. Shape (m,).
         slowed: How many moves are driven slower than planned, so that the controller has the time for them.
 
     """
 
     program: Program
     rows: NDArray[np.int_]
+    kinds: NDArray[np.int_]
     slowed: int = 0
 
 
@@ -75,9 +77,11 @@ def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> F
     """
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
-        return Fitted(program, np.arange(n))
+        return Fitted(program, np.arange(n), np.full(n, LINE))
     alone, stops = program.alone(linear=True), program.stops(linear=True)
     track = _Track(program, 1e3 * program.tolerance, stops, arcs, curves)
+    if (arcs, curves) in program.pieces:
+        return _take_rows(program, track, *program.pieces[arcs, curves])
     kept = np.flatnonzero(alone | stops | _mark_ends(program))
     pieces: list[tuple[int, int]] = []
     for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
@@ -122,14 +126,16 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     some: dict[str, Any] = {
         name: None if (values := getattr(program, name)) is None else values[ends]
         for name in (
-            "joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of"
+            "joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of",
+            "corner",
         )
     }
     words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
     fewer = replace(
-        program, **some, feed=feed, via=via, bend=bend, words=words, native=native, events=tuple(events), tolerance=0.0
+        program, **some, feed=feed, via=via, bend=bend, words=words, native=native, events=tuple(events), tolerance=0.0,
+        pieces={},
     )
-    return Fitted(fewer, ends, int(np.count_nonzero(short)))
+    return Fitted(fewer, ends, kind, int(np.count_nonzero(short)))
 
 
 class _Track:

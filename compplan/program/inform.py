@@ -17,6 +17,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, describe_feeds, head_lines, joint_shares, split_parts
 from compplan.program.text import clean_text, legal_name, wrap_text
+from compplan.program.zones import stop_at_corners
 
 name = "inform"
 BRAND = "Yaskawa"
@@ -70,7 +71,8 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         files += _write_kind(program, folder, name, most, linear=False)
     if can and program.form != "joint":
         name += name_kind(program, "_L")
-        files += _write_kind(fit_moves(program, arcs=False).program, folder, name, most, linear=True)
+        fitted = stop_at_corners(fit_moves(program, arcs=False).program, "inform")
+        files += _write_kind(fitted, folder, name, most, linear=True)
     return files
 
 

@@ -15,6 +15,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, count_digits, head_lines, joint_shares, split_parts
 from compplan.program.text import legal_name
+from compplan.program.zones import ZONES, find_zones
 
 name = "kawasaki_as"
 BRAND = "Kawasaki"
@@ -100,10 +101,15 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     arm = np.column_stack([program.joints[:, ~program.prismatic], slides])
     events = phrase_events(program.events, program.wiring, PHRASES, "Kawasaki AS")
     lines += [f"  {line}" for line in events.get(-1, [])] if rows.start == 0 else []
+    zones = 1e3 * find_zones(program, ZONES["kawasaki_as"])[1] if linear else np.full(len(program), np.inf)
+    zone = f"{ACCURACY:.3g}"
     for row in range(rows.start, rows.stop):
         if linear and not alone[row]:
             places.append(f"{name}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
             lines.append(f"  SPEED {program.feed[row]:.4f} MM/S")
+            said = zone if stops[row] else f"{min(zones[row], ACCURACY):.3g}"
+            lines += [f"  ACCURACY {said} ALWAYS"] if said != zone else []
+            zone = said
             if arcs[row]:
                 middle = place_table(program.via_positions[row][None], "ZYZ")[0]
                 places.append(f"{name}c{row} " + " ".join(f"{value:.6f}" for value in [*middle, *slides[row]]))
@@ -117,6 +123,7 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
             lines += [f"  SPEED {percent[row]:.4f}", f"  JMOVE #{name}j{row}"]
         lines += ["  BREAK"] if stops[row] else []
         lines += [f"  {line}" for line in events.get(row, [])]
+    lines += [f"  ACCURACY {ACCURACY:.3g} ALWAYS"] if float(zone) != ACCURACY else []
     lists = [*places, ".END"] * (len(places) > 1) + [*joints, ".END"] * (len(joints) > 1)
     return "\n".join([*lines, ".END", *lists, ""])
 

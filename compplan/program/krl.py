@@ -17,6 +17,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, count_digits, head_lines, joint_percent, order_joints, split_parts
 from compplan.program.text import legal_name
+from compplan.program.zones import ZONES, find_zones
 
 name = "krl"
 BRAND = "KUKA"
@@ -29,6 +30,8 @@ LONGEST_NAME = 22
 RAPID_PERCENT = 20
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
+#: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
+WIDE = "$APO.CDIS=0.1"
 #: $BASE of a part that a positioner carries is EK of MACHINE_DEF[n], here its number (assumed).
 CELL = CellWords(int, int, {"positioner": 2}, int)
 MOVES_PART = True
@@ -120,12 +123,14 @@ def _write_linear(program: Program, folder: Path, name: str, most: int) -> list[
     for part, rows in zip(names, parts, strict=True):
         lines = [*HEAD, f"DEF {part}()", *(f"; {line}" for line in head_lines(program))]
         body = list(events.get(-1, [])) if rows.start == 0 else []
-        speed = ""
+        speed, zone = "", WIDE
         for row in range(rows.start, rows.stop):
-            wanted, move = moves[row]
+            wanted, space, move = moves[row]
             body += [wanted] if wanted and wanted != speed else []
-            speed = wanted or speed
+            body += [space] if space and space != zone else []
+            speed, zone = wanted or speed, space or zone
             body += [move, *events.get(row, [])]
+        body += [WIDE] if zone != WIDE else []
         lines += _fold_lines(body)
         files.append(folder / f"{part}.src")
         write_text(files[-1], "\n".join([*lines, "END", ""]), newline="\r\n")
@@ -187,28 +192,29 @@ def _joint_points(program: Program) -> list[str]:
     return [_axis_point(program, row, columns, whole=True) for row in range(len(program))]
 
 
-def _linear_moves(program: Program) -> list[tuple[str, str]]:
-    """Return what sets the speed of each move ("" before joint moves), and its line."""
+def _linear_moves(program: Program) -> list[tuple[str, str, str]]:
+    """Return what sets the speed of each move ("" before joint moves), its zone ("" at stops), and its line."""
     if program.status is None:
         raise InputError("KRL positions need configuration words with status in controller.toml")
     columns = order_joints(program, ARM, "KRL")
     turns, alone = turn_bits(program.joints[:, columns]), program.alone(linear=True).tolist()
     stops, arcs, vias = program.stops(linear=True).tolist(), program.arcs.tolist(), program.via_positions
-    moves, planner = [], "S" if program.splines else ""
+    moves, planner, zones = [], "S" if program.splines else "", find_zones(program, ZONES["krl"])[1].tolist()
     for row, place in enumerate(place_table(program.positions, "ZYX").tolist()):
         end, cam = "" if stops[row] else " C_DIS", program.say_line(row, ";")
         if alone[row]:
             note = "; the configuration changes: a joint move\n" if program.swings[row] else ""
-            moves.append(("", f"{note}PTP {_axis_point(program, row, columns)}{end}"))
+            moves.append(("", "", f"{note}PTP {_axis_point(program, row, columns)}{end}"))
             continue
         words = f"S {program.status[row]},T {turns[row]}{_external(program, row)}"
         target = f"{{{_place(place)},{words}}}"
         speed = f"$VEL.CP={program.feed[row] * 1e-3:.6f}"
+        zone = "" if stops[row] else WIDE if zones[row] == np.inf else f"$APO.CDIS={1e3 * zones[row]:.3f}"
         if arcs[row]:
             via = place_table(vias[row][None], "ZYX")[0].tolist()
-            moves.append((speed, f"{planner}CIRC {{{_place(via)}}},{target}{end}{cam}"))
+            moves.append((speed, zone, f"{planner}CIRC {{{_place(via)}}},{target}{end}{cam}"))
         else:
-            moves.append((speed, f"{planner}LIN {target}{end}{cam}"))
+            moves.append((speed, zone, f"{planner}LIN {target}{end}{cam}"))
     return moves
 
 

@@ -32,6 +32,8 @@ from compplan.robot import Robot
 
 #: Joint positions that are written as zero, without a sign. [deg or mm]
 ZERO = 5e-7
+#: Ends and kinds of fitted moves, by whether they have arcs, and cubics.
+Pieces = dict[tuple[bool, bool], tuple[NDArray[np.int_], NDArray[np.int_]]]
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,11 @@ class Program:
         arc_of: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
         line_of: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
         carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
+        corner: How far the zone at each row may lead beside the path, or None for as far as the language's own.
+            Shape (n,). [m]
+        blend_share: Length of the controller's blends over their zones.
+        smoothing: Time over which the controller averages the speed. [s]
+        pieces: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs, and cubics.
 
     """
 
@@ -123,13 +130,17 @@ class Program:
     arc_of: NDArray[np.int_] | None = None
     line_of: NDArray[np.int_] | None = None
     carries: NDArray[np.bool_] | None = None
+    corner: Array | None = None
+    blend_share: float = 1.0
+    smoothing: float = 0.04
+    pieces: Pieces = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
         shapes = {
             "feed": (n,), "rapid": (n,), "exact": (n,), "time": (n,), "rates": (nq,), "tcp": (n, 4, 4), "status": (n,),
             "bent": (n,), "free": (n,), "via": (n, 4, 4), "bend": (n, 2, 3), "arc_of": (n,), "line_of": (n,),
-            "carries": (nq,), "coarser": (n,),
+            "carries": (nq,), "coarser": (n,), "corner": (n,),
         }  # fmt: skip
         for name, shape in shapes.items():
             array = getattr(self, name)

@@ -15,6 +15,7 @@ from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.post import CellWords, check_cell, render_post
 from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.text import legal_name
+from compplan.program.zones import ZONES, find_zones
 
 name = "rapid"
 BRAND = "ABB"
@@ -125,7 +126,8 @@ def _joint_target(program: Program, row: int) -> str:
 def _linear_moves(program: Program, name: str) -> list[str]:
     positions, turns = program.positions, quaternions(program.positions)
     alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
-    arcs, via, moves = program.arcs.tolist(), program.via_positions, []
+    arcs, via, moves = program.arcs.tolist(), program.via_positions, list[str]()
+    zones = [_zone(zone) for zone in find_zones(program, ZONES["rapid"])[1].tolist()]
     seen = f"{program.post.tool or f't_{name}'}\\WObj:={program.post.base or f'w_{name}'}"
     for row, (place, turn, configuration) in enumerate(
         zip((positions[:, :3, 3] * 1e3).tolist(), turns.tolist(), configurations(program).tolist(), strict=True)
@@ -138,7 +140,7 @@ def _linear_moves(program: Program, name: str) -> list[str]:
             if arcs[row]:
                 middle = _robot_target((via[row, :3, 3] * 1e3).tolist(), quaternions(via[row][None])[0].tolist(), rest)
                 target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
-        manner = _manner(program, row, alone[row], stops[row])
+        manner = _manner(program, row, alone[row], stops[row], zones[row])
         note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
         cam = "" if alone[row] else program.say_line(row, "!")
         moves.append(f"{note}    {target},{manner},{seen};{cam}")
@@ -160,9 +162,17 @@ def configurations(program: Program) -> NDArray[np.int64]:
     return np.column_stack([quadrants, sums])
 
 
-def _manner(program: Program, row: int, alone: bool, stop: bool) -> str:
+def _manner(program: Program, row: int, alone: bool, stop: bool, zone: str = "z0") -> str:
     speed = 500.0 if alone and program.rapid[row] else max(program.feed[row], 0.01)
-    return f"[{speed:.3f},500,5000,1000],{'fine' if stop else 'z0'}"
+    return f"[{speed:.3f},500,5000,1000],{'fine' if stop else zone}"
+
+
+def _zone(zone: float) -> str:
+    """Return zonedata: a zone of one's own [m] where it is finite; z0's ratios of tip, turn and external axes."""
+    if zone == np.inf:
+        return "z0"
+    size, turn = f"{1e3 * zone:.3f}", f"{1e2 * zone:.4f}"
+    return f"[FALSE,{size},{size},{size},{turn},{size},{turn}]"
 
 
 def _external(program: Program, row: int) -> str:

@@ -19,6 +19,7 @@ from compplan.program.post import CellWords, check_cell, name_main, render_post
 from compplan.program.program import Program, count_digits, head_lines, split_parts
 from compplan.program.shapes import find_coefficients
 from compplan.program.text import legal_name
+from compplan.program.zones import ZONES, find_zones
 
 name = "sinumerik"
 #: The control drives arms of many brands.
@@ -119,12 +120,15 @@ def _blocks(program: Program) -> list[str]:
     curves, bend = program.curves.tolist(), np.zeros((len(program), 2, 3)) if program.bend is None else program.bend
     travelled = np.diff(table[:, :3], axis=0, prepend=table[:1, :3])
     second, third = find_coefficients(travelled, 1e3 * bend.transpose(1, 0, 2))
-    blocks, travel = [], ""
+    blocks, travel, zone = [], "", "G642"
+    zones = find_zones(program, ZONES["sinumerik"])[1].tolist()
     for row, values in enumerate(table.tolist()):
         place = _words(np.array([*values, *external[row]]))
         exact, number = " G9" if stops[row] else "", f"N{10 * (row + 1)} "
         kind, cam = "PTP" if alone[row] else "CP", program.say_line(row, ";")
         change, travel = ("" if kind == travel else f"{kind}\n"), kind
+        space = zone if stops[row] else "G642" if zones[row] == np.inf else f"G641 ADIS={1e3 * zones[row]:.3f}"
+        change, zone = change if space == zone else f"{change}{space}\n", space
         note = "; the configuration changes: PTP travel\n" if program.swings[row] else ""
         if alone[row]:
             status = 0 if program.status is None else int(program.status[row])

@@ -14,6 +14,7 @@ from compplan.program.machine import Phrases, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, head_lines, joint_shares, split_parts
 from compplan.program.text import legal_name
+from compplan.program.zones import ZONES, find_zones
 
 name = "urscript"
 BRAND = "Universal Robots"
@@ -139,6 +140,7 @@ def _blend_radii(program: Program, linear: bool) -> Array:
         return np.zeros(len(program))
     step = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1)
     room = np.minimum(np.append(np.inf, step), np.append(step, np.inf))
+    room = np.minimum(room, find_zones(program, ZONES["urscript"])[1] / BLEND_SHARE) if linear else room
     return np.where(program.stops(linear=linear), 0.0, np.minimum(BLEND, BLEND_SHARE * room))
 
 

@@ -15,6 +15,7 @@ from compplan.program.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.program.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.program.program import Program, head_lines, split_parts
 from compplan.program.text import legal_name
+from compplan.program.zones import stop_at_corners
 
 name = "val3"
 BRAND = "Staubli"
@@ -82,7 +83,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         files += _write_kind(program, folder / name, most, linear=False)
     if can and program.form != "joint":
         name += name_kind(program, "_L")
-        files += _write_kind(fit_moves(program).program, folder / name, most, linear=True)
+        files += _write_kind(stop_at_corners(fit_moves(program).program, "val3"), folder / name, most, linear=True)
     return files
 
 

@@ -101,6 +101,11 @@ def read_fanuc(path: Path) -> list[Move]:
 # ------------------------------------------------------------------------------------------------------------- RAPID
 
 
+_RAPID_MOVE = re.compile(
+    r"(Move(?:AbsJ|L|C)) \[(.*)\],(\[[^\]]*\]),(\w+|\[FALSE,[^\]]*\]),(\w+)(?:\\WObj:=(\w+))?;"
+)
+
+
 @dataclass
 class _Rapid:
     """A RAPID interpreter for calls, MoveAbsJ, MoveL and MoveC."""
@@ -116,7 +121,7 @@ class _Rapid:
         for line in filter(None, (text.split("!")[0].strip() for text in self.procedures[procedure].splitlines())):
             if act := read_action(line):
                 self.moves.append(act)
-            elif match := re.fullmatch(r"(Move(?:AbsJ|L|C)) \[(.*)\],(\[.*?\]),(\w+),(\w+)(?:\\WObj:=(\w+))?;", line):
+            elif match := _RAPID_MOVE.fullmatch(line):
                 self.move(match[1], match[2], read_numbers(match[3])[0], *match.groups()[3:])
             elif match := re.fullmatch(r"ActUnit (\w+);", line):
                 self.active.add(match[1])

@@ -134,7 +134,7 @@ class _Sinumerik:
                 assert part.splitlines()[-1] == "M17"
                 self.run(part.removesuffix("M17\n"))
             else:
-                said = {re.sub(r"^T\d+$", "T", word) for word in line.split()}
+                said = {re.sub(r"^T\d+$", "T", word) for word in re.sub(rf"^G641 ADIS={NUMBER}$", "G642", line).split()}
                 if own := {word for word in said if re.fullmatch(r"G5(?:[4-7]|\d\d)", word)} - {"G500"}:
                     self.frame = self.asked
                 assert said <= KNOWN | own | {"T"}, f"unknown line: {line}"
