@@ -139,7 +139,7 @@ def describe_floor(task: PlanTask, q: Array) -> str:
 
 
 @dataclass(frozen=True)
-class Followed:
+class ReachedPath:
     """What a controller makes of a command.
 
     Args:
@@ -216,7 +216,7 @@ def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | 
     if not task.cut.any():
         return None
     languages = () if output is None else tuple(name for name in output.programs if name != "csv")
-    follow: Callable[[PlanTask, Array, Array, ServoMotion], Followed] = _follow_waypoints
+    follow: Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath] = _follow_waypoints
     zone: BlendZone | None = None
     if output is None or not languages or output.form == "joint" or task.robot.carrying:
         if not known:
@@ -318,7 +318,7 @@ def _rates(q: Array, time: Array) -> Array:
     return np.asarray(rate)
 
 
-def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Followed:
+def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
     """Let the drives follow the waypoints at their times."""
     rate = np.zeros_like(q)
     for first, last in cutting_runs(np.zeros(len(q), bool), task.rests):
@@ -326,15 +326,15 @@ def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion
     at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
     reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
     when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
-    return Followed(reached, np.interp(when, time, np.arange(len(time))), float(time[-1]))
+    return ReachedPath(reached, np.interp(when, time, np.arange(len(time))), float(time[-1]))
 
 
 def _write_follower(
     output: OutputTable, zone: BlendZone, *, known: bool
-) -> Callable[[PlanTask, Array, Array, ServoMotion], Followed]:
+) -> Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath]:
     """Return what follows the lines and arcs of written programs; drives that nobody knows follow them exactly."""
 
-    def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Followed:
+    def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
         believed, nominal = believed_robot(task.robot), task.nominal
         exact = np.zeros(len(q), bool) if task.rests is None else task.rests.copy()
         exact[0] |= not nominal.rapid[0]  # an approach ends there
@@ -358,7 +358,7 @@ def _write_follower(
         along = np.interp(s[some], path.ends, length[rows])
         smaller = int((np.isfinite(find_zones(fitted.program, zone)[1]) & mark_moves(fitted.program)).sum())
         place = np.interp(along, length, np.arange(len(q)))
-        return Followed(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
+        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
 
     return follow
 
@@ -368,7 +368,7 @@ def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
     return {"corner": ROUNDED * bound_executed(task), "blend_share": motion.blend_share, "smoothing": motion.smoothing}
 
 
-def _measure(task: PlanTask, q: Array, followed: Followed) -> tuple[Array, float, float]:
+def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:
     """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
     reached, place = followed.q, followed.place
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
