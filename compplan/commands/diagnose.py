@@ -94,7 +94,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         change = describe_change(state_change(diagnosis.robot, finding.effect, diagnosis.deliveries[0].uncertainty))
         lines.append(
             f"  {place}: {change + ' (95 %), ' if change else ''}probability {finding.probability:.2f}, "
-            f"{_describe_motion(finding)}{tie}"
+            f"{_describe_motion(finding, gap.before)}{tie}"
         )
     if counting := describe_counting(diagnosis):
         lines.append(f"  {counting}")
@@ -116,11 +116,12 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     return "\n".join(lines)
 
 
-def _describe_motion(finding: Finding) -> str:
+def _describe_motion(finding: Finding, gap: float) -> str:
     """Say how far an effect moves the target; what was found before anything was fitted has no such figure."""
     if not isfinite(finding.explained):
         return "found before anything was fitted"
-    return f"moves the target {finding.explained * 1e3:.3f} mm"
+    beside = ", of which other errors cancel a part" if finding.explained > gap else ""
+    return f"moves the target {finding.explained * 1e3:.3f} mm{beside}"
 
 
 def describe_assessment(diagnosis: Diagnosis, assessment: Assessment) -> str:
@@ -135,5 +136,6 @@ def describe_assessment(diagnosis: Diagnosis, assessment: Assessment) -> str:
     learning = assessment.learning
     if learning is not None:
         now, then = learning.at(learning.now), learning.at(learning.now + MORE)
-        lines.append(f"{MORE} more poses would bring {now * 1e3:.3f} mm to {then * 1e3:.3f} mm")
+        less = 100.0 * (1.0 - then / now) if now > 0.0 else 0.0
+        lines.append(f"{MORE} more poses like these would take {less:.1f} % off the error")
     return "\n".join(lines)

@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.report import figure as go
 from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell
-from compplan.report.style import AFTER, NEUTRAL, format_length, format_number
+from compplan.report.style import AFTER, NEUTRAL, format_number, format_percent
 
 if TYPE_CHECKING:
     from compplan.diagnose.answer.accuracy import Learning
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: Regions that are listed as the worst.
 WORST_REGIONS = 3
+#: A change of less than this share of its half width is none: poses that see a parameter by noise alone give it more.
+UNSEEN = 0.01
 #: Digits behind the point, by unit.
 DIGITS = {"mm": 3, "deg": 4}
 
@@ -39,7 +41,8 @@ def show_calibration(assessment: Assessment, regions: Sequence[Mapping[str, Any]
         if shown:
             blocks.append(_corrections(shown, "Lengths, directions, tool and base that differ from the model."))
         text = "Every length and direction; lengths in axes of the parent link, tool and base in their own"
-        blocks.append(Fold(text, [_corrections(others, "Intervals hold 95 %.")]))
+        words = "Intervals hold 95 %. What these poses do not see is left out."
+        blocks.append(Fold(text, [_corrections(others, words)]))
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
     blocks.append(_frames(assessment.frames))
@@ -73,16 +76,16 @@ def _more_poses(learning: Learning | None) -> list[Block]:
     figure.update_xaxes(title_text="poses given")
     figure.update_yaxes(title_text="rms of the others, mm", rangemode="tozero")
     now, then = learning.at(learning.now), learning.at(learning.now + MORE)
-    text = (
-        f"{MORE} more poses would bring {format_length(now)} to {format_length(then)}; endless ones "
-        f"{format_length(learning.floor)}. Names and noise held."
-    )
+    less, least = (format_percent(1.0 - error / now) if now > 0.0 else "0 %" for error in (then, learning.floor))
+    text = f"{MORE} more poses like these would take {less} off the error, endless ones {least}. Names and noise held."
     return [Chart(figure, text, 260)]
 
 
 def _corrections(corrections: Sequence[Correction], caption: str) -> PageTable:
     rows: list[Row] = []
     for c in corrections:
+        if abs(c.value) < UNSEEN * (c.high - c.value):
+            continue
         what = " ".join(part for part in (c.effect.replace("_", " "), c.joint, c.axis) if part)
         digits = DIGITS[c.unit]
         value = TableCell(f"{c.value:.{digits}f}", "strong" if c.plain else "muted")

@@ -17,6 +17,7 @@ from compplan.report.diagnosis_words import (
     describe_structure,
     describe_where,
     describe_which,
+    reaches_noise,
 )
 from compplan.report.effect_words import describe_change, describe_parameters, name_effect
 from compplan.report.gap_figures import (
@@ -91,6 +92,8 @@ def write_diagnosis_page(
     """
     rows, structure, robot = _take_rows(diagnosis), describe_structure(diagnosis), diagnosis.robot
     verdict, gap = table["verdict"], table["gap"]
+    taken_up = reaches_noise(gap, diagnosis.deliveries[0].kind)
+    which = describe_which(verdict, structure, split, taken_up=taken_up)
     sections = [_where(diagnosis, split, rows), _which(table, structure), _how_far(diagnosis, gap, split, rows)]
     if assessment is not None:
         sections.append(show_calibration(assessment, split.spread.by_region, robot.joint_names))
@@ -104,7 +107,7 @@ def write_diagnosis_page(
     write_page(
         file,
         f"{robot.name}: diagnosis",
-        [describe_where(verdict, split), describe_which(verdict, structure, split), describe_how_far(gap)],
+        [describe_where(verdict, split), which, describe_how_far(gap)],
         [section for section in sections if section.blocks],
         kind=f"Diagnosis of {_title(diagnosis.fit.problem.campaign)}",
         opening=open_diagnosis(

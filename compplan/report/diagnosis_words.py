@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Share
 from compplan.diagnose.answer.small_errors import SmallErrors
-from compplan.diagnose.answer.verdict import CALIBRATED, Finding
+from compplan.diagnose.answer.verdict import CALIBRATED, FLOORS_LEFT, Finding
 from compplan.diagnose.data.conventions import name_counting
 from compplan.diagnose.ledger.unmodelled import describe_unmodelled, names_alike
 from compplan.report.effect_words import describe_change, describe_effect, name_effect
@@ -58,8 +58,16 @@ def _describe_interval(share: Share) -> str:
     return f"95 %: {format_percent(share.low)} to {format_percent(share.high)}"
 
 
-def describe_which(verdict: Mapping[str, Any], structure: Sequence[str], split: Split) -> str:
-    """Answer which effect causes the gap, in a sentence."""
+def reaches_noise(gap: Mapping[str, float | None], delivered: str) -> bool:
+    """Tell whether a calibration goes out that takes what has no name up to the noise of rows left out."""
+    after, floor = gap.get("held_out_after_rms_mm"), gap.get("noise_floor_mm")
+    return bool(delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor)
+
+
+def describe_which(
+    verdict: Mapping[str, Any], structure: Sequence[str], split: Split, *, taken_up: bool = False
+) -> str:  # fmt: skip
+    """Answer which effect causes the gap, in a sentence; `taken_up`: whether a calibration takes the rest up."""
     status, effects = verdict["status"], verdict["effects"]
     if status == "none":
         return "Which: none; the residual is noise."
@@ -81,7 +89,8 @@ def describe_which(verdict: Mapping[str, Any], structure: Sequence[str], split: 
         if rivals:
             text += f"; these measurements fit {name_effect(effect)} as well as {' or '.join(rivals[:3])}"
     if status == "partly_explained":
-        text += "; structure is left that none of them explains"
+        text += "; the rest has no name" if taken_up else "; structure is left that none of them explains"
+        text += ", and the calibration of the updated robot takes it up to the noise" if taken_up else ""
     left = f" {structure[0]}" if structure and status == "partly_explained" else ""
     return f"{text}.{left}"
 
@@ -121,11 +130,11 @@ def describe_structure(diagnosis: Diagnosis) -> list[str]:
     against = f", against {explained} that the named effects explain" if named else ""
     if structure.dependences:
         parts = [
-            f"{format_length(d.explained)} rms is {describe_unmodelled(d.effect.joint, str(d.effect.axis))}"
-            f"{describe_beside(diagnosis.verdict.findings, d)}"
+            f"{describe_unmodelled(d.effect.joint, str(d.effect.axis))}"
+            f"{describe_beside(diagnosis.verdict.findings, d)} ({format_length(d.explained)} rms)"
             for d in structure.dependences
         ]
-        return [f"An error that no named effect makes: {'; '.join(parts)}{against}."]
+        return [f"No named effect makes {'; '.join(parts)}{against}."]
     return [
         f"An error of {format_length(structure.rms)} rms stays the same while the robot stands still and follows "
         f"no effect of the vocabulary{against}."

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.diagnose.answer.verdict import FLOORS_LEFT
 from compplan.files.notes import Crash, list_stops
 from compplan.plan.keeping import MEASURE
+from compplan.report.diagnosis_words import reaches_noise
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening
 from compplan.report.strategy_words import name_strategy
@@ -139,13 +139,13 @@ def open_diagnosis(
         verdicts["explained"] = (f"Found, but not for certain: {first}{more}.", "unsure")
     floor = gap.get("noise_floor_mm")
     left = "Something is left that nothing explains."
-    if delivered == "calibrated" and after and floor and after <= FLOORS_LEFT * floor:
+    if reaches_noise(gap, delivered):
         left = "The rest has no name, but calibration takes it up to the noise."
     verdict, tone = verdicts.get(status, (f"Found in part: {first}{more}. {left}", "unsure"))
     figures = []
     if before is not None and after is not None:
         figures = [KeyFigure(format_mm(1e-3 * before), "rms error of the robot model before"),
-                   KeyFigure(format_mm(1e-3 * after), "rms error of the updated one, on rows not used for the fit",
+                   KeyFigure(format_mm(1e-3 * after), "rms error of the updated one; both on rows not used for the fit",
                              "good" if after < 0.5 * before else "")]  # fmt: skip
     figures += [] if not floor else [KeyFigure(format_mm(1e-3 * floor), "noise of the measurement")]
     todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot."

@@ -15,7 +15,7 @@ GRADE_MEANING = {
     "identified": "measured on this robot",
     "literature": "from published data, not measured on your robot",
     "scaled": "estimated from similar robots, not measured",
-    "placeholder": "invented or absent: do not rely on it",
+    "placeholder": "springs and masses are invented or absent, do not rely on them",
 }
 #: Words in a source that mean that nobody measured the number.
 DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")

@@ -91,7 +91,7 @@ class Structure:
         rms: Root mean square of what is left beyond the noise floor, 3D. [m]
         gap: Root mean square gap of the model without effects, 3D. [m]
         background: Root mean square motion that small errors everywhere explain, 3D. [m]
-        explained: Root mean square motion that all claims together explain, 3D. [m]
+        explained: Root mean square motion that all named effects together explain, 3D. [m]
         left: Whether it counts as structure.
         floor: Noise floor, 3D. [m]
         dependences: What an error that no effect explains depends on, largest first.
@@ -150,6 +150,9 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
     doubtful += given_up(fit, doubt, small, structure.gap)
+    ledger = doubt.search.ledger
+    columns = ledger.join_columns(f.signature for f in named)
+    structure = replace(structure, explained=motion_of(fit, columns, doubt.model.posterior.values(ledger.p)))
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
@@ -323,7 +326,7 @@ def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
     plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
     gap = float(np.sqrt(np.mean(np.sum((refit_frames(fit, doubt) * source.sigma) ** 2, axis=1))))
     structure = Structure(
-        gain, beyond, gap, motion_of(fit, small, values), motion_of(fit, claimed, values),
+        gain, beyond, gap, motion_of(fit, small, values), 0.0,  # nothing is named yet
         bool(rms > FLOORS_LEFT * floor or plain), floor,
     )  # fmt: skip
     return replace(structure, dependences=find_dependences(doubt, structure))
