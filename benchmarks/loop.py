@@ -122,7 +122,7 @@ def judge_program(shop: Shop, out: Path) -> Program:
     band = read_band(out / "deviation.csv")
     band = band[np.isfinite(band)]
     same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 5]))
-    steady = [cut_part(same, out, scatter=0.0).across for _ in range(STEADY)]
+    steady = [cut_part(same, out, scatter=0.0) for _ in range(STEADY)]
     cuts = [cut_part(same, out) for _ in range(DRAWS)]
     away = np.array([np.linalg.norm(cut.tip - cut.wanted, axis=1) for cut in cuts])
     band = np.interp(np.linspace(0, 1, away.shape[1]), np.linspace(0, 1, len(band)), band)
@@ -132,8 +132,9 @@ def judge_program(shop: Shop, out: Path) -> Program:
     )
     own = pushed._replace(tip=pushed.wanted + pushed.tip - still.tip).across
     return Program(
-        float(np.median(steady)), float(band.max()), float(np.quantile(away, 0.95, axis=0).max()),
-        float((away <= band).mean()), float(np.hypot(FLOOR, own)),
+        float(np.median([cut.across for cut in steady])), float(np.median([cut.whole for cut in steady])),
+        float(band.max()), float(np.quantile(away, 0.95, axis=0).max()), float((away <= band).mean()),
+        float(np.hypot(FLOOR, own)),
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ class Program:
 
     Attributes:
         true: Median over parts of the shop's own force of the true rms deviation across the path. [m]
+        whole: The same in 3D, along the path too. [m]
         band: The 95 % band at its widest. [m]
         point: What 95 % of the parts keep within where they stray most, 3D. [m]
         held: Share of tips within the band, all parts and places.
@@ -35,6 +36,7 @@ class Program:
     """
 
     true: float
+    whole: float
     band: float
     point: float
     held: float
@@ -58,6 +60,7 @@ def describe_shops(shops: Sequence[Shop], floor: float) -> list[str]:
     a, b = (true[name] / own[name] for name in ("taught_A", "taught_B"))
     plain = [format_percent(float(np.mean(true[f"taught_{path}"] <= most * floor)))
              for path, most in (("A", FLOORS), ("B", SECOND))]  # fmt: skip
+    solid = np.mean([s.programs["taught_A"].whole <= FLOORS * s.programs["taught_A"].floor for s in shops])
     ratio = true["taught_B"] / true["poses_B"]
     near, second = float(np.mean(a <= FLOORS)), float(np.mean(b <= SECOND))
     worse = [int((true[f"taught_{path}"] > 1.001 * true[f"nominal_{path}"]).sum()) for path in "AB"]
@@ -65,7 +68,8 @@ def describe_shops(shops: Sequence[Shop], floor: float) -> list[str]:
         f"{len(shops)} shops; a noise floor is {format_length(floor)} of instrument, robot and clamping, with what a"
         f" part's own force moves {format_length(float(np.median(own['taught_A'])))} in the median. Path A after one"
         f" part: at most {FLOORS} floors across in {format_percent(near)} (asked: 95 %), {plain[0]} if the force is"
-        f" left out of the floor, median {np.median(a):.2f}; {worse[0]} worse than nominal.",
+        f" left out of the floor, median {np.median(a):.2f}; in 3D, along the path too, in"
+        f" {format_percent(float(solid))} (asked: 90 %); {worse[0]} worse than nominal.",
         f"Path B after poses and one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at"
         f" most {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at"
         f" most {SECOND} floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"

@@ -142,6 +142,11 @@ class Cut(NamedTuple):
         off = off - np.sum(off * along, axis=1, keepdims=True) * along
         return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
+    @property
+    def whole(self) -> float:
+        """Root mean square deviation, along the path too. [m]."""
+        return float(np.sqrt(np.mean(np.sum((self.tip - self.wanted) ** 2, axis=1))))
+
 
 def read_rows(file: Path) -> tuple[list[dict[str, str]], Array, Array]:
     """Read a table of joints and loads; return its rows, joint angles [rad] and wrenches on the tool [N, N m]."""

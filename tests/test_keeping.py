@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from commandline import run_command
 
 from compplan.job.job import check_job
 from compplan.known.assumed import known_uncertainty
-from compplan.plan.keeping import find_stretches, share_length
+from compplan.plan.keeping import TOUCH_OFF, explain_width, find_change, find_stretches, share_length
 from compplan.plan.plan import plan_compensation, plan_job, prepare_job
 from compplan.promise.band import widen_to_path
 
@@ -82,6 +83,25 @@ def test_the_verdict_is_the_first_line_and_stands_in_plan_json_and_in_the_progra
     assert set(verdict) >= {"word", "beyond_share", "largest_cause"}
     assert "; verdict: MAY NOT KEEP 0.1 mm" in (tmp_path / "out" / "job_L1.src").read_text(encoding="utf-8")
     assert verdict["sentence"].split(" Largest")[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_band_beyond_ten_times_what_is_compensated_says_why() -> None:
+    promise: Any = SimpleNamespace(
+        greatest=1e-3, causes={"process force": 2e-4, "geometry of the robot": 9e-4},
+        leading=(("joint_offset joint_1", 0.8),),
+    )  # fmt: skip
+    assert explain_width(promise, 1.1e-4) == ""
+    said = explain_width(promise, 0.9e-4)
+    assert "1 mm where the uncorrected program is off by 0.09 mm" in said
+    assert said.endswith("most of it comes from geometry of the robot, above all joint_offset joint_1 (80 %).")
+
+
+def test_no_campaign_is_asked_for_where_the_first_joints_zero_makes_the_band() -> None:
+    robot = SimpleNamespace(actuated=[SimpleNamespace(name="joint_1")])
+    case: Any = SimpleNamespace(status="solved", inertia_wanted=True, task=SimpleNamespace(robot=robot))
+    for name, asked in (("joint_offset joint_1", True), ("joint_offset joint_2", False)):
+        promise: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"))
+        assert (find_change(case, promise, "geometry of the robot") == TOUCH_OFF) == asked
 
 
 def test_the_share_of_a_cut_goes_by_length() -> None:

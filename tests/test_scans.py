@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -235,6 +236,15 @@ def test_a_scan_is_held_against_the_nominal_mesh_where_the_cutter_made_it(off: f
     assert found.deviation @ PLACE[:3, :3] == pytest.approx(np.tile([0.0, off * 1e-3, 0.0], (len(found), 1)), abs=1e-8)
     assert np.trace(found.counts, axis1=1, axis2=2) == pytest.approx(1.0)
     assert found.length.min() > 0.002 and found.length.max() < 0.114
+
+
+def test_a_hundred_thousand_points_are_read_and_matched_within_ten_seconds(tmp_path: Path) -> None:
+    points = wall_points(0.03, 50_000)
+    np.savetxt(tmp_path / "wall.xyz", points, fmt="%.5f")
+    start = time.process_time()
+    found = beside_the_wall(tmp_path / "wall.xyz")
+    assert time.process_time() - start < 10.0
+    assert len(found) == 50_000  # the face beside the cutter; the upper one it did not make
 
 
 def test_a_best_fit_to_the_mesh_takes_a_shift_of_the_whole_scan_off(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from benchmarks.loop import FLOOR
-from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, Program, Shop, describe_shops
+from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, WORSE, Program, Shop, describe_shops
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
 TITLE = "The loop: what do poses and a first part bring?"
@@ -55,6 +55,12 @@ def _fall_short(shops: list[Shop]) -> list[str]:
         if a.true > FLOORS * a.floor:
             off = f"{a.true / a.floor:.1f} noise floors off, asked are {FLOORS}"
             said.append(f"Shop {shop.seed}: after one part A is {off}.")
+        before = shop.programs["poses_B"]
+        if b.true > WORSE * before.true:
+            said.append(
+                f"Shop {shop.seed}: B after one part is {1e3 * b.true:.3f} mm off, after poses alone"
+                f" {1e3 * before.true:.3f} mm, {before.true / before.floor:.1f} noise floors."
+            )
         for name, part in (("A", a), ("B", b)):
             if part.held < HELD[0] or part.band > WIDE * part.point:
                 said.append(
