@@ -9,6 +9,7 @@ drive and feed forward have the same form to second order.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.blas import dtbsv
 
 from compplan.program.servo import ServoMotion
 from compplan.robot import Array
@@ -52,15 +53,18 @@ def lag_command(q: Array, lag: Array, acceleration_lag: Array, cycle: float) -> 
 
 
 def _lag(command: Array, cycles: float) -> Array:
-    """Filter by 1 / (1 + T s), T in cycles, the input straight between two rows."""
-    if cycles < 1e-3:
+    """Filter by 1 / (1 + T s), T in cycles, the input straight between rows: y_k = a y_k-1 + b_0 x_k + b_1 x_k-1."""
+    if cycles < 1e-3 or len(command) < 2:
         return command
-    from scipy.signal import lfilter
-
     a = np.exp(-1.0 / cycles)
     b0, b1 = 1.0 - cycles * (1.0 - a), cycles * (1.0 - a) - a
     rest = command[0]
-    return np.asarray(lfilter([b0, b1], [1.0, -a], command - rest)) + rest
+    moved = command - rest
+    driven = b0 * moved
+    driven[1:] += b1 * moved[:-1]
+    band = np.ones((2, len(moved)), order="F")
+    band[1] = -a
+    return np.asarray(dtbsv(1, band, driven, lower=1, diag=1, overwrite_x=1)) + rest
 
 
 def hold_direction(q: Array, cycle: float) -> Array:

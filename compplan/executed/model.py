@@ -53,6 +53,8 @@ def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
         arm: The robot.
 
     """
+    if window.latest.get("motion") is motion:  # a step that was taken is looked at again for its slopes
+        return window.latest["run"]
     model = replace(motion, cycle=CYCLE)
     path = window.path(arm, motion.blend_share)
     schedule = schedule_path(path, model)
@@ -61,7 +63,9 @@ def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
     command = follow_path(path, s)
     q = follow_command(command, model)
     at = np.interp(window.lengths(arm, motion.blend_share), s + 1e-9 * np.arange(len(s)), np.arange(len(s)))
-    return WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
+    run = WindowRun(command, q, _match_rows(window, q, at + float(motion.lag.mean()) / CYCLE))
+    window.latest.update(motion=motion, run=run)
+    return run
 
 
 def _match_rows(window: Window, q: Array, at: Array) -> Array:

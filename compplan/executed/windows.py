@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ class Window:
         leverage: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
         paths: Executed paths by blend share, as far as they were laid.
         known: Lengths of the rows along them.
+        latest: The model that it was run with last, `motion`, and the `run`.
 
     """
 
@@ -63,6 +65,7 @@ class Window:
     leverage: Array
     paths: dict[float, Path] = field(default_factory=dict)
     known: dict[float, Array] = field(default_factory=dict)
+    latest: dict[str, Any] = field(default_factory=dict)
 
     @property
     def beside(self) -> Array:
