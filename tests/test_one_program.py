@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,17 @@ from compplan.job.job import check_job
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import read_force_spread
 from compplan.outputs.plan import write_plan
+from compplan.plan import refine
+from compplan.plan.feed import FeedWish
 from compplan.plan.freedom import Freedom, find_freedom
+from compplan.plan.ground import drop_least, state_ground
+from compplan.plan.one_program import JointProgram, Prices, build_program
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
-from compplan.plan.program_step import _time_slopes
+from compplan.plan.program_step import _time_slopes, solve_program
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
-from compplan.plan.refine import _judge
+from compplan.plan.refine import _judge, list_windows
 from compplan.plan.reversals import describe_reversals, list_reversals
-from compplan.plan.run_meter import lead_radius, spread_tip
+from compplan.plan.run_meter import RunMeter, lead_radius, spread_tip
 from compplan.plan.timing import cutting_runs, time_command
 from compplan.posture.slides import count_reversals
 from compplan.promise.band import band_radius
@@ -100,7 +105,8 @@ def test_a_step_of_two_coefficients_goes_to_the_corner_that_rows_and_size_leave(
     rows.add(np.array([0.0]), b=1.0)
     rows.add(np.array([0.0]), c=np.array([[-1.0, 0.0]]), x=((np.array([1]), np.array([1.0])),))
     found = solve_quadratic(
-        rows, slope=np.array([0.0, -1.0]), bend=[np.zeros(2), np.zeros(2)], rapid=0.0, travel=0.0, band=0.0,
+        rows, slope=np.array([0.0, -1.0]), pull=np.zeros(2), fixed=np.zeros(2, bool),
+        bend=[np.zeros(2), np.zeros(2)], rapid=0.0, travel=0.0, band=0.0,
         square=np.array([0.5, 0.5]), ends=np.array([0]), size=0.4,
     )  # fmt: skip
     assert found is not None  # x_1 <= c_0: as far as the size lets it, c_1 gives way
@@ -211,3 +217,109 @@ def test_a_mirror_strategy_keeps_the_posture_of_the_graph() -> None:
     robot, nominal, options = prepare_job(check_job(CIRCLE, "job.toml"))
     task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
     assert task.start is not None and task.start.bettered is None
+
+
+def program_of(freedom: Freedom, prices: Prices, chatter: Any = None) -> JointProgram:
+    """Return the program of what is free; `chatter` stands for the judge of the cut."""
+    start = freedom.task.start
+    assert start is not None and start.request is not None
+    meter = RunMeter(FeedWish(), read_force_spread(None), lambda _: freedom.task, 0.03)
+    ground = state_ground(freedom, replace(start.request, chatter=chatter), meter, prices)
+    assert ground is not None
+    found = build_program(freedom, ground, prices)
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def spin() -> Freedom:
+    path = {**CIRCLE["toolpath"], "waypoints": 40}
+    return free({**CIRCLE, "toolpath": path})
+
+
+def test_work_of_the_motors_answers_to_motion_and_speed_as_differences_say(spin: Freedom) -> None:
+    program = program_of(spin, Prices(most_band=np.inf, energy=1.0))
+    assert program.first is not None
+    q, speeds = program.first.q, program.first.speeds
+    work, _, ahead, behind = next(program.work(q, speeds))
+    assert work.sum() == pytest.approx(program.first.energy) and program.first.energy > 10.0
+    step, at = 1e-6, len(speeds[0]) // 2
+    moved = [[np.sqrt(speeds[0] ** 2 + side * step * (np.arange(len(speeds[0])) == at))] for side in (1.0, -1.0)]
+    more, less = (next(program.work(q, each))[0].sum() for each in moved)
+    assert (more - less) / (2 * step) == pytest.approx(ahead[at - 1].sum() + behind[at].sum(), rel=1e-3)
+
+
+def test_a_price_on_work_makes_the_motors_work_less(spin: Freedom) -> None:
+    free_of_it = program_of(spin, Prices(time=1.0, most_band=np.inf))
+    priced = program_of(spin, Prices(time=0.0, most_band=np.inf, energy=1.0))
+    assert priced.first is not None
+    saved, fast = solve_program(priced), solve_program(free_of_it)
+    assert saved.energy < 0.97 * priced.first.energy
+    assert saved.energy < sum(part.sum() for part, *_ in priced.work(fast.q, fast.speeds))
+    assert free_of_it.first is not None and free_of_it.first.energy == 0.0  # not asked for, not worked out
+
+
+class FakeChatter:
+    """A cut whose depth by its limit rises as one joint turns away from where it starts."""
+
+    source = "made up"
+
+    def __init__(self, q: np.ndarray, joint: int) -> None:
+        self.q, self.joint = q, joint
+
+    def touches(self, waypoints: np.ndarray) -> np.ndarray:
+        return np.ones(len(waypoints), bool)
+
+    def share(self, q: np.ndarray, waypoints: np.ndarray) -> np.ndarray:
+        return np.asarray(0.3 + 2.0 * np.abs(q - self.q[waypoints])[:, self.joint])
+
+    def excess(self, q: np.ndarray, waypoints: np.ndarray, reserve: float) -> np.ndarray:
+        return np.maximum(reserve * self.share(q, waypoints) - 1.0, 0.0)
+
+
+def test_the_program_keeps_the_cut_at_half_of_its_limit_of_chatter(spin: Freedom) -> None:
+    prices, judge = Prices(most_band=np.inf), FakeChatter(spin.task.q_start, 5)
+    loose, kept = (solve_program(program_of(spin, prices, each)) for each in (None, judge))
+    share = [judge.share(point.q, spin.rows).max() for point in (loose, kept)]
+    assert share[0] > 0.75 and share[1] < 0.55  # judged at some stations, between them a little more
+    assert kept.change.any()
+
+
+def test_ways_below_the_least_move_of_the_controller_are_given_up(rail: Freedom) -> None:
+    program = program_of(rail, Prices(most_band=np.inf))
+    assert program.first is not None
+    change = np.zeros((rail.basis.shape[1], len(rail.names)))
+    change[3, rail.names.index("left")] = 1e-2
+    change[3, rail.names.index("spin")] = 1e-3
+    point = program.evaluate(change, program.first.q)
+    assert point is not None
+    assert (drop_least(program, point, 1e-9).change == change).all()
+    kept = drop_least(program, point, 1e-4).change
+    assert not kept[:, rail.names.index("left")].any() and kept[3, rail.names.index("spin")] == 1e-3
+
+
+def test_windows_cover_a_long_path_half_over_each_other_and_are_few() -> None:
+    assert list_windows(8000) == [(0, 7999)]
+    for count in (8001, 50_000, 1_000_000):
+        windows = list_windows(count)
+        assert windows[0][0] == 0 and windows[-1][1] == count - 1 and len(windows) <= 16
+        assert all(later[0] < earlier[1] - 3900 for earlier, later in pairwise(windows))
+
+
+def test_a_path_in_windows_becomes_shorter_and_goes_on_at_their_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = {**CIRCLE["toolpath"], "waypoints": 120}
+    monkeypatch.setattr(refine, "WINDOW", 60)
+    robot, nominal, options = prepare_job(check_job({**CIRCLE, "toolpath": path}, "job.toml"))
+    task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
+    assert task.start is not None and task.start.stance is not None
+    first, last = list_windows(len(task))[1]
+    found = find_freedom(task, task.start.stance, nominal, np.asarray(options.tool_x), 400, 0.0, (first, last))
+    assert found is not None and found.ends == (True, last < len(task) - 1) and found.rows[0] == first
+    program = program_of(found, Prices(most_band=np.inf))
+    point = solve_program(program)
+    assert point.change.any() and program.first is not None and point.time < program.first.time
+    moved = found.spread(point.change, np.arange(len(nominal), dtype=float))
+    assert np.abs(moved[: int(found.task.origin[first]) + 1]).max() < 1e-9
+    bettered = build_task(robot, nominal, options).start
+    assert bettered is not None and bettered.bettered is not None and bettered.bettered.origin == "graph"
+    assert np.abs(np.diff(bettered.q, axis=0)).max() < 1.2 * np.abs(np.diff(task.q_start, axis=0)).max()

@@ -30,6 +30,8 @@ from compplan.statics.sensitivity import attain_pose
 
 #: Coefficients of one free coordinate at most, and stations to one of them at least.
 MOST_KNOTS, PER_KNOT = 40, 4
+#: Coefficients at an end of a window that stay: value, slope and curvature go on.
+HELD = 3
 #: Change of a free coordinate that tells how the tool turns. [rad]
 EPS = 1e-6
 #: Newton steps of the loaded pose equation, and what it may miss. [m and rad]
@@ -59,6 +61,7 @@ class Freedom:
         wrench: Wrench at the stations, 0 in rapid moves. Shape (k, 6). [N, N m]
         most: Greatest size of each, infinite where joint limits alone hold it. Shape (k, f). [rad or m]
         frame: Axes of the path at the stations, as columns. Shape (k, 3, 3).
+        ends: Whether the first and the last coefficients stay, because the path goes on there.
 
     """
 
@@ -76,6 +79,14 @@ class Freedom:
     wrench: Array
     most: Array
     frame: Array
+    ends: tuple[bool, bool] = (False, False)
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Coefficients that stay, so that a window goes on smoothly at its ends. Shape (m f,)."""
+        m, place = self.basis.shape[1], np.arange(self.basis.shape[1])
+        still = (self.ends[0] & (place < HELD)) | (self.ends[1] & (place >= m - HELD))
+        return np.repeat(still, len(self.names))
 
     @property
     def extra(self) -> list[int]:
@@ -148,8 +159,9 @@ class Freedom:
 
 
 def find_freedom(
-    task: PlanTask, stance: Stance, nominal: Toolpath, tool_x: Array, most: int, tube: float = 0.0
-) -> Freedom | None:
+    task: PlanTask, stance: Stance, nominal: Toolpath, tool_x: Array, most: int, tube: float = 0.0,
+    window: tuple[int, int] | None = None,
+) -> Freedom | None:  # fmt: skip
     """Find what a stance leaves free; None where nothing is.
 
     Args:
@@ -159,13 +171,15 @@ def find_freedom(
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
         most: Stations at most.
         tube: Share of the tolerance by which the tip may leave the path.
+        window: First and last waypoint of the task that are looked at, all of them if left out.
 
     """
+    first, last = window or (0, len(task) - 1)
     settings, arm, robot = stance.settings, build_arm(task.robot), task.robot
     given = {"spin": stance.spin, "lead": stance.lead, "lean": stance.lean}
     free = {"spin": settings.free_spin, "lead": settings.lead > 0, "lean": settings.lean > 0}
     names = [name for name in given if free[name]]
-    rows, every = pick_stations(task, most), np.arange(len(nominal))
+    rows, every = pick_stations(task, most, first, last), np.arange(len(nominal))
     place = task.origin[rows]
     ways = _allow_tube(task, rows, tube)
     if not (names or ways or len(arm.held)) or len(arm.arm) != 6:
@@ -185,6 +199,7 @@ def find_freedom(
         BSpline.design_matrix(place, knots, 3).toarray(), knots, arm, upright, tool_x,
         np.tile(np.eye(3), (len(rows), 1, 1)), np.where(task.compensated[rows, None], task.wrench[rows], 0.0),
         np.stack([sizes.get(name, np.inf * whole) for name in called], axis=1), path_axes(upright),
+        (first > 0, last < len(task) - 1),
     )  # fmt: skip
     if any(np.abs(value).max() > 0.0 for name, value in given.items() if name not in names):
         return None
@@ -211,15 +226,15 @@ def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[st
     return {name: size[rows] for name, size in ways.items() if size[rows].any()}
 
 
-def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
-    """Pick waypoints evenly in programmed time; ends of rapid moves and rests belong to them."""
-    n, rapid = len(task), np.r_[False, task.nominal.rapid[1:]]
+def pick_stations(task: PlanTask, most: int, first: int, last: int) -> NDArray[np.int_]:
+    """Pick waypoints of a window evenly in programmed time; ends of rapid moves and rests belong to them."""
+    rapid = np.r_[False, task.nominal.rapid[1:]]
     ends = np.flatnonzero(rapid | np.r_[rapid[1:], False] | (False if task.rests is None else task.rests))
-    if n <= most:
-        return np.arange(n)
+    if last - first < most:
+        return np.arange(first, last + 1)
     time = np.r_[0.0, np.cumsum(np.maximum(task.step_time, 1e-7))]
-    even = np.searchsorted(time, np.linspace(0.0, time[-1], most))
-    return np.unique(np.r_[0, np.clip(even, 0, n - 1), ends, n - 1])
+    even = np.searchsorted(time, np.linspace(time[first], time[last], most))
+    return np.unique(np.r_[first, np.clip(even, first, last), ends[(ends > first) & (ends < last)], last])
 
 
 def _solve(columns: Array, wanted: Array) -> Array:

@@ -1,14 +1,16 @@
 """Time, posture and promise in one program: free coordinates along the path and the speed on it, decided together.
 
-    minimise    w_t T / T_0 + w_b B / B_0 + w_m sum_f |dz_f| / unit_f
+    minimise    w_t T / T_0 + w_b B / B_0 + w_e E / E_0 + w_m sum_f |dz_f| / unit_f
     over        z(s) = z_graph(s) + splines,   x(s) = (ds/dt)^2,   B
     subject to  F(q(s)) = pose(z(s))                          loaded tip and tool on the path; q eliminated exactly
-                q_min <= q <= q_max,  |lead|, |lean|, |tip off the path| <= limits,  clearance(q) >= 0
+                q_min <= q <= q_max,  |lead|, |lean|, |tip off the path| <= limits
+                clearance(q) >= 0,  depth / limit of chatter(q) <= share
                 band(q) <= B <= B_most
                 q'^2 x <= v_max^2,  |q'' x + q' x' / 2| <= a_max,  x <= 1    velocity, acceleration, programmed feed
                 |jerk|, |torque| <= limits where there are any
 
-T is the time of the cut and of rapid moves, B the widest 95 % band by what is known of the robot, and |dz| how far a
+T is the time of the cut and of rapid moves, B the widest 95 % band by what is known of the robot, E the work of the
+motors, sum |tau dq|, and |dz| how far a
 free coordinate travels: travel back and forth pays twice, so that no reversal is left that buys nothing. Sequential
 quadratic programming over the free coordinates alone: every step is linearised with the joints eliminated, x as the
 square of the speed keeps most rows straight, and what a step promises is checked by the exact fastest run.
@@ -16,12 +18,13 @@ square of the speed keeps most rows straight, and what a step promises is checke
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from compplan.errors import ConvergenceError
 from compplan.plan.fastest_run import TorqueParts, time_cut
@@ -45,6 +48,7 @@ class Prices(NamedTuple):
         band: Of the widest 95 % band.
         motion: Of one unit of travel of a free coordinate.
         most_band: Greatest band as a share of the start's; infinite where it may grow.
+        energy: Of the work of the motors.
 
     """
 
@@ -52,11 +56,23 @@ class Prices(NamedTuple):
     band: float = 0.0
     motion: float = 2e-3
     most_band: float = 1.0
+    energy: float = 0.0
 
     @property
     def counts_band(self) -> bool:
         """Tell whether the band counts at all."""
         return self.band != 0.0 or bool(np.isfinite(self.most_band))
+
+
+#: From first and last station, joint motion per programmed time and its derivative to torques tau = a u + b x + c.
+TorquesAlong = Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]
+
+
+class Margin(NamedTuple):
+    """What may not become negative at some stations, and how it is measured at their joint positions."""
+
+    at: NDArray[np.int_]
+    measure: Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -66,16 +82,18 @@ class Ground:
     Attributes:
         band: Radius of the 95 % band at joint positions (k, nq) under a wrench (k, 6), None where it does not count.
             Shape (k,). [m]
-        margin: By how much joint positions keep clear, or None. [m]
+        margins: By how much joint positions keep clear [m], and how far their cuts are from chatter.
         room: Distance to joint limits that is kept where the start has it. [rad or m]
         torques: Torque rows of the stations from one to another at joint positions, or None.
+        work: The same where the work of the motors counts, or None.
 
     """
 
     band: Callable[[Array, Array], Array] | None = None
-    margin: Callable[[Array], Array] | None = None
+    margins: tuple[Margin, ...] = ()
     room: float = 0.0
-    torques: Callable[[Array], Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]] | None = None
+    torques: Callable[[Array], TorquesAlong] | None = None
+    work: Callable[[Array], TorquesAlong] | None = None
 
 
 @dataclass(frozen=True)
@@ -99,6 +117,7 @@ class Point:
         speeds: Share of the programmed feed along each run.
         time: Time of runs and rapid moves. [s]
         radius: Band at its stations. Shape (j,). [m]
+        energy: Work of the motors along the runs, 0 where it does not count. [J]
         cost: What is minimised.
         slope: Derivative of the band by the coordinates where it is asked for. Shape (f, j). [m/rad or 1]
 
@@ -111,6 +130,7 @@ class Point:
     speeds: list[Array]
     time: float
     radius: Array
+    energy: float
     cost: float
     slope: Array | None = None
 
@@ -148,8 +168,7 @@ class JointProgram:
         lower, upper = self.bounds()
         if not reached.all() or (q < lower - 1e-7).any() or (q > upper + 1e-7).any():
             return None
-        margin = None if self.ground.margin is None else self.ground.margin(q)
-        if margin is not None and margin.min() < 0.0:
+        if any(margin.measure(q[margin.at]).min() < 0.0 for margin in self.ground.margins):
             return None
         try:
             speeds, total = self.time(q)
@@ -159,7 +178,8 @@ class JointProgram:
         total += float(time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum())
         at = self.looked
         radius = np.ones(len(at)) if self.ground.band is None else self.ground.band(q[at], freedom.wrench[at])
-        point = Point(change, values, q, rate, speeds, total, radius, 0.0)
+        energy = sum(float(part.sum()) for part, *_ in self.work(q, speeds))
+        point = Point(change, values, q, rate, speeds, total, radius, energy, 0.0)
         return replace(point, cost=self.cost(point))
 
     def differentiate(self, point: Point) -> Point:
@@ -177,9 +197,31 @@ class JointProgram:
         widest, least = float(point.radius.max()), float(start.radius.max())
         travel = float((np.abs(np.diff(point.values[self.marks()], axis=0)) / self.freedom.units).sum())
         passed = max(widest / least - self.prices.most_band, 0.0)
+        energy = self.prices.energy * point.energy / start.energy if start.energy > 0.0 else 0.0
         return self.prices.time * point.time / start.time + self.prices.band * widest / least + (
-            self.prices.motion * travel + PASSED * passed
+            energy + self.prices.motion * travel + PASSED * passed
         )
+
+    def work(self, q: Array, speeds: list[Array]) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """Tell the work of the motors along each run; nothing where it does not count.
+
+        Returns:
+            Work of every motor on every move, and its derivative by the motion of the joint, by the square of the speed
+            at the move's end and at its beginning, torques by posture and load as they are. Shapes (k - 1, nq). [J]
+
+        """
+        if self.ground.work is None:
+            return
+        rules = self.ground.work(q)
+        for run, speed in zip(self.runs, speeds, strict=True):
+            part, step = q[run.first : run.last + 1], np.diff(run.along)[:, None]
+            curve = CubicSpline(run.along, part, bc_type="natural")
+            a, b, c, _ = rules(run.first, run.last, curve(run.along, 1), curve(run.along, 2))
+            x, move = speed[:, None] ** 2, np.diff(part, axis=0)
+            torque = a[:-1] * np.diff(x, axis=0) / (2.0 * step) + b[:-1] * x[:-1] + c[:-1]
+            sign = np.sign(torque * move)
+            ahead = a[:-1] / (2.0 * step)
+            yield sign * torque * move, sign * torque, sign * move * ahead, sign * move * (b[:-1] - ahead)
 
     def time(self, q: Array) -> tuple[list[Array], float]:
         """Return the speed along each run, and the time of all.

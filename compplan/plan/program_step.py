@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from compplan.plan.one_program import PROBE, JointProgram, Point, TimedStretch
+from compplan.plan.one_program import PROBE, JointProgram, Margin, Point, TimedStretch
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
 from compplan.plan.timing import time_rapids
 from compplan.robot import Array
@@ -22,8 +22,6 @@ NEAR = 0.3
 FIRST_STEP, LEAST_STEP, GROW, SHRINK = 0.6, 0.02, 1.6, 0.35
 #: Steps at most, gain that counts as one, and small gains in a row that end the search.
 STEPS, GAIN, DULL = 24, 1e-3, 3
-#: Stations whose clearance is looked at.
-MARGIN_STATIONS = 60
 
 
 def solve_program(program: JointProgram) -> Point:
@@ -79,8 +77,8 @@ def propose_step(program: JointProgram, point: Point, size: float) -> Array | No
             rows.add(np.maximum(freedom.most[:, k] - side * point.values[:, k], 0.0), c=side * spread[:, k])
     _add_rapids(program, rows, point, columns)
     _add_band(program, rows, point, spread)
-    if program.ground.margin is not None:
-        _add_margin(program, rows, point, spread)
+    for margin in program.ground.margins:
+        _add_margin(program, margin, rows, point, spread)
     travel, move = np.diff(spread[marks], axis=0) / freedom.units[:, None], np.diff(point.values[marks], axis=0)
     every = np.arange((len(marks) - 1) * f)
     for sign in (1.0, -1.0):
@@ -89,8 +87,9 @@ def propose_step(program: JointProgram, point: Point, size: float) -> Array | No
     parts = [_time_slopes(run.along, speed) for run, speed in zip(program.runs, point.speeds, strict=True)]
     square = np.concatenate([speed**2 for speed in point.speeds])
     ends = np.concatenate([[0, n - 1] + np.cumsum([0, *counts])[i] for i, n in enumerate(counts)]).astype(int)
+    pull, push = _price_work(program, point, columns)
     answer = solve_quadratic(
-        rows, slope=weight * np.concatenate([part[0] for part in parts]),
+        rows, slope=weight * np.concatenate([part[0] for part in parts]) + push, pull=pull, fixed=freedom.fixed,
         bend=[weight * np.concatenate([part[k] for part in parts]) for k in (1, 2)],
         rapid=weight, travel=prices.motion, band=prices.band, square=square, ends=ends, size=size,
     )  # fmt: skip
@@ -210,17 +209,22 @@ def _add_band(program: JointProgram, rows: StepRows, point: Point, spread: Array
         rows.add(np.array([max(prices.most_band - widest, 0.0)]), b=1.0)
 
 
-def _add_margin(program: JointProgram, rows: StepRows, point: Point, spread: Array) -> None:
-    """Add clearance, by differences along every free coordinate; `margin` looks at some stations."""
-    freedom, measure = program.freedom, program.ground.margin
-    assert measure is not None
-    at = margin_stations(len(point.q))
-    value = measure(point.q)
-    moved = [measure(point.q + PROBE * point.rate[:, :, k] * freedom.units[k]) for k in range(len(freedom.names))]
-    slope = (np.stack(moved) - value) / PROBE / freedom.units[:, None]
+def _add_margin(program: JointProgram, margin: Margin, rows: StepRows, point: Point, spread: Array) -> None:
+    """Add what may not become negative, by differences along every free coordinate."""
+    at, units = margin.at, program.freedom.units
+    value = margin.measure(point.q[at])
+    moved = [margin.measure(point.q[at] + PROBE * point.rate[at, :, k] * unit) for k, unit in enumerate(units)]
+    slope = (np.stack(moved) - value) / PROBE / units[:, None]
     rows.add(np.maximum(value, 0.0), c=-np.einsum("fj,jfc->jc", slope, spread[at]))
 
 
-def margin_stations(count: int) -> NDArray[np.int_]:
-    """Return the stations whose clearance is looked at."""
-    return np.unique(np.linspace(0, count - 1, MARGIN_STATIONS).astype(int))
+def _price_work(program: JointProgram, point: Point, columns: Array) -> tuple[Array, Array]:
+    """Return what the work of the motors costs by coefficients and squares of speed. Shapes (c,), (x,)."""
+    first, pull, pushes = program.first, np.zeros(columns.shape[2]), []
+    assert first is not None
+    found = list(program.work(point.q, point.speeds))
+    weight = program.prices.energy / first.energy if found and first.energy > 0.0 else 0.0
+    for run, (_, by_move, ahead, behind) in zip(program.runs, found, strict=bool(found)):
+        pull += weight * np.einsum("kj,kjc->c", by_move, np.diff(columns[run.first : run.last + 1], axis=0))
+        pushes.append(weight * (np.r_[0.0, ahead.sum(axis=1)] + np.r_[behind.sum(axis=1), 0.0]))
+    return pull, np.concatenate(pushes) if pushes else np.zeros(sum(len(run.along) for run in program.runs))

@@ -91,14 +91,16 @@ class StepRows:
 
 
 def solve_quadratic(
-    rows: StepRows, *, slope: Array, bend: list[Array], rapid: float, travel: float, band: float, square: Array,
-    ends: NDArray[np.int_], size: float,
+    rows: StepRows, *, slope: Array, pull: Array, fixed: NDArray[np.bool_], bend: list[Array], rapid: float,
+    travel: float, band: float, square: Array, ends: NDArray[np.int_], size: float,
 ) -> Array | None:  # fmt: skip
     """Solve a step; all variables are changes but the travels.
 
     Args:
         rows: The rows.
         slope: Derivative of the cost by the squares of speed. Shape (x,).
+        pull: The same by the coefficients. Shape (c,).
+        fixed: Coefficients that stay. Shape (c,).
         bend: Second derivative, diagonal and beside it. Shapes (x,).
         rapid: Cost of a second of rapid moves.
         travel: Cost of a unit of travel.
@@ -112,7 +114,7 @@ def solve_quadratic(
 
     """
     v = rows.variables
-    gradient = np.r_[np.zeros(v.c), slope, np.full(v.r, rapid), np.full(v.t, travel), band]
+    gradient = np.r_[pull, slope, np.full(v.r, rapid), np.full(v.t, travel), band]
     diagonal = np.r_[np.full(v.c, STILL), bend[0] + LEAST_BEND, np.zeros(v.r + v.t), 1e-6]
     beside = np.r_[np.zeros(v.c), bend[1], np.zeros(v.r + v.t + 1)][:-1]
     hessian = sparse.diags([beside, diagonal, beside], [-1, 0, 1]).tocsc()
@@ -120,8 +122,9 @@ def solve_quadratic(
     low, high = -square, 1.0 - square
     low[ends] = high[ends] = 0.0
     high = np.maximum(high, 0.0)
-    lower = np.r_[np.full(v.c, -size), low, np.full(v.r, -np.inf), np.zeros(v.t), -np.inf]
-    upper = np.r_[np.full(v.c, size), high, np.full(v.r + v.t + 1, np.inf)]
+    reach = np.where(fixed, 0.0, size)
+    lower = np.r_[-reach, low, np.full(v.r, -np.inf), np.zeros(v.t), -np.inf]
+    upper = np.r_[reach, high, np.full(v.r + v.t + 1, np.inf)]
     matrices = {"h": hessian, "a": matrix}
     shapes = {name: _pattern(value) for name, value in matrices.items()}
     name = next(solver for solver in SOLVERS if ca.has_conic(solver))
@@ -131,7 +134,7 @@ def solve_quadratic(
         lba=-np.inf, uba=np.concatenate(rows.bounds),
     )  # fmt: skip
     found = np.array(answer["x"])[: v.c, 0]
-    return np.clip(found, -size, size) if np.isfinite(found).all() else None
+    return np.clip(found, -reach, reach) if np.isfinite(found).all() else None
 
 
 def _pattern(matrix: sparse.csc_matrix) -> ca.Sparsity:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -12,27 +11,29 @@ import numpy as np
 from compplan.errors import InfeasibleError
 from compplan.path.contact import path_axes, tool_axes
 from compplan.path.toolpath import Toolpath, interpolate
-from compplan.plan.feed import TorqueRules
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
-from compplan.plan.one_program import Ground, Point, Prices, build_program
-from compplan.plan.program_step import margin_stations, solve_program
-from compplan.plan.run_meter import RunMeter, TimedStart, lead_radius
+from compplan.plan.ground import DEEPEST, LEAST_SHARE, drop_least, state_ground
+from compplan.plan.one_program import Point, Prices, build_program
+from compplan.plan.program_step import solve_program
+from compplan.plan.run_meter import RunMeter, TimedStart
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import INERTIA_WINDOWS, cutting_runs, time_rapids
-from compplan.posture.clearance import measure_margin
+from compplan.posture.chatter import count_chatter, judge_chatter
 from compplan.posture.costs import Weights
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs, search_line
 from compplan.posture.stance import Wish
 from compplan.posture.start import Bettered, PostureRequest, Start, find_plain, find_start, stand
 from compplan.posture.summary import Stance, summarise_costs
+from compplan.program.counting import load_motion
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 
 LOG = logging.getLogger(__name__)
 
-#: Stations of the program at most, waypoints that they may stand for, and stations of the graph's bound.
-MOST_STATIONS, MOST_WAYPOINTS, BOUND_STATIONS = 400, 8000, 25
+#: Stations of the program at most, waypoints of a window that they stand for, windows of a path at most (then windows
+#: are longer), and stations of the graph's bound.
+MOST_STATIONS, WINDOW, MOST_WINDOWS, BOUND_STATIONS = 400, 8000, 16, 25
 #: Windows of smoothing, as shares of those that plans have, and starts whose speed is eased, the best ones.
 WINDOWS, EASED = (1.0, 0.7), 3
 #: Gain that a posture is changed for, and difference of time or band that counts as none.
@@ -94,7 +95,7 @@ def better_start(start: Start, choice: StartChoice) -> Start:
 
     """
     stance = start.stance
-    if stance is None or start.request is None or stance.chatter is not None:
+    if stance is None or start.request is None:
         return start
     if stance.settings.weights or stance.settings.start is not None:
         return start
@@ -102,21 +103,26 @@ def better_start(start: Start, choice: StartChoice) -> Start:
     prices = PRICES.get(preset)
     free = stance.settings.free_spin or stance.settings.lead > 0 or stance.settings.lean > 0 or stance.q.shape[1] > 6
     free |= choice.tube > 0.0
-    if prices is None or not free or stance.missed.any() or len(start.nominal) > MOST_WAYPOINTS:
+    if prices is None or not free or stance.missed.any():
         return start
+    energy = stance.settings.energy
+    prices, choice = prices._replace(energy=energy), replace(choice, meter=replace(choice.meter, energy=energy))
     task = choice.meter.state(start)
-    if preset in ("", "fast") and choice.meter.time(task) <= AT_FEED * _least_time(task):
+    if preset in ("", "fast") and not energy and choice.meter.time(task) <= AT_FEED * _least_time(task):
         return start
     measured = choice.meter.measure(start)
     if not measured:
         return start
     first = measured[0]
-    origins = _find_origins(start, choice, preset)
+    origins = {"graph": start} if len(task) > WINDOW else _find_origins(start, choice, preset)
     runs: list[tuple[TimedStart, str, Brought | None]] = [(first, "graph", None)]
     for name, origin in origins.items():
         runs += [(run, name, None) for run in choice.meter.measure(origin)] if origin is not start else []
         found = propose_start(task if origin is start else choice.meter.state(origin), origin, choice, prices)
         runs += [(run, name, found[1]) for run in choice.meter.measure(found[0])] if found else []
+    if (cut := start.request.chatter) is not None:  # nowhere nearer to chatter than half of the limit, or the graph's
+        near = judge_chatter(cut, start.q, 1.0 / DEEPEST) + LEAST_SHARE
+        runs = [each for each in runs if (judge_chatter(cut, each[0].start.q, 1.0 / DEEPEST) <= near).all()]
     taken = _choose_run(preset, first, runs, choice.meter)
     if taken is None:
         return start
@@ -125,10 +131,11 @@ def better_start(start: Start, choice: StartChoice) -> Start:
     assert stood_on is not None
     bound = _bound_by_graph(task, stood_on, choice)
     told = Bettered(start, (first.time, run.time), (1e3 * first.band, 1e3 * run.band), bound, name,
-                    *(how or Brought(0, ())))  # fmt: skip
+                    *(how or Brought(0, ())), (first.energy, run.energy) if energy else None)  # fmt: skip
     costs = {**stood_on.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
     compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
-    chosen = replace(stood_on, settings=stance.settings, costs=costs, compared=compared)
+    chosen = replace(stood_on, settings=stance.settings, costs=costs, compared=compared,
+                     chatter=count_chatter(start.request.chatter, run.start.q))  # fmt: skip
     off = 0.0 if run.start.aside is None else run.start.aside
     path = replace(choice.nominal, position=choice.nominal.position + off)
     stood = stand(replace(chosen, compared_by=stance.compared_by), path, start.request)
@@ -165,6 +172,10 @@ def _choose_run(
     def share(run: TimedStart) -> tuple[float, float, float]:
         return run.time / first.time, run.band / first.band, run.still / first.still
 
+    def value_of(run: TimedStart) -> float:
+        own = _judge(preset, *share(run))
+        return (own + meter.energy * run.energy / first.energy) / (1.0 + meter.energy) if first.energy > 0.0 else own
+
     runs = list(runs)
     beside = None if preset == "fast" else first
     order = sorted(runs, key=lambda entry: share(entry[0])[0] if preset == "fast" else sum(share(entry[0])[:2]))
@@ -175,7 +186,7 @@ def _choose_run(
                     run.start, window=window, beside=beside, quiet=run.quiet)]  # fmt: skip
     best, least = None, 1.0 - LEAST_GAIN
     for run, name, how in runs:
-        value = _judge(preset, *share(run))
+        value = value_of(run)
         LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", name, "" if how is None else ", program",
                   first.time, run.time, 1e3 * first.band, 1e3 * run.band)
         if value < least:
@@ -232,7 +243,7 @@ class Brought(NamedTuple):
 
 
 def propose_start(task: PlanTask, start: Start, choice: StartChoice, prices: Prices) -> tuple[Start, Brought] | None:
-    """Solve the program around a start; None where nothing is free, or no step brings anything.
+    """Solve the program around a start, window by window; None where nothing is free, or no step brings anything.
 
     Args:
         task: The task that starts so.
@@ -241,17 +252,41 @@ def propose_start(task: PlanTask, start: Start, choice: StartChoice, prices: Pri
         prices: What is weighed.
 
     """
+    here, steps = start, 0
+    names: tuple[str, ...] = ()
+    for window in list_windows(len(task)):
+        own = task if here is start else choice.meter.state(here)
+        if (found := _solve_window(own, here, choice, prices, window)) is not None:
+            here, names = found[0], found[1].names
+            steps += found[1].steps
+    return None if here is start else (here, Brought(steps, names))
+
+
+def list_windows(count: int) -> list[tuple[int, int]]:
+    """List first and last waypoint of the windows of a path, each half over the one before; one where it is short."""
+    if count <= WINDOW:
+        return [(0, count - 1)]
+    size = max(WINDOW, int(np.ceil(2.0 * count / (MOST_WINDOWS + 1))))
+    firsts = np.arange(0, count - size // 2, size // 2)
+    return [(first, min(first + size, count - 1)) for first in firsts.tolist()]
+
+
+def _solve_window(
+    task: PlanTask, start: Start, choice: StartChoice, prices: Prices, window: tuple[int, int]
+) -> tuple[Start, Brought] | None:
+    """Solve the program of one window around a start."""
     stance, request = start.stance, start.request
     if stance is None or request is None or task.missed.any():
         return None
-    freedom = find_freedom(task, stance, choice.nominal, choice.tool_x, MOST_STATIONS, choice.tube)
+    tube = choice.tube if window == (0, len(task) - 1) else 0.0
+    freedom = find_freedom(task, stance, choice.nominal, choice.tool_x, MOST_STATIONS, tube, window)
     if freedom is None:
         return None
-    ground = _state_ground(freedom, stance, request, choice.meter, prices)
+    ground = state_ground(freedom, request, choice.meter, prices)
     program = None if ground is None else build_program(freedom, ground, prices)
     if program is None:
         return None
-    point = solve_program(program)
+    point = drop_least(program, solve_program(program), load_motion(task.robot)[0].resolution)
     if not point.change.any():
         return None
     moved = freedom.spread(point.change, np.arange(len(choice.nominal), dtype=float))
@@ -271,48 +306,26 @@ def _keep_in_tube(freedom: Freedom, moved: Array) -> Array:
     return np.where([name in TUBE for name in freedom.names], np.clip(moved, -most, most), moved)
 
 
-def _state_ground(
-    freedom: Freedom, stance: Stance, request: PostureRequest, meter: RunMeter, prices: Prices
-) -> Ground | None:
-    """State what postures have to keep; None where nothing is cut."""
-    task, scene, settings = freedom.task, request.scene, stance.settings
-    cut = freedom.rows[task.cut[freedom.rows]]
-    if not len(cut):
-        return None
-    margin = None
-    if scene is not None:
-        at = margin_stations(len(freedom.rows))
-
-        def margin(q: Array) -> Array:
-            return measure_margin(scene, q[at], request.wanted)
-
-    torques = None
-    if meter.wish.torque:
-        def torques(q: Array) -> Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]:
-            return TorqueRules(task.robot, q, freedom.wrench).rows
-
-    band = lead_radius(task.robot, meter.force, task.q_start[cut], task.wrench[cut]) if prices.counts_band else None
-    return Ground(band, margin, settings.limit_margin, torques)
-
-
 def _follow(
     freedom: Freedom, point: Point, stance: Stance, nominal: Toolpath, request: PostureRequest
 ) -> Stance | None:
-    """Follow a choice of the free coordinates at every waypoint of the toolpath; None where that tears."""
-    every, robot, arm = np.arange(len(nominal)), freedom.task.robot, freedom.arm
+    """Follow a choice of the free coordinates at every waypoint of its window; None where that tears."""
+    robot, arm, place = freedom.task.robot, freedom.arm, freedom.task.origin[freedom.rows]
+    every = np.arange(int(np.ceil(place[0])), int(place[-1]) + 1)
     moved = freedom.spread(point.change, every.astype(float))
     given = {"spin": stance.spin, "lead": stance.lead, "lean": stance.lean}
-    stood = orient_tool(nominal, freedom.tool_x, every, *given.values())
-    turned = {name: value + (moved[:, freedom.names.index(name)] if name in freedom.names else 0.0)
-              for name, value in given.items()}  # fmt: skip
-    rest = np.swapaxes(stood, 1, 2) @ stance.rotation
-    rotation = orient_tool(nominal, freedom.tool_x, every, *turned.values()) @ rest
-    place = freedom.task.origin[freedom.rows]
-    away = point.q - freedom.task.q_start[freedom.rows]
-    q = stance.q + interpolate(every, place, away)
-    q[:, arm.held] = stance.q[:, arm.held] + moved[:, freedom.extra]
-    q = refine_ik(arm, q, nominal.position, rotation)
-    missed = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) > REACHED
+    stood = orient_tool(nominal, freedom.tool_x, every, *(value[every] for value in given.values()))
+    turned = {name: value.copy() for name, value in given.items()}
+    for k, name in enumerate(freedom.names):
+        if name in turned:
+            turned[name][every] += moved[:, k]
+    rest = np.swapaxes(stood, 1, 2) @ stance.rotation[every]
+    rotation, q = stance.rotation.copy(), stance.q.copy()
+    rotation[every] = orient_tool(nominal, freedom.tool_x, every, *(value[every] for value in turned.values())) @ rest
+    q[every] += interpolate(every, place, point.q - freedom.task.q_start[freedom.rows])
+    q[np.ix_(every, arm.held)] = stance.q[np.ix_(every, arm.held)] + moved[:, freedom.extra]
+    q[every] = refine_ik(arm, q[every], nominal.position[every], rotation[every])
+    missed = np.abs(pose_error(arm.chain, q[every], nominal.position[every], rotation[every])).max(axis=1) > REACHED
     torn = np.abs(np.diff(q, axis=0)).max(axis=1)[~nominal.rapid[1:]].max(initial=0.0) > stance.settings.most_step
     if missed.any() or torn or (q < robot.lower).any() or (q > robot.upper).any():
         return None

@@ -25,8 +25,9 @@ from compplan.errors import ConvergenceError
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, rest_scene, stage_path
 from compplan.plan.bending import measure_motion
-from compplan.plan.feed import FeedWish, time_run
+from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.task import PlanTask
+from compplan.plan.timing import Timing
 from compplan.posture.start import Easing, Start
 from compplan.promise.band import Slopes, band_radius, split_covariance
 from compplan.robot import Array, Robot
@@ -55,6 +56,7 @@ class TimedStart(NamedTuple):
         time: The whole run. [s]
         band: Widest 95 % band along the cut. [m]
         still: The same, vibration left out. [m]
+        energy: Work of the motors, sum |tau dq|; 0 where it does not count. [J]
         quiet: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
 
     """
@@ -63,6 +65,7 @@ class TimedStart(NamedTuple):
     time: float
     band: float
     still: float
+    energy: float
     quiet: Array
 
 
@@ -75,6 +78,7 @@ class RunMeter:
         force: How surely the force is known.
         state: States the task that begins with a start.
         damping: Damping of the arm's vibrations, share of critical.
+        energy: What the work of the motors weighs.
 
     """
 
@@ -82,6 +86,7 @@ class RunMeter:
     force: ForceSpread
     state: Callable[[Start], PlanTask]
     damping: float
+    energy: float = 0.0
 
     def time(self, task: PlanTask) -> float:
         """Time the fastest run; infinite where none keeps the limits. [s]."""
@@ -117,11 +122,12 @@ class RunMeter:
                 eased = start if count == 0 and window == 1.0 else replace(
                     start, pace=Easing(window, task.origin, slower))  # fmt: skip
                 run = replace(task, start=eased)
-                time = time_run(run, run.q_start, self.wish)[1].time
+                timing = time_run(run, run.q_start, self.wish)[1]
+                time, energy = timing.time, measure_work(run, timing) if self.energy else 0.0
                 rings = self.spread_vibration(run, time, rows, dynamics)
                 band = band_radius(still + rings, mean=aside)
                 widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
-                found.append(TimedStart(eased, float(time[-1]), widest, least, still))
+                found.append(TimedStart(eased, float(time[-1]), widest, least, energy, still))
                 if beside is None or time[-1] > TOO_LONG * beside.time or not rings.any():
                     break
                 if count % 2 == 0:
@@ -141,6 +147,21 @@ class RunMeter:
             return np.zeros((len(rows), 3, 3))
         away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
         return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
+
+
+def measure_work(task: PlanTask, timing: Timing) -> float:
+    """Return the work of the motors along a run, sum |tau dq|: masses, weight and wrench count, friction does not. [J].
+
+    Args:
+        task: The task.
+        timing: Its run, of `q_start`.
+
+    """
+    last = len(task) - 1
+    _, moving, held, _ = TorqueRules(task.robot, task.q_start, task.wrench).rows(
+        0, last, timing.velocity, timing.acceleration)  # fmt: skip
+    torque = 0.5 * (moving + held)
+    return float(np.abs((torque[1:] + torque[:-1]) * np.diff(task.q_start, axis=0)).sum())
 
 
 def _widen(use: Array, time: Array, reach: float) -> Array:

@@ -72,6 +72,19 @@ def count_chatter(price: ChatterPrice | None, q: Array) -> ChatterCount | None:
     """Count the waypoints of a finished posture at which the cut chatters. q: shape (n, nq) [rad or m]."""
     if price is None:
         return None
+    beyond = judge_chatter(price, q, 1.0)
+    return ChatterCount(int((beyond > 0.0).sum()), len(beyond), price.source)
+
+
+def judge_chatter(price: ChatterPrice, q: Array, reserve: float) -> Array:
+    """Return how far a deeper cut is beyond its limit at some waypoints of a finished posture, as `excess` tells.
+
+    Args:
+        price: The cut.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        reserve: Factor on the depth.
+
+    """
     rows = np.flatnonzero(price.touches(np.arange(len(q))))
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(LOOKED, len(rows))).astype(int))] if len(rows) else rows
-    return ChatterCount(int((price.excess(q[rows], rows, 1.0) > 0.0).sum()), len(rows), price.source)
+    return price.excess(q[rows], rows, reserve)

@@ -90,6 +90,7 @@ class Bettered:
         origin: Where it started: "graph", "fast" (the graph's posture of that preset) or "programmed" (the plain one).
         steps: Steps that the program took.
         names: What was free: "spin", "lead", "lean", or extra axes.
+        energy: Work of the motors before and after, None where it does not count. [J]
 
     """
 
@@ -100,6 +101,7 @@ class Bettered:
     origin: str
     steps: int
     names: tuple[str, ...]
+    energy: tuple[float, float] | None = None
 
     def describe(self) -> dict[str, object]:
         """Describe it for plan.json."""
@@ -108,12 +110,14 @@ class Bettered:
             "time_s": {"graph": self.time[0], "program": self.time[1]},
             "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
             "least_time_of_graph_s": self.least_time,
+            **({} if self.energy is None else {"motor_work_J": {"graph": self.energy[0], "program": self.energy[1]}}),
         }  # fmt: skip
 
     def sentence(self, pace: Easing | None = None) -> str:
         """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
         (before, after), (wide, narrow) = self.time, self.band
         most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+        work = "" if self.energy is None else f", work of the motors {self.energy[0]:.3g} -> {self.energy[1]:.3g} J"
         eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
         eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
         head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
@@ -123,7 +127,7 @@ class Bettered:
             head = f"Posture and speed are chosen together ({posture})"
         return (f"{head}: run {before:.4g} -> {after:.4g} s "
                 f"(no posture of the graph's grid is under {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
-                f"{narrow:.3g} mm, before correction{eased}.")  # fmt: skip
+                f"{narrow:.3g} mm{work}, before correction{eased}.")  # fmt: skip
 
 
 @dataclass(frozen=True)
