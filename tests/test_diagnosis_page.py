@@ -13,6 +13,7 @@ import pytest
 
 from compplan.diagnose.answer.change import state_change
 from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
+from compplan.diagnose.answer.small_errors import Group, SmallErrors
 from compplan.diagnose.answer.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
@@ -110,6 +111,14 @@ def test_a_gap_of_noise_has_no_place(diagnosed: tuple[Any, Split]) -> None:
     quiet = replace(diagnosed[1], shares=make_shares(0.0))
     said = describe_where(TABLE["verdict"], quiet)
     assert "no joint, frame, sensor or load is named that carries a part of it" in said
+
+
+def test_kinds_of_small_errors_that_both_halves_show_stand_beside_the_names(diagnosed: tuple[Any, Split]) -> None:
+    named = Group("joint_3", "load", Share(0.6, 0.0, 1.0), 0.9)
+    groups = (named, Group("joint_5", "geometry", Share(0.34, 0.3, 0.4), 0.96))
+    split = replace(diagnosed[1], small_errors=SmallErrors({}, {}, groups))
+    said = describe_where(TABLE["verdict"], split)
+    assert "(95 %: 1\u00a0% to 6\u00a0%; both halves of the poses show geometry of joint_5 34\u00a0%)" in said
 
 
 def test_rivals_and_unexplained_structure_are_said(diagnosed: tuple[Any, Split]) -> None:

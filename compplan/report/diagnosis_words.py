@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Share
-from compplan.diagnose.answer.small_errors import SmallErrors
+from compplan.diagnose.answer.small_errors import WEIGHT, SmallErrors, kind_of
 from compplan.diagnose.answer.verdict import CALIBRATED, FLOORS_LEFT, Finding
 from compplan.diagnose.data.conventions import name_counting
 from compplan.diagnose.ledger.unmodelled import describe_unmodelled, names_alike
@@ -29,18 +29,32 @@ def describe_where(verdict: Mapping[str, Any], split: Split) -> str:
         if carrier.share.share >= 0.05 or not parts:
             sure = f"probability {carrier.probability:.2f}, {_describe_interval(carrier.share)} if so"
             how = carrier.effect.replace("_", " ")
-            parts.append(f"{carrier.place} carries {format_percent(carrier.share.share)} by {how} ({sure})")
+            carries = "carry" if carrier.place == "links" else "carries"
+            parts.append(f"{carrier.place} {carries} {format_percent(carrier.share.share)} by {how} ({sure})")
     rest = {
-        "small errors everywhere (calibration) carry": shares.by_place[CALIBRATION],
-        "no model explains": shares.by_place[UNEXPLAINED],
+        "small errors everywhere (calibration) carry": (shares.by_place[CALIBRATION], _describe_beside_names(split)),
+        "no model explains": (shares.by_place[UNEXPLAINED], ""),
     }
-    parts += [f"{what} {format_percent(share.share)} ({_describe_interval(share)})"
-              for what, share in rest.items() if share.share >= 0.02]  # fmt: skip
+    parts += [f"{what} {format_percent(share.share)} ({_describe_interval(share)}{more})"
+              for what, (share, more) in rest.items() if share.share >= 0.02]  # fmt: skip
     if shares.noise >= 0.02:
         parts.append(f"noise is {format_percent(shares.noise)}")
     if not shares.carriers:
         parts.insert(0, "no joint, frame, sensor or load is named that carries a part of it")
     return f"{gap}; {'; '.join(parts)}."
+
+
+def _describe_beside_names(split: Split) -> str:
+    """Say which kinds of small errors, each at one joint, are the largest beside the named effects."""
+    if split.small_errors is None:
+        return ""
+    named = {(c.place, kind_of(c.effect, loaded)) for c in split.shares.carriers for loaded in (False, True)}
+    told = [
+        f"{g.kind} of {g.place} {format_percent(g.share.share)}"
+        for g in split.small_errors.groups
+        if (g.place, g.kind) not in named and (g.kind != WEIGHT or ("links", WEIGHT) not in named)
+    ][:3]
+    return f"; both halves of the poses show {', '.join(told)}" if told else ""
 
 
 def _describe_places(errors: SmallErrors) -> str:
