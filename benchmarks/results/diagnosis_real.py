@@ -46,9 +46,12 @@ def measure(settings: Settings) -> Findings:
         _cut_cases(source, settings.work / "suite")
     run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT,
                   "--name", "compplan", "--out", settings.work / "scores")  # fmt: skip
-    rows, ratio, stated, found = [], [], [], []
+    rows, ratio, stated, found, silent = [], [], [], [], []
     for case in sorted((settings.work / "suite").iterdir()):
         name, ours = case.name, _read(settings.work / "scores" / "compplan", case)
+        if "fresh_updated" not in ours:
+            silent.append(f"{name}: no answer, {ours.get('error', 'not known why')}.")
+            continue
         rival = _read(settings.work / "scores" / "rival", case)
         fresh, other = _rms(ours["fresh_updated"]), _rms(rival["fresh_updated"])
         plain = _rms(ask_calibration(case, frames_of(read_truth(case)))["fresh_updated"])
@@ -77,7 +80,8 @@ def measure(settings: Settings) -> Findings:
             f"{sum(c for _, _, c in found)} from all of them.",
         ),
         (draw_table(head, rows),),
-        tuple(
+        tuple(silent)
+        + tuple(
             f"{row[0]}: {row[2]} mm, the plain rival {row[3]} mm, the plain calibration {row[4]} mm."
             for row, r in zip(rows, ratio, strict=True)
             if r > 1.05

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.diagnose.answer.shares import CALIBRATION
 from compplan.report.calibration_section import show_calibration
 from compplan.report.diagnosis_words import (
     describe_counting,
@@ -111,7 +112,8 @@ def write_diagnosis_page(
         [section for section in sections if section.blocks],
         kind=f"Diagnosis of {_title(diagnosis.fit.problem.campaign)}",
         opening=open_diagnosis(
-            verdict, gap, diagnosis.deliveries[0].kind, Chart(draw_shares(split.shares.by_place, "place"), SHARES, 330)
+            verdict, gap, diagnosis.deliveries[0].kind, Chart(draw_shares(split.shares.by_place, "place"), SHARES, 330),
+            split.shares.by_place[CALIBRATION].share,
         ),
         notes=[*notes, describe_grade(robot)],
         provenance=describe_robot(robot, _list_facts(diagnosis, rows)),

@@ -113,8 +113,9 @@ def open_study(result: JobStudy, picture: Block) -> Opening:
 
 
 def open_diagnosis(
-    verdict_table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block
-) -> Opening:
+    verdict_table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block,
+    small: float = 0.0,
+) -> Opening:  # fmt: skip
     """Say what is wrong with the robot, and how much of the gap that explains.
 
     Args:
@@ -122,6 +123,7 @@ def open_diagnosis(
         gap: `gap` of diagnosis.json.
         delivered: Kind of the robot folder that is written: "nominal" where nothing predicts better.
         picture: The picture.
+        small: Share of the gap that small errors everywhere carry.
     """
     status, effects = verdict_table["status"], verdict_table["effects"]
     after, before = gap.get("held_out_after_rms_mm"), gap.get("held_out_before_rms_mm")
@@ -141,6 +143,8 @@ def open_diagnosis(
     left = "Something is left that nothing explains."
     if reaches_noise(gap, delivered):
         left = "The rest has no name, but calibration takes it up to the noise."
+    if small > 0.5:
+        left = f"Most of the gap is small errors, as of a robot that was not calibrated. {left}"
     verdict, tone = verdicts.get(status, (f"Found in part: {first}{more}. {left}", "unsure"))
     figures = []
     if before is not None and after is not None:
