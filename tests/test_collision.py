@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from compplan.errors import InputError
+from compplan.files.meshes import load_mesh
 from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_clearance, measure_margin
@@ -15,7 +16,7 @@ from compplan.posture.contacts import describe_contact, find_contacts, locate_li
 from compplan.posture.settings import PostureSettings
 from compplan.report.robot_scene import locate_links
 from compplan.robot import load_robot
-from compplan.robot.solids import cut_tip, load_mesh
+from compplan.robot.solids import cut_tip
 
 ROBOT = load_robot("kuka_kr240")
 REST = np.array([[0.0, 0.3, 0.5, 0.0, 0.8, 0.0]])

@@ -261,7 +261,7 @@ def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_th
             loose = instrument == "plane"
             assert (away < 1e-8).sum() == (1 if loose else 3), away  # along the normal, or at one point
     candidates = sight_candidates(list_candidates(robot, found, [0.0, 100.0], 300.0, design.known.unknowns), sights)
-    design, start = add_places(design, design.start, sights, tip)
+    design, start = add_places(design, design.start, sights, tip, 12)
     choice = choose_measurements(design, candidates, 30, start)
     assert choice.rms[-1] < 0.9 * choice.rms[0] and (np.diff(choice.rms) <= 1e-12).all()
     unknown = max(len(sights.names), 1)  # or the tool, where the place is known

@@ -62,6 +62,10 @@ class ForceSpread:
         """Of its size, what all parts share."""
         return float(np.sqrt(max(self.level**2 - self.scatter**2, 0.0)))
 
+    def of_all(self) -> ForceSpread:
+        """Return what all parts share, without what differs from part to part."""
+        return replace(self, level=self.common)
+
 
 def read_force_spread(job: Job | None) -> ForceSpread:
     """Return what measured parts and a job's [noise] say of the force, its assumed defaults where there is no job."""

@@ -136,17 +136,7 @@ def design_campaign(
     task, robot = plan.task, plan.robot
     announce("the path and what is known")
     solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
-    if shop.purpose == CALIBRATION:
-        known = widen_uncertainty(robot, shop.loaded)
-        reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
-        # loads as they come on the path: the fit has to hold under them, too
-        wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
-        scene, rows = stage_path(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool)
-        notes = [known.source]
-    else:
-        known = known_uncertainty(robot, plan.job)
-        scene, rows = stage_path(robot, plan.q, task.wrench, task.step_time), task.cut
-        notes = list_assumed(robot)
+    known, scene, rows, notes = _stage_purpose(plan, shop, lowest, solids)
     frames = tuple(part for part in shop.register if part != "base" or shop.instrument == TRACKER)
     # poses narrow the robot alone: what of the force goes with it counts as apart
     path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows), tie=None)
@@ -166,10 +156,7 @@ def design_campaign(
     candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
     if sights is not None:
         candidates = sight_candidates(candidates, sights)
-        design, start = add_places(design, start, sights, candidates.tip[: len(postures)])
-        if count < 2 * len(sights.names):
-            message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
-            raise InputError(f"{message}: more --poses or fewer --places")
+        design, start = add_places(design, start, sights, candidates.tip[: len(postures)], count)
     announce("choice")
     choice = choose_measurements(design, candidates, count, start)
     notes += _ask_for_load(design, shop, choice.covariance)
@@ -183,6 +170,21 @@ def design_campaign(
     )  # fmt: skip
 
 
+def _stage_purpose(
+    plan: Plan, shop: Shop, lowest: float, solids: CollisionScene
+) -> tuple[Uncertainty, Scene, NDArray[np.bool_], list[str]]:
+    """Return what is known, the robot where the band is to be narrow, the rows that count, and what is assumed."""
+    task, robot = plan.task, plan.robot
+    if shop.purpose == PATH:
+        scene = stage_path(robot, plan.q, task.wrench, task.step_time)
+        return known_uncertainty(robot, plan.job), scene, task.cut, list_assumed(robot)
+    known = widen_uncertainty(robot, shop.loaded)
+    reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
+    # loads as they come on the path: the fit has to hold under them, too
+    wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
+    return known, stage_path(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool), [known.source]
+
+
 def put_up(
     robot: Robot, shop: Shop, postures: Array, middle: Array, lowest: float, solids: CollisionScene
 ) -> tuple[Array, Sights]:
@@ -192,8 +194,15 @@ def put_up(
     return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids, shop.seed)
 
 
-def add_places(design: Design, start: Array, sights: Sights, tip: Array) -> tuple[Design, Array]:
-    """Add the unknown places of contacts to a design, and what known distances say of them to its covariance."""
+def add_places(design: Design, start: Array, sights: Sights, tip: Array, count: int) -> tuple[Design, Array]:
+    """Add the unknown places of contacts to a design, and what known distances say of them to its covariance.
+
+    Raises:
+        InputError: If so many poses are fewer than two a place.
+    """
+    if count < 2 * len(sights.names):
+        message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
+        raise InputError(f"{message}: more --poses or fewer --places")
     design = replace(design, places=len(sights.names))
     wide = design.start.copy()
     wide[: len(start), : len(start)] = start

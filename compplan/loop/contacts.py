@@ -57,11 +57,8 @@ def find_touching(
     random, chain = np.random.default_rng(seed), build_chain(robot)
     tip = locate_frames(chain, postures).tcp_position
     q, label, names, normals = [], [], list[str](), np.eye(3)[[2, 0, 1]]
-    if instrument == PROBE:  # it is anywhere, and reads zero at a place that is known
-        m = 3 * len(postures)
-        read = Sights(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0),
-                      np.tile(normals, (len(postures), 1)), np.zeros(m))  # fmt: skip
-        return np.repeat(postures, 3, axis=0), read
+    if instrument == PROBE:
+        return _probe_anywhere(postures, tip, normals)
     for number, centre in enumerate(_spread(tip, middle, places)):
         nearest = postures[np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]]
         start = locate_frames(chain, nearest).tcp_position
@@ -96,6 +93,14 @@ def find_touching(
         known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
     kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
     return np.concatenate(q), Sights(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
+
+
+def _probe_anywhere(postures: Array, tip: Array, normals: Array) -> tuple[Array, Sights]:
+    """Return postures, once for each normal, and what a probe sees: it reads zero at a place that is known."""
+    m = 3 * len(postures)
+    direction = np.tile(normals, (len(postures), 1))
+    read = Sights(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0), direction, np.zeros(m))
+    return np.repeat(postures, 3, axis=0), read
 
 
 def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.loop.guards import rigid_columns
-from compplan.loop.measured_path import MeasuredPath, take_points
+from compplan.loop.measured_path import MeasuredPath
 from compplan.promise.band import Slopes
 from compplan.robot import Array
 
@@ -44,6 +44,12 @@ class Gathered:
         """Take some rows."""
         parts: dict[str, Any] = {f.name: getattr(self, f.name)[rows] for f in fields(self)}
         return replace(self, **parts)
+
+
+def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath:
+    """Take some of the points."""
+    parts = {name: getattr(measured, name)[rows] for name in ("length", "deviation", "counts", "sigma")}
+    return replace(measured, **parts)
 
 
 def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gathered:

@@ -87,12 +87,6 @@ class MeasuredPath:
         return np.asarray(np.einsum("mij,mj->mi", self.counts, self.deviation))
 
 
-def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath:
-    """Take some of the points."""
-    parts = {name: getattr(measured, name)[rows] for name in ("length", "deviation", "counts", "sigma")}
-    return replace(measured, **parts)
-
-
 def read_measured_points(source: Any) -> Table:
     """Read measured points: x_mm y_mm z_mm, and where they are known s_mm and sigma_mm; or a scan.
 
@@ -206,15 +200,7 @@ def match_points(
     spread = np.where(np.isfinite(spread), spread, level)
     if surface is not None:
         _check_surface(table, nominal, surface, "base" if in_base else "part")
-        found = _at_surface(nominal, point, surface)
-    elif "s" in table:
-        found = _at_lengths(nominal, point, table.values["s"])
-        if normal is not None:
-            along = np.einsum("mi,mj->mij", normal, normal)
-            found = (found[0], np.einsum("mij,mj->mi", along, found[1]), along, found[3])
-    else:
-        found = _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
-    length, deviation, counts, good = found
+    length, deviation, counts, good = _find_places(table, nominal, point, normal, surface)
     distance = np.linalg.norm(deviation, axis=1)
     if not sure:
         place_of_cut = sample_cut(nominal)[1]
@@ -239,6 +225,17 @@ def match_points(
         length[good], deviation[good], counts[good], spread[good], int((~good).sum()), tuple(notes), scanned,
         place.motion,
     )  # fmt: skip
+
+
+def _find_places(
+    table: Table, nominal: Toolpath, point: Array, normal: Array | None, surface: Surface | None
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Find where on the path points are: on the surface, at their lengths, along their normals, or nearest."""
+    if surface is not None:
+        return _at_surface(nominal, point, surface)
+    if "s" in table:
+        return _at_lengths(nominal, point, table.values["s"], normal)
+    return _at_nearest(nominal, point) if normal is None else _at_normals(nominal, point, normal)
 
 
 class _Placed(NamedTuple):
@@ -311,8 +308,10 @@ def _describe_left_out(table: Table, good: NDArray[np.bool_]) -> list[str]:
     return [f"{said}; where {help_}"]
 
 
-def _at_lengths(nominal: Toolpath, point: Array, length: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Compare points with the path at stated lengths."""
+def _at_lengths(
+    nominal: Toolpath, point: Array, length: Array, normal: Array | None
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Compare points with the path at stated lengths, along their normals where they have them."""
     arc = nominal.arc_length
     stated, length = length, np.clip(length, 0.0, arc[-1])
     wanted = np.stack([np.interp(length, arc, nominal.position[:, k]) for k in range(3)], axis=1)
@@ -322,7 +321,10 @@ def _at_lengths(nominal: Toolpath, point: Array, length: Array) -> tuple[Array, 
     deviation = point - wanted - beyond[:, None] * along
     near = (np.abs(beyond) <= BEYOND) & (np.linalg.norm(deviation, axis=1) <= FARTHEST)
     good = near & ~nominal.rapid[row]
-    return length, deviation, np.broadcast_to(np.eye(3), (len(point), 3, 3)).copy(), good
+    if normal is None:
+        return length, deviation, np.broadcast_to(np.eye(3), (len(point), 3, 3)).copy(), good
+    counts = np.einsum("mi,mj->mij", normal, normal)
+    return length, np.einsum("mij,mj->mi", counts, deviation), counts, good
 
 
 def _at_normals(nominal: Toolpath, point: Array, normal: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -355,9 +357,7 @@ def _check_surface(table: Table, nominal: Toolpath, surface: Surface, frame: str
         )
 
 
-def _at_surface(
-    nominal: Toolpath, point: Array, surface: Surface
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _at_surface(nominal: Toolpath, point: Array, surface: Surface) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Compare points with the nominal surface along its normals; each belongs to the nearest place of the cut.
 
     The tool makes what lies within its reach of its axis, above the tip.

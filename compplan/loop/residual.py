@@ -33,6 +33,11 @@ class Residual:
     q: Array
     open: Array
 
+    @property
+    def typical(self) -> float:
+        """Mean standard deviation of it per axis. [m]"""
+        return float(np.mean(self.spread))
+
     def at(self, length: Array) -> Array:
         """Return the deviation at places along the path. Shape (n, 3). [m]."""
         return interpolate(length, self.length, self.deviation)

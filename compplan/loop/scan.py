@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from compplan.errors import InputError
+from compplan.files.meshes import open_mesh
 from compplan.files.scanned import MESHES, read_numbers
 from compplan.files.tables import Table, read_text
 from compplan.robot import Array
@@ -48,12 +49,7 @@ def read_scan(file: Path) -> Table:
 
 def _read_mesh(file: Path) -> Array:
     """Read vertices and their normals, those of a cloud where it has them. Shape (n, 3 or 6). [mm]"""
-    if not file.is_file():
-        raise InputError("no such file", file=file)
-    try:
-        found = trimesh.load(file, process=True)
-    except Exception as error:  # trimesh and its readers raise whatever a broken file leads to
-        raise InputError(f"is no {file.suffix[1:].upper()} file that can be read ({error})", file=file) from None
+    found = open_mesh(file)
     if isinstance(found, trimesh.Trimesh) and len(found.faces):
         return np.hstack([np.asarray(found.vertices, float), np.asarray(found.vertex_normals, float)])
     points = np.asarray(getattr(found, "vertices", np.zeros((0, 3))), float).reshape(-1, 3)

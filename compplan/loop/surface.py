@@ -11,6 +11,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from compplan.errors import InputError
+from compplan.files.meshes import UNITS, open_mesh
 from compplan.loop.scan import MESHES
 from compplan.robot import Array
 
@@ -98,13 +99,8 @@ def read_surface(file: Path, reach: float) -> Surface:
     """
     if file.suffix.lower() not in MESHES:
         raise InputError(f"ends in {file.suffix!r}, expected a nominal mesh: .stl or .ply", file=file)
-    if not file.is_file():
-        raise InputError("no such file", file=file)
-    try:
-        found = trimesh.load(file, process=False, force="mesh")
-        corners = np.asarray(found.triangles, float) * 1e-3
-    except Exception as error:  # trimesh and its readers raise whatever a broken file leads to
-        raise InputError(f"is no {file.suffix[1:].upper()} mesh that can be read ({error})", file=file) from None
+    found = open_mesh(file, process=False, force="mesh")
+    corners = np.asarray(getattr(found, "triangles", np.zeros((0, 3, 3))), float) * UNITS["mm"]
     flat = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     corners = corners[np.isfinite(corners).all(axis=(1, 2)) & (flat > 1e-16)]
     if not len(corners):

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from compplan.effects import attain_scene
 from compplan.effects.scene import Scene
 from compplan.files.quantities import format_length
 from compplan.files.shown import Curve, Curves, Shown
@@ -23,7 +22,6 @@ from compplan.known.slopes import (
     push_scene,
     read_force_spread,
     stage_path,
-    take_scene,
     tip_of,
 )
 from compplan.known.vary import vary_scene
@@ -134,6 +132,45 @@ class Teaching(Shown):
         return Curves(self.job.name or self.job.file.stem, "along the path [mm]", "deviation of the part [mm]", lines)
 
 
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A path as it was cut.
+
+    Attributes:
+        scene: The robot on it.
+        known: What is known of the robot.
+        force: How surely the force is known, as far as all parts share it.
+        slopes: The path to first order, k rows.
+        length: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape
+            (n,). [m]
+    """
+
+    scene: Scene
+    known: Uncertainty
+    force: ForceSpread
+    slopes: Slopes
+    length: Array
+
+    def with_values(self, values: Array, force: Array) -> Scene:
+        """Return the scene with values of the robot's parameters, shape (p,), and shares of the force, shape (4,)."""
+        return push_scene(vary_scene(self.scene, self.known.unknowns, values), force, self.force)
+
+    def exact(self, values: Array, force: Array) -> Array:
+        """Return the motion of the tip by values of parameters and force. Shape (k, 3). [m]"""
+        return tip_of(self.with_values(values, force), self.slopes.rows) - self.slopes.tip
+
+
+def linearise_cut(job: Job, before: Plan, wanted: Toolpath, force: ForceSpread) -> Cut:
+    """Linearise a path as it was cut, by its plan; the wanted path stands in the base frame."""
+    known, task = known_uncertainty(before.robot), before.task
+    scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
+    length = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
+    slopes = linearise_path(scene, known, force, task.cut)
+    # what moves a part that was touched off along with the arm is not told by it
+    told = known_uncertainty(before.robot, job).width > 0.0
+    return Cut(scene, known, force, replace(slopes, model=slopes.model * told), length)
+
+
 def teach_part(
     job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False, align: str | None = None,
     sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
@@ -166,54 +203,45 @@ def teach_part(
         points, wanted, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, sure=sure,
         surface=surface,
     )  # fmt: skip
-    known, task = known_uncertainty(before.robot), before.task
     announce("what the part teaches")
-    scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
     whole = read_force_spread(job)
-    spread = replace(whole, level=whole.common)
-    slopes = linearise_path(scene, known, spread, task.cut)
-    # what moves a part that was touched off along with the arm is not told by it
-    told = known_uncertainty(before.robot, job).width > 0.0
-    slopes = replace(slopes, model=slopes.model * told)
-    # the wanted path's own lengths: the corrected path is a little longer or shorter
-    places = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
-    length = places[slopes.rows]
+    cut = linearise_cut(job, before, wanted, whole.of_all())
+    slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, own = gather_points(matched, slopes, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
     if not sure:
-        band, where = possible_band(slopes, known, gathered, own, left_open), job.T_base_part
-        ask_possible(points, gathered, band, partial(
-            explain_points, points.stack(["x", "y", "z"]), wanted, where, in_base=in_base, whole=not matched.scanned,
-        ))  # fmt: skip
+        band = possible_band(slopes, known, gathered, own, left_open)
+        ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
-    stood = "" if allowed else describe_whole(gathered, slopes.tip, job.T_base_part[:3, :3])
-    if stood and align is None and not sure:
-        raise points.error(f"{stood}; did the part stand so? {WHOLE_PART}")
-
-    def exact(values: Array, force: Array) -> Array:
-        moved = push_scene(take_scene(vary_scene(scene, known.unknowns, values), slopes.rows), force, spread)
-        return np.asarray(attain_scene(moved).position - slopes.tip)
-
-    least, residual = None if old is None else float(np.mean(old.spread)), old
-    lesson = learn_part(slopes, known, gathered, exact, own, least, left_open)
+    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, asked=align is None and not sure)
+    learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
+    lesson = learn(left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
-    wide = lesson if old is None else learn_part(slopes, known, gathered, exact, own, least)
-    others = tell_nothing(job, robot, wide)
-    if lesson.taken:
-        others = tell_others(job, robot, task, wide, known, whole)
-        residual = add_residual(old, lesson, scene, task, places, known, others, slopes, spread)
+    wide = lesson if old is None else learn()
+    told = lesson.taken
+    others = tell_others(job, robot, before.task, wide, known, whole) if told else tell_nothing(job, robot, wide)
+    residual = add_residual(old, lesson, cut, before.task, others) if told else old
     announce("the plan that follows")
     job = job.with_force(others.force)
-    after = before if not lesson.taken else plan_learned(job, others.robot, residual)[1]
-    if lesson.taken or old is not None:
-        after = with_promise(after, lesson, slopes, known)
-    size = np.full(len(length), lesson.size)
-    nothing = Residual(length, np.zeros((len(length), 3)), size, task.q_start[slopes.rows], lesson.open)
+    after = plan_learned(job, others.robot, residual)[1] if told else before
+    after = with_promise(after, lesson, slopes, known) if residual is not None else after
     return Teaching(
-        job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after, residual or nothing,
+        job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after,
+        residual or leave_path(length, lesson, before.task.q_start[slopes.rows]),
         tuple(list_learned(known, wide.values, others.held)),
         _list_notes(lesson, others.travel, matched, wanted, stood), others.travel, others.force,
     )  # fmt: skip
+
+
+def leave_path(length: Array, lesson: Lesson, q: Array) -> Residual:
+    """Return what stays with the path where nothing is taken off it: nothing, and how open the lesson leaves it.
+
+    Args:
+        length: Length of the path at the rows of the lesson. Shape (k,). [m]
+        lesson: The lesson.
+        q: Joint positions there. Shape (k, nq). [rad or m]
+    """
+    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
 
 
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
@@ -227,9 +255,7 @@ def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath)
     return state_own(tip, slopes.shared[:, :, 0], spread, clamped, fitted, warm)
 
 
-def _list_notes(
-    lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath, stood: str
-) -> tuple[str, ...]:
+def _list_notes(lesson: Lesson, travel: Travel, matched: MeasuredPath, wanted: Toolpath, stood: str) -> tuple[str, ...]:
     """Return why the lesson is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
@@ -237,7 +263,21 @@ def _list_notes(
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
-def ask_possible(points: Table, gathered: Gathered, band: Array, other: Callable[[], str]) -> None:
+def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, *, asked: bool) -> str:
+    """Say how the part stood off as a whole, "" where it did not.
+
+    Raises:
+        InputError: If it did, and that is asked about.
+    """
+    stood = describe_whole(gathered, tip, job.T_base_part[:3, :3])
+    if stood and asked:
+        raise points.error(f"{stood}; did the part stand so? {WHOLE_PART}")
+    return stood
+
+
+def ask_possible(
+    points: Table, gathered: Gathered, band: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool
+) -> None:
     """Ask about points that are farther off than folder, force, clamping and instrument let a part be.
 
     Raises:
@@ -250,8 +290,9 @@ def ask_possible(points: Table, gathered: Gathered, band: Array, other: Callable
         f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
         f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %"
     )
+    other = explain_points(points.stack(["x", "y", "z"]), nominal, T_base_part, in_base=in_base, whole=whole)
     raise points.error(
-        f"{said}{other()}; is it this part, and did it stand where the job says? --align best_fit takes a shift of the"
+        f"{said}{other}; is it this part, and did it stand where the job says? --align best_fit takes a shift of the"
         " whole part off, --assume-ok learns it as it is"
     )
 
@@ -269,9 +310,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     return nominal, plan
 
 
-def build_learned(
-    job: Job, robot: Robot, residual: Residual | None
-) -> tuple[Toolpath, PlanTask, PlanOptions]:
+def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, PlanTask, PlanOptions]:
     """Prepare the task of a job with a robot of one's own; also return the wanted path, and what the plan may do.
 
     A path that has learned keeps the posture in which it learned, another one that of the job's own robot.
@@ -308,35 +347,27 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     return replace(task, q_start=q, rotation=rotation, missed=missed)
 
 
-def add_residual(
-    old: Residual | None, lesson: Lesson, scene: Scene, task: PlanTask, length: Array, known: Uncertainty,
-    others: Others, slopes: Slopes, spread: ForceSpread,
-) -> Residual:  # fmt: skip
+def add_residual(old: Residual | None, lesson: Lesson, cut: Cut, task: PlanTask, others: Others) -> Residual:
     """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
 
     Args:
         old: What was learned before, or None.
         lesson: The lesson.
-        scene: The robot on the path as it was cut.
+        cut: The path as it was cut.
         task: Its task.
-        length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
-        known: What was known of the robot.
         others: What robot folder and process say now.
-        slopes: The path to first order.
-        spread: How surely the force is known.
     """
-    rows = pick_rows(task.cut, MOST_PLACES)
+    rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
+    length, at = cut.length[rows], cut.length[slopes.rows]
     if old is not None:
-        moved = tip_of(scene, rows) + old.at(length[rows])
-        moved = moved + interpolate(length[rows], length[slopes.rows], lesson.residual)
+        moved = tip_of(cut.scene, rows) + old.at(length)
+        moved = moved + interpolate(length, at, lesson.residual)
     else:
-        moved = tip_of(push_scene(vary_scene(scene, known.unknowns, lesson.values), lesson.force, spread), rows)
+        moved = tip_of(cut.with_values(lesson.values, lesson.force), rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
-    moved = moved - tip_of(push_scene(vary_scene(scene, known.unknowns, others.held), others.shares, spread), rows)
-    left = np.interp(length[rows], length[slopes.rows], np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
-    return Residual(
-        length[rows], moved, left, task.q_start[rows], interpolate(length[rows], length[slopes.rows], lesson.open)
-    )
+    moved = moved - tip_of(cut.with_values(others.held, others.shares), rows)
+    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
+    return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
 
 
 def with_promise(plan: Plan, lesson: Lesson, slopes: Slopes, known: Uncertainty) -> Plan:

@@ -177,7 +177,7 @@ def tell_others(
     if not travel.robot:
         return told
     taught = told.robot if job.tool is None else job.tool.mount(told.robot)
-    fits, said = try_elsewhere(task, taught, known, told.shares, replace(spread, level=spread.common))
+    fits, said = try_elsewhere(task, taught, known, told.shares, spread.of_all())
     if fits:
         return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
     return _tell(job, robot, task, lesson, known, spread, travel.without_robot(said))

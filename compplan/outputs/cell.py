@@ -159,7 +159,7 @@ def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
     if stock.block_mm is not None:
         corners, faces = triangulate_box(*(1e-3 * np.asarray(stock.block_mm, float)))
     else:
-        from compplan.robot.solids import load_mesh
+        from compplan.files.meshes import load_mesh
 
         mesh = load_mesh(plan.job.folder / stock.mesh, stock.unit)
         plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.files.meshes import load_mesh
 from compplan.posture.contacts import Solid, find_contacts, locate_link_frames
 from compplan.robot import Array, Robot
 from compplan.robot.shapes import BodyShapes, describe_shapes, leave_out, read_bodies
-from compplan.robot.solids import cut_tip, load_mesh, make_geometry
+from compplan.robot.solids import cut_tip, make_geometry
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
@@ -139,7 +140,7 @@ def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
         try:
             meshes[name] = load_mesh(job.folder / file, table.unit)
         except InputError as error:
-            raise InputError(error.message, file=job.file, where=f"collision.{name}") from None
+            raise InputError(str(error), file=job.file, where=f"collision.{name}") from None
     notes = [f"Collision shapes of the arm: {describe_shapes(bodies)}."]
     if table.without_shapes:
         unseen = ", ".join(f"{body.link}: {body.gap}" for body in bodies if body.link in table.without_shapes)

@@ -17,8 +17,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.files.meshes import load_mesh
 from compplan.robot import Array, Robot
-from compplan.robot.solids import UrdfShape, load_mesh
+from compplan.robot.solids import UrdfShape
 
 #: A body without shapes, visuals and mass whose next joint is nearer than this is a mere frame. [m]
 FRAME = 0.03
@@ -109,7 +110,7 @@ def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
             try:
                 form = read_form(shape.find("geometry"), robot.folder)
             except InputError as error:
-                body.dropped.append(f"{name}: {error.message}" if carrier != link else error.message)
+                body.dropped.append(f"{name}: {error}" if carrier != link else str(error))
                 continue
             body.shapes.append(UrdfShape(name, carrier, form, pose @ read_origin(shape.find("origin"))))
     return tuple(_judge(body, robot.longest_reach) for body in bodies)

@@ -1,19 +1,15 @@
-"""Solids for collision: primitives and meshes, mesh files, and coal's geometries of them."""
+"""Solids for collision: primitives and meshes, and coal's geometries of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.errors import InputError
-from compplan.files.tables import MOST_BYTES
 from compplan.robot import Array
 
-UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 #: Rounds of subdivision that cut the tip zone out of a mesh.
 CUT_ROUNDS = 6
 #: Sides of a cylinder that becomes a mesh.
@@ -52,30 +48,6 @@ def read_colour(element: ElementTree.Element) -> tuple[float, float, float, floa
     if len(numbers) != 4 or not all(0.0 <= number <= 1.0 for number in numbers):
         return None
     return numbers[0], numbers[1], numbers[2], numbers[3]
-
-
-def load_mesh(path: Path, unit: str = "mm") -> Any:
-    """Load a mesh file (STL, PLY, OBJ), in metres.
-
-    Raises:
-        InputError: If the file is missing, cannot be read or holds no triangles.
-
-    """
-    import trimesh
-
-    if not path.is_file():
-        raise InputError(f"no mesh file {path}")
-    if path.stat().st_size > MOST_BYTES:
-        raise InputError(f"mesh {path} holds more than {MOST_BYTES >> 20} MB, at most that is read")
-    try:
-        mesh = trimesh.load(path, force="mesh")
-    except Exception as error:
-        raise InputError(f"mesh {path} cannot be read: {error}") from None
-    if not len(getattr(mesh, "faces", ())):
-        raise InputError(f"mesh {path} holds no triangles")
-    if not np.isfinite(mesh.vertices).all():
-        raise InputError(f"mesh {path} has vertices that are not finite")
-    return mesh.apply_scale(UNITS[unit])
 
 
 def as_mesh(form: Any) -> Any:

@@ -68,8 +68,7 @@ def find_engagement(
 
     """
     n = len(position)
-    if axis is not None and np.abs(axis[:, :2]).max() < UPRIGHT:
-        axis = None
+    axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis
     start = np.vstack([position[:1], position[:-1]])
     step, moving = _list_steps(position)
     way = _list_steps(position if meant is None else meant)[0]

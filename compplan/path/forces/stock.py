@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.files.meshes import load_mesh
 from compplan.files.origin import note_input
-from compplan.files.tables import MOST_BYTES, Array
+from compplan.files.tables import Array
 
-UNITS = {"mm": 1e-3, "m": 1.0, "inch": 25.4e-3}
 #: Cells of the height map of a mesh at most, and columns across its smaller side.
 MESH_CELLS = 4_000_000
 #: Cells that triangles are brought into at a time.
@@ -147,20 +147,9 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
     """
     if not file.is_file():
         raise InputError(f"no file {file}", file=job, where=where)
-    import trimesh
-
-    if file.stat().st_size > MOST_BYTES:
-        raise InputError(f"holds more than {MOST_BYTES >> 20} MB, at most that is read", file=file)
+    mesh = load_mesh(file, unit)
     note_input(file, file.read_bytes())
-    try:
-        mesh = trimesh.load(file, force="mesh")
-    except Exception as error:  # trimesh raises whatever its readers raise
-        raise InputError(f"cannot be read as a mesh: {type(error).__name__}", file=file) from None
-    if not len(getattr(mesh, "faces", ())):
-        raise InputError("holds no triangles", file=file)
-    if not np.isfinite(mesh.vertices).all():
-        raise InputError("has vertices that are not finite", file=file)
-    size = float(np.ptp(mesh.vertices, axis=0).max()) * UNITS[unit]
+    size = float(np.ptp(mesh.vertices, axis=0).max())
     if not size <= LARGEST:
         message = f"is {size:.4g} m large as a mesh in {unit}, at most {LARGEST:g} m is allowed: check the unit"
         raise InputError(message, file=file)
@@ -168,7 +157,6 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
     if not mesh.is_watertight:
         once = int((np.bincount(mesh.edges_unique_inverse) != 2).sum())
         raise InputError(f"is an open mesh ({once} edges without a second triangle), it must be closed", file=file)
-    mesh.apply_scale(UNITS[unit])
     if mesh.volume < 0.0:  # its triangles look inwards
         mesh.invert()
     return mesh
