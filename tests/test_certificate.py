@@ -161,7 +161,7 @@ def test_the_paths_of_a_certificate_are_the_users_or_of_the_robots_own_size() ->
         "toolpath": {"generator": "circle", "radius_mm": 60.0, "waypoints": 30, "feed_mm_s": 40.0},
         "process": {"model": "constant", "force_N": [0.0, 0.0, 30.0]},
     }, Path("mine.toml"))  # fmt: skip
-    (mine,) = plan_jobs(robot, [job])
+    (mine,) = plan_jobs([job])
     assert mine.name == "my circle" and mine.promise is not None
     assert np.linalg.norm(mine.force) == pytest.approx(30.0)
 

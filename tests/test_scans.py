@@ -194,14 +194,11 @@ def test_points_farther_off_than_the_folder_allows_are_asked_about_and_learned_w
 
 
 def test_a_scan_of_many_points_weighs_no_more_than_its_errors_allow() -> None:
-    class _Slopes:
-        rows, tip = np.arange(3), np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0]])
-
     many, length = 3000, np.repeat([0.0, 0.1, 0.2], 1000)
     points = MeasuredPath(
         length, np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)), np.full(many, 5e-5), 0, scanned=True
     )
-    found = gather_points(points, _Slopes(), np.array([0.0, 0.1, 0.2]))  # type: ignore[arg-type]
+    found = gather_points(points, np.array([0.0, 0.1, 0.2]))
     np.testing.assert_allclose(np.sqrt(found.variance), 5e-5 / np.sqrt(10.0))
 
 

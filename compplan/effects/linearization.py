@@ -185,7 +185,7 @@ def linearize_scene(
     chain = build_chain(probed)
     coordinates = spring_coordinates(probed)
     theta = np.zeros((len(attained.q), chain.n_springs))
-    for old, new in _shared_coordinates(robot, probed):
+    for old, new in _shared_coordinates(robot):
         theta[:, new] = attained.theta[:, old]
     if scene.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
@@ -264,7 +264,7 @@ def _probes(robot: Robot) -> list[Spring]:
     return [Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in AXES]
 
 
-def _shared_coordinates(robot: Robot, probed: Robot) -> list[tuple[int, int]]:
+def _shared_coordinates(robot: Robot) -> list[tuple[int, int]]:
     """Pair the elastic coordinates of a robot with those of the robot that carries probes."""
     pairs, old, new = [], 0, 0
     for joint in robot.joints:

@@ -11,7 +11,7 @@ import html
 import io
 import textwrap
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -76,9 +76,6 @@ class Curves(NamedTuple):
 
 class Shown:
     """A result that says what it is; a subclass has `summary`, and `columns`, `curves`, `to_dict` where it has more."""
-
-    #: Most lines of the table that a plot is made of before rows are left out.
-    most_points: ClassVar[int] = 4000
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the figures that a person asks for first: a name and its words each; the first is the headline."""

@@ -25,7 +25,6 @@ def weigh_candidates(
     structure: FreeRobot,
     candidates: Campaign,
     *,
-    orientation: bool = True,
     sigma_position: float = 4e-5,
     sigma_rotation: float = 5e-5,
     registration: Registration | None = None,
@@ -35,7 +34,6 @@ def weigh_candidates(
     Args:
         structure: Robot and the parameters to identify.
         candidates: Rows that could be measured.
-        orientation: Whether orientation is measured.
         sigma_position: Standard deviation of position per axis. [m]
         sigma_rotation: Standard deviation of orientation per axis. [rad]
         registration: Frames that are fitted along.
@@ -44,14 +42,12 @@ def weigh_candidates(
         InputError: If the candidates tell nothing.
     """
     n = len(candidates)
-    blank = np.broadcast_to(np.eye(3), (n, 3, 3)) if orientation else None
-    log = replace(candidates, rotation=blank)
+    log = replace(candidates, rotation=np.broadcast_to(np.eye(3), (n, 3, 3)))
     rows = Rows(log, np.arange(n), KNOWN_FRAMES if registration is None else registration)
     columns = differentiate(rows, attain_fit(structure, structure.nominal, rows, rows.registration))[0]
     sigma = np.repeat([sigma_position, sigma_rotation], 3)
-    used = slice(0, 6 if orientation else 3)
-    parameters = (*structure.parameters, *frame_parameters(rows.registration, orientation))
-    white = columns[:, used] / sigma[used, None]
+    parameters = (*structure.parameters, *frame_parameters(rows.registration, True))
+    white = columns[:, :6] / sigma[:, None]
     flat = white.reshape(-1, white.shape[2])
     free = tell_apart(flat.T @ flat, parameters)
     if not free.any():

@@ -77,14 +77,13 @@ class Refinement:
     rounds: tuple[RefinementRound, ...]
 
 
-def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows, most: int = MAX_ADDED) -> Refinement:
+def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows) -> Refinement:
     """Grow a model from `start` towards the parameters of a structure, as far as each one earns its place.
 
     Args:
         structure: Robot with every parameter that may be free, candidates included.
         start: Names of the parameters that are free from the beginning.
         rows: The measured rows.
-        most: Most parameters to add.
     """
     names: list[str] = list(start)
     rounds: list[RefinementRound] = []
@@ -93,7 +92,7 @@ def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows, mos
         present = fit_rows(structure.select(names), rows)
         tested = probe_model(structure, present, rows)
         earns = [c for c in tested.candidates if c.gain > GAIN_LIMIT and (c.value > 0 or c.name in signed)]
-        if not earns or len(rounds) >= most:
+        if not earns or len(rounds) >= MAX_ADDED:
             rounds.append(tested)
             return Refinement(tuple(names), present, tuple(rounds))
         rounds.append(replace(tested, added=earns[0].name))

@@ -171,7 +171,7 @@ def certify_robot(
             today = replace(diagnosis.updated, name=robot.name, folder=robot.folder)
             older = robot
     known = known_uncertainty(today)
-    references = tuple(plan_jobs(today, jobs) if jobs else plan_references(today))
+    references = tuple(plan_jobs(jobs) if jobs else plan_references(today))
     literature = find_literature(today)
     certificate = Certificate(
         robot=today,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from compplan.loop.guards import rigid_columns
 from compplan.loop.measured_path import MeasuredPath
-from compplan.promise.band import Slopes
 from compplan.robot import Array
 
 #: Points within this distance along the path count for a row of it. [m]
@@ -52,12 +51,11 @@ def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath
     return replace(measured, **parts)
 
 
-def gather_points(measured: MeasuredPath, slopes: Slopes, length: Array) -> Gathered:
+def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
     """Gather measured points at the nearest rows of the path; those far from any row do not count.
 
     Args:
         measured: The points.
-        slopes: The path to first order.
         length: Length of the path at its rows. Shape (k,). [m]
     """
     middle = 0.5 * (length[1:] + length[:-1])

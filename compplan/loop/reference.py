@@ -64,7 +64,7 @@ def plan_references(robot: Robot) -> list[Reference]:
     return found
 
 
-def plan_jobs(robot: Robot, jobs: Sequence[Job]) -> list[Reference]:
+def plan_jobs(jobs: Sequence[Job]) -> list[Reference]:
     """Plan the paths of jobs, whose robot is the one that is certified."""
     found = []
     for job in jobs:

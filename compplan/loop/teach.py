@@ -133,7 +133,7 @@ class Teaching(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
+class CutPath:
     """A path as it was cut.
 
     Attributes:
@@ -160,7 +160,7 @@ class Cut:
         return tip_of(self.with_values(values, force), self.slopes.rows) - self.slopes.tip
 
 
-def linearise_cut(job: Job, before: Plan, wanted: Toolpath, force: ForceSpread) -> Cut:
+def linearise_cut(job: Job, before: Plan, wanted: Toolpath, force: ForceSpread) -> CutPath:
     """Linearise a path as it was cut, by its plan; the wanted path stands in the base frame."""
     known, task = known_uncertainty(before.robot), before.task
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
@@ -168,7 +168,7 @@ def linearise_cut(job: Job, before: Plan, wanted: Toolpath, force: ForceSpread) 
     slopes = linearise_path(scene, known, force, task.cut)
     # what moves a part that was touched off along with the arm is not told by it
     told = known_uncertainty(before.robot, job).width > 0.0
-    return Cut(scene, known, force, replace(slopes, model=slopes.model * told), length)
+    return CutPath(scene, known, force, replace(slopes, model=slopes.model * told), length)
 
 
 def teach_part(
@@ -207,7 +207,7 @@ def teach_part(
     whole = read_force_spread(job)
     cut = linearise_cut(job, before, wanted, whole.of_all())
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
-    gathered, own = gather_points(matched, slopes, length), own_of(job, slopes, whole, matched)
+    gathered, own = gather_points(matched, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
     if not sure:
         band = possible_band(slopes, known, gathered, own, left_open)
@@ -347,7 +347,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     return replace(task, q_start=q, rotation=rotation, missed=missed)
 
 
-def add_residual(old: Residual | None, lesson: Lesson, cut: Cut, task: PlanTask, others: Others) -> Residual:
+def add_residual(old: Residual | None, lesson: Lesson, cut: CutPath, task: PlanTask, others: Others) -> Residual:
     """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
 
     Args:

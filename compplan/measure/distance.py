@@ -39,13 +39,11 @@ def band_radius(covariance: Array, level: float = LEVEL, mean: Array | None = No
     return np.asarray(np.sqrt(first * np.where(some, np.maximum(quantile, 0.0), 1.0)))
 
 
-def calibrate_band(
-    error: Array, model: Array, noise: Array, group: NDArray[np.int_], level: float = LEVEL
-) -> tuple[float, int]:
+def calibrate_band(error: Array, model: Array, noise: Array, group: NDArray[np.int_]) -> tuple[float, int]:
     """Find the factor k >= 1 on the model's deviations that makes the band hold the errors of poses it never saw.
 
     Split conformal over groups [Vovk2005]: each group scores the root mean square of its errors over their radii, and
-    the ceil((m + 1) level)-th of m scores may not exceed one. With fewer groups than the level needs (19 for 95 %) the
+    the ceil((m + 1) LEVEL)-th of m scores may not exceed one. With fewer groups than the level needs (19 for 95 %) the
     largest score counts.
 
     Args:
@@ -53,7 +51,6 @@ def calibrate_band(
         model: Covariance that the model states for them. Shape (n, 3, 3). [m^2]
         noise: Variance of the measurement per axis. Shape (n,). [m^2]
         group: Group of each row, such as its pose. Shape (n,).
-        level: The probability.
 
     Returns:
         The factor, and the number of groups.
@@ -63,11 +60,11 @@ def calibrate_band(
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
     square = np.sum(error**2, axis=1)
-    rank = min(int(np.ceil((len(count) + 1) * level)), len(count))
+    rank = min(int(np.ceil((len(count) + 1) * LEVEL)), len(count))
     eye = noise[:, None, None] * np.eye(3)
 
     def score(factor: float) -> float:
-        radius = band_radius(factor**2 * model + eye, level)
+        radius = band_radius(factor**2 * model + eye)
         scores = np.bincount(index, square / np.maximum(radius, 1e-12) ** 2) / count
         return float(np.sort(scores)[rank - 1])
 

@@ -15,7 +15,7 @@ import tomli_w
 from compplan.errors import InputError
 from compplan.executed.identify import Identified, identify_motion, score, summarise_distance
 from compplan.executed.model import divide_gap
-from compplan.executed.windows import PlacedLog, Window, cut_windows, load_trace
+from compplan.executed.windows import PlacedLog, cut_windows, load_trace
 from compplan.files.origin import describe_origin
 from compplan.files.tables import write_json, write_text
 from compplan.files.transaction import replace_folder
@@ -39,7 +39,6 @@ class Traced:
     Args:
         robot: The robot.
         traces: The logs beside their programs.
-        windows: What was fitted to and judged by.
         folder: The folder's own values.
         found: What was identified.
         gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
@@ -49,7 +48,6 @@ class Traced:
 
     robot: Robot
     traces: Sequence[PlacedLog]
-    windows: Sequence[Window]
     folder: ServoMotion
     found: Identified
     gaps: dict[str, Array]
@@ -85,7 +83,7 @@ def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> 
     gaps = [divide_gap(window, found.motion, arm) for window in windows]
     joined = {name: np.concatenate([gap[name] for gap in gaps]) for name in gaps[0]}
     notes = [f"{trace.log.file.name}: {note}" for trace in traces for note in trace.log.notes]
-    return Traced(robot, traces, windows, folder, found, joined, (*notes, *_list_limits(traces, found)))
+    return Traced(robot, traces, folder, found, joined, (*notes, *_list_limits(traces, found)))
 
 
 def _list_limits(traces: Sequence[PlacedLog], found: Identified) -> list[str]:
@@ -175,7 +173,7 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
         if traced.found.helps:
             write_motion(traced.found.motion, traced.robot, part / "robot" / "controller.toml")
         write_json(part / "trace.json", summary)
-        write_trace_page(traced.robot.name, summary, traced.found, traced.gaps, part / "report.html")
+        write_trace_page(traced.robot.name, summary, traced.found, part / "report.html")
     return summary
 
 

@@ -52,14 +52,8 @@ def measure_buckling(chain: Chain, q: Array, wrench: Array) -> tuple[Array, Arra
     return np.asarray(values.real[every, greatest]), np.asarray(mode.argmax(axis=1))
 
 
-def explain_buckling(task: PlanTask, error: ConvergenceError) -> InfeasibleError | None:
-    """Name waypoints at which the loaded arm finds no rest, and the joint that gives way the most; or return None.
-
-    Args:
-        task: The task.
-        error: What the solver said.
-
-    """
+def explain_buckling(task: PlanTask) -> InfeasibleError | None:
+    """Name waypoints at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
     rows = np.flatnonzero(task.compensated)
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), TRIED)).astype(int))]
     failing = [int(row) for row in rows if not _settles(task, int(row))]

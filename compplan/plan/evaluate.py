@@ -26,6 +26,9 @@ from compplan.robot import Array
 from compplan.statics.elastic import loaded_compliance
 from compplan.statics.sensitivity import attain_pose
 
+#: Waypoints that are judged in a cell with other compliances.
+MOST_JUDGED = 10_000
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -145,22 +148,22 @@ class Mismatch:
         return np.asarray(np.interp(np.arange(count), self.rows, self.distance))
 
 
-def evaluate_mismatch(task: PlanTask, q: Array, factor: float = MISMATCHES[0], most: int = 10000) -> Mismatch:
-    """Run a command in a cell whose compliances are all wrong by a factor.
+def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
+    """Run a command in a cell whose compliances are all wrong by the same factor, which is assumed, not measured.
+
+    At most MOST_JUDGED waypoints are judged; all of them where effects of the robot depend on the motion.
 
     Args:
         task: The task; its predicted wrench acts.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
-        factor: Compliance of the cell over that of the model; assumed, not measured.
-        most: How many waypoints to judge at most; all of them where effects of the robot depend on the motion.
 
     """
-    cell = build_cell(task.robot.scale_compliance(factor), f"compliance x {factor:g}")
+    cell = build_cell(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
     rows = np.flatnonzero(task.compensated)
     if task.robot.effects:
         position = run_cell(cell, q, task.wrench, task.step_time).position[rows]
     else:
-        rows = rows[:: max(1, -(-len(rows) // most))]
+        rows = rows[:: max(1, -(-len(rows) // MOST_JUDGED))]
         position = _run_mismatch(task, q, cell, rows)
     return Mismatch(cell.name, rows, position - task.programmed[rows])
 

@@ -196,7 +196,7 @@ def plan_task(
     try:
         found, strategy, executed = drive_within(task, strategy, feed or FeedWish(), output, progress)
     except ConvergenceError as error:
-        raise explain_buckling(task, error) or error from None
+        raise explain_buckling(task) or error from None
     command, timing, feed_notes = found.command, found.timing, found.notes
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")

@@ -68,7 +68,7 @@ def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
     return np.minimum(_distances(outside) - wanted, _distances(own) - TOUCH)
 
 
-def measure_clearance(scene: CollisionScene, q: Array, wanted: float, *, far: float = FAR) -> ClearanceProfile:
+def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:
     """Measure the clearance along a path, computing as few distances as the least one asks for.
 
     No point of arm or tool moves farther between two postures than `reach` times the joint motion; so a computed
@@ -78,10 +78,9 @@ def measure_clearance(scene: CollisionScene, q: Array, wanted: float, *, far: fl
         scene: What may touch what.
         q: Joint positions along the path. Shape (n, nq). [rad or m]
         wanted: Clearance that is asked for. [m]
-        far: Distances beyond this are not told apart. [m]
 
     """
-    contacts = _least_along(scene, q, scene.outside, far)
+    contacts = _least_along(scene, q, scene.outside, FAR)
     own = _least_along(scene, q, scene.own, 0.1)
     known = np.array(sorted(contacts))
     distance = _distances(contacts[w] for w in known.tolist())

@@ -164,7 +164,6 @@ def measure_nodes(
     measure: Measure = "expected",
     axes: Array | None = None,
     margin: float = np.radians(10.0),
-    length: float | None = None,
 ) -> NodeCosts:
     """Measure postures, one row each.
 
@@ -177,13 +176,12 @@ def measure_nodes(
         measure: Root of the expected square, or the 95 % value.
         axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3); base axes if left out.
         margin: Distance to a limit from which on it does not count. [rad or m]
-        length: Length that makes translations and rotations comparable; `natural_length` if left out. [m]
 
     """
     known = uncertainty or ModelScatter()
     n = len(q)
     sensitivity, deviation, dexterity = np.empty(n), np.empty(n), np.empty(n)
-    length = natural_length(chain, limits) if length is None else length
+    length = natural_length(chain, limits)
     for start in range(0, n, CHUNK):
         rows = slice(start, min(start + CHUNK, n))
         frames = locate_frames(chain, q[rows])

@@ -87,7 +87,7 @@ class Line:
 
 
 def measure_rungs(
-    nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool, edge_limit: float = EDGE
+    nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool
 ) -> Rungs:
     """Measure stations and edges.
 
@@ -96,7 +96,6 @@ def measure_rungs(
         stations: Waypoint of each station. Shape (k,).
         most_step: Greatest motion of a joint between neighbouring waypoints. [rad]
         reconfigure: Whether rapid moves away from the part may change the configuration.
-        edge_limit: Greatest motion of a joint between stations. [rad]
 
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
@@ -114,7 +113,7 @@ def measure_rungs(
     sigma = np.maximum(np.diff(nominal.arc_length[stations]) / total, 0.1 / len(stations)) * (total / LENGTH) ** 2
     time = np.where(rapid | (nominal.feed[1:] <= 0), 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
     feed_time = np.add.reduceat(np.r_[time, 0.0], stations[:-1]) if len(stations) > 1 else np.zeros(0)
-    most = np.minimum(most_step * waypoints, edge_limit)
+    most = np.minimum(most_step * waypoints, EDGE)
     if reconfigure:
         most = np.where(_free_moves(nominal, stations), np.inf, most)
     settle = feed_time * LENGTH / np.maximum(between, 1e-9)

@@ -249,18 +249,17 @@ def promise_path(
     )  # fmt: skip
 
 
-def widen_to_path(drawn: Array, level: float = LEVEL) -> float:
+def widen_to_path(drawn: Array) -> float:
     """Return how much farther the whole path strays than its widest point, both with a probability: 1 or more.
 
     The same draws tell both, and the farthest point of a draw is never nearer than any one of its points.
 
     Args:
         drawn: Drawn tips beside the planned ones. Shape (k, 3, count). [m]
-        level: The probability.
     """
     away = np.linalg.norm(drawn, axis=1)
-    point = float(np.quantile(away, level, axis=1).max(initial=0.0))
-    return float(np.quantile(away.max(axis=0, initial=0.0), level)) / point if point > 0.0 else 1.0
+    point = float(np.quantile(away, LEVEL, axis=1).max(initial=0.0))
+    return float(np.quantile(away.max(axis=0, initial=0.0), LEVEL)) / point if point > 0.0 else 1.0
 
 
 def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:

@@ -23,22 +23,18 @@ from compplan.report.page import (
     write_page,
 )
 from compplan.report.style import AFTER, BEFORE, format_number, format_percent
-from compplan.robot import Array
 
 CAUSES = {"lag": "lag of the drives", "blend": "blends at corners", "jitter": "torn rows of the log",
           "lost_motion": "lost motion"}  # fmt: skip
 
 
-def write_trace_page(
-    robot: str, summary: Mapping[str, Any], found: Identified, gaps: Mapping[str, Array], file: Path
-) -> None:
+def write_trace_page(robot: str, summary: Mapping[str, Any], found: Identified, file: Path) -> None:
     """Write the page.
 
     Args:
         robot: Name of the robot.
         summary: What trace.json holds.
         found: What was identified.
-        gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
         file: The page.
 
     """

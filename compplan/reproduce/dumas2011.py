@@ -60,7 +60,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
     influence = complementary_influence(chain, quality.q.reshape(-1, robot.nq), weight)
     spread = monte_carlo(robot)
     rows = [
-        *_rows_of_zones(robot, chain, quality, zones),
+        *_rows_of_zones(robot, quality, zones),
         *_rows_of_influence(influence),
         *_rows_of_identification(robot, spread),
     ]
@@ -142,7 +142,7 @@ def monte_carlo(robot: Robot, repeats: int = REPEATS, seed: int = 0) -> Array:
     return np.array([identify(robot, draw_tests(robot, TESTS, rng), rng).model_values for _ in range(repeats)])
 
 
-def _rows_of_zones(robot: Robot, chain: Chain, quality: DexterityMap, zones: list[Zone]) -> list[Row]:
+def _rows_of_zones(robot: Robot, quality: DexterityMap, zones: list[Zone]) -> list[Row]:
     inside, outside = mean_inside(quality, zones)
     rows = []
     for zone in zones:

@@ -117,7 +117,7 @@ class AptReader:
         elif major == "TLAXIS":
             self.axis = self._direction(words)
         elif major in ("CIRCLE", "MOVARC"):
-            self.read_arc(words, major)
+            self.read_arc(words)
         elif major == "INDIRV":
             self.ahead = self._direction(words)
         elif match := _CATIA.fullmatch(text.replace(" ", "")):
@@ -206,7 +206,7 @@ class AptReader:
         self.record.move(kind, place, self.speed() if math.isnan(feed) else feed, self.axis, drill=drill)
         self.at = place
 
-    def read_arc(self, words: list[str], major: str) -> None:
+    def read_arc(self, words: list[str]) -> None:
         """CIRCLE and MOVARC: centre, axis, radius; with further numbers (NX) it runs clockwise about its axis."""
         plain = [word for word in words if word not in ("CENTER", "AXIS", "RADIUS", "ON")]
         said = {"CLW": True, "CLOCKWISE": True, "CCLW": False, "COUNTERCLOCKWISE": False}

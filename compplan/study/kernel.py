@@ -49,7 +49,7 @@ def build_kernel(chain: Chain) -> Kernel:
 
 
 def settle_tips(
-    kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array, *, tolerance: float = TOLERANCE
+    kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array
 ) -> Array:
     """Solve the loaded equilibrium of n poses for the tip.
 
@@ -61,7 +61,6 @@ def settle_tips(
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (6, n). [N, N m]
         factor: Factor on the compliance of each elastic coordinate. Shape (s, n).
         theta: Elastic coordinates to start from. Shape (s, n). [rad or m]
-        tolerance: Greatest error of the tip. [m]
 
     Returns:
         Attained tips. Shape (3, n). [m]
@@ -74,11 +73,11 @@ def settle_tips(
     tips = np.empty((3, n))
     for start in range(0, n, BLOCK):
         part = slice(start, min(start + BLOCK, n))
-        tips[:, part] = _settle_block(kernel, q[:, part], wrench[:, part], factor[:, part], theta[:, part], tolerance)
+        tips[:, part] = _settle_block(kernel, q[:, part], wrench[:, part], factor[:, part], theta[:, part])
     return tips
 
 
-def _settle_block(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array, tolerance: float) -> Array:
+def _settle_block(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array) -> Array:
     compiled, elements = kernel.compiled, kernel.elements
     turns = joint_turns(compiled, q)
     if not elements:
@@ -92,7 +91,7 @@ def _settle_block(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta:
         moved = [new - old for new, old in zip(update, now, strict=True)]
         change = max(max(float(step.max()), -float(step.min())) for step in moved)
         ratio = min(change / previous, 0.5) if np.isfinite(previous) and previous > 0 else 0.5
-        if change * ratio / (1.0 - ratio) * LEVER < tolerance:
+        if change * ratio / (1.0 - ratio) * LEVER < TOLERANCE:
             return _move_tip(kernel, walk.position, walk.axis, walk.origin, moved)
         if not np.isfinite(change):
             break

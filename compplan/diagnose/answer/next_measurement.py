@@ -143,9 +143,8 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best: dict[Place, Claim] = {}
         gains = [g for g in search.gains(reduced) if _place(fit, g.signature)[0] != UNMODELLED]
-        own = search.ledger.signatures[finding.signature]
         for gain in gains:
-            if is_comparable(own, search.ledger.signatures[gain.signature]):
+            if is_comparable(search.ledger.signatures[gain.signature]):
                 best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
         place = finding.effect.place
         alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]

@@ -22,7 +22,6 @@ from compplan.diagnose.doubt.ambiguity import Rival
 from compplan.diagnose.doubt.held_out import HeldOut, with_claims
 from compplan.diagnose.ledger.background import in_background
 from compplan.diagnose.ledger.evidence import TAU_SCALE
-from compplan.diagnose.ledger.ledger import Ledger
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.diagnose.ledger.unmodelled import UNMODELLED
 from compplan.diagnose.search.search import Claim
@@ -79,7 +78,7 @@ def state_uncertainty(
     factor, groups = calibrate_band(left, model[seen] + unexplained**2 / 3.0 * np.eye(3), noise[seen], pose)
     mean = fitted.model.posterior.values(fitted.search.ledger.p)
     others = explain_otherwise(fit, state, mean, rivals or {})
-    known, robots = _add_rivals(known, fit.search.ledger, others)
+    known, robots = _add_rivals(known, others)
     unknowns, root = spread_unknowns(known.unknowns, known.moment)
     name = campaign.file.name if campaign.file else "a campaign"
     scatter = fit.problem.robot.repeatability or channel.noise.stay or None
@@ -142,7 +141,7 @@ def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
 
 
 def _add_rivals(
-    known: _Known, ledger: Ledger, explanations: Sequence[Explanation]
+    known: _Known, explanations: Sequence[Explanation]
 ) -> tuple[_Known, tuple[RivalRobot, ...]]:
     """Add what the robot is off under rival explanations: to the second moment, and one by one.
 

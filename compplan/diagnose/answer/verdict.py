@@ -324,7 +324,7 @@ def measure_structure(fit: Fit, doubt: Doubt) -> Structure:
     free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
     gain = float(posterior.log_evidence - free.posterior.log_evidence)
     plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
-    gap = float(np.sqrt(np.mean(np.sum((refit_frames(fit, doubt) * source.sigma) ** 2, axis=1))))
+    gap = float(np.sqrt(np.mean(np.sum((refit_frames(doubt) * source.sigma) ** 2, axis=1))))
     structure = Structure(
         gain, beyond, gap, motion_of(fit, small, values), 0.0,  # nothing is named yet
         bool(rms > FLOORS_LEFT * floor or plain), floor,
@@ -340,7 +340,7 @@ def count_used(doubt: Doubt, foreign: NDArray[np.int_]) -> float:
     return float(np.sum(share[~np.isin(posterior.columns, foreign)]))
 
 
-def refit_frames(fit: Fit, doubt: Doubt) -> Array:
+def refit_frames(doubt: Doubt) -> Array:
     """Return the gap without effects, in units of the noise: frames that are fitted anyway taken out."""
     ledger = doubt.search.ledger
     frames = ledger.columns_named(REGISTRATION)

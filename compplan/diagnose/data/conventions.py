@@ -48,7 +48,7 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
     gap = typical_gap(robot, part, register, found)
     while gap > SUSPICIOUS:
         trials = [
-            (typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot, part))
+            (typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot))
         ]
         best = min(trials, key=lambda t: (t[0], t[1]))
         if best[0] > CONVINCING * gap:
@@ -130,7 +130,7 @@ def sizeless(robot: Robot) -> Iterator[Effect]:
             yield Effect("joint_coupling", joint.name, None, {"zero_rad": 0.0})
 
 
-def hypotheses(robot: Robot, campaign: Campaign) -> Iterator[Effect]:
+def hypotheses(robot: Robot) -> Iterator[Effect]:
     """List couplings with the joint before, joints counted backwards, and zeros shifted by a quarter or half turn."""
     joints = robot.actuated
     for index, joint in enumerate(joints):

@@ -65,7 +65,7 @@ def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[R
     claim = ledger.signatures[signature]
     best: dict[Place, Rival] = {}
     for number, other in enumerate(ledger.signatures):
-        if other.place == claim.place or not is_comparable(claim, other):
+        if other.place == claim.place or not is_comparable(other):
             continue
         theirs = _all_columns(fit, number)
         share = _share(free, columns, values, theirs, energy)
@@ -91,9 +91,9 @@ def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tupl
     ledger = fit.search.ledger
     columns = ledger.columns(signature)
     free, energy = _measure_trace(fit, columns, values)
-    claim, tries = ledger.signatures[signature], []
+    tries = []
     for number, other in enumerate(ledger.signatures):
-        if other.place == place and is_comparable(claim, other):
+        if other.place == place and is_comparable(other):
             theirs = ledger.columns(number)
             share = _share(free, columns, values, theirs, energy)
             tries.append((share, -number, _solve_trace(free, columns, values, theirs)))
@@ -151,7 +151,7 @@ def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: N
     return np.asarray(np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against))
 
 
-def is_comparable(claim: Signature, other: Signature) -> bool:
+def is_comparable(other: Signature) -> bool:
     """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
     if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1 or other.form == "spline":
         return False

@@ -84,7 +84,7 @@ def names_alike(driver: str, joint: str | None, effect: str, place: str | None) 
 
 
 def _offer(
-    at: Linearization, joint: str | None, driver: str, form: str, twist: Array, encoder: Array | None = None,
+    joint: str | None, driver: str, form: str, twist: Array, encoder: Array | None = None,
     *, common: bool = False, weight: Array | float = 1.0,
 ) -> Iterable[Signature]:  # fmt: skip
     """Offer columns of twist, shape (n, 6, k), scaled so that they move the target by a metre together.
@@ -109,13 +109,13 @@ def _of_position(at: Linearization) -> Iterable[Signature]:
     driver = "the place of the target"
     moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
     scaled = np.concatenate([moved, np.zeros_like(moved)], axis=1)
-    yield from _offer(at, None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / FAR]))
+    yield from _offer(None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / FAR]))
     powers: list[tuple[int, ...]] = [()]
     for degree in range(1, FIELD_DEGREE + 1):
         powers += list(combinations_with_replacement(range(3), degree))
         weight = np.tile([FAR ** -len(power) for power in powers], 3)
         twist = _times(np.broadcast_to(np.eye(6, 3), (len(point), 6, 3)), _monomials(at, powers))
-        yield from _offer(at, None, driver, f"degree {degree}", twist, weight=weight)
+        yield from _offer(None, driver, f"degree {degree}", twist, weight=weight)
 
 
 def _of_load(at: Linearization) -> Iterable[Signature]:
@@ -128,11 +128,11 @@ def _of_load(at: Linearization) -> Iterable[Signature]:
         i, k = divmod(column, 3)
         fixed[:, i, column] = force[:, k]
         turned[:, :3, column] = R[:, :, i] * local[:, k, None]
-    yield from _offer(at, None, "the force in base axes", "linear", fixed, common=True)
-    yield from _offer(at, None, "the force in tool axes", "linear", turned, common=True)
+    yield from _offer(None, "the force in base axes", "linear", fixed, common=True)
+    yield from _offer(None, "the force in tool axes", "linear", turned, common=True)
     if at.attained.chain.n_springs:
         twist, encoder = at.wrench_response(turned)
-        yield from _offer(at, None, "force components that are mixed up", "linear", twist, encoder, common=True)
+        yield from _offer(None, "force components that are mixed up", "linear", twist, encoder, common=True)
 
 
 def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
@@ -143,7 +143,7 @@ def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
         pull = _times(np.broadcast_to(np.eye(6, 3), (len(at.point), 6, 3)), _monomials(at, powers))
         twist, encoder = at.wrench_response(pull)
         driver = "an unknown force that changes with the place"
-        yield from _offer(at, None, driver, form, twist, encoder, common=True)
+        yield from _offer(None, driver, form, twist, encoder, common=True)
 
 
 def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
@@ -156,25 +156,25 @@ def _of_time(at: Linearization) -> Iterable[Signature]:
     """A drift of the base, and of everything behind a joint."""
     curves = time_curves(at.campaign)
     base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
-    yield from _offer(at, None, "time", "base", _times(base, curves))
+    yield from _offer(None, "time", "base", _times(base, curves))
     for joint in at.robot.actuated:
         turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
-        yield from _offer(at, joint.name, "time", "link", _times(turn, curves), common=True)
+        yield from _offer(joint.name, "time", "link", _times(turn, curves), common=True)
 
 
 def _of_links(at: Linearization) -> Iterable[Signature]:
     """An error behind a joint in any direction: fixed in the link, or bending in step with the load on it."""
     for joint in at.robot.actuated:
         frame = np.stack([at.parent_twist(joint.name, axis) for axis in AXES], axis=-1)
-        yield from _offer(at, joint.name, "the posture alone", "frame", frame)
+        yield from _offer(joint.name, "the posture alone", "frame", frame)
         if at.campaign.load_varies:
             loads = np.stack([at.joint_load(joint.name, axis) for axis in TURNS], axis=-1)
             turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
             across = np.concatenate([turn * np.roll(loads, step, axis=1)[:, None] for step in (1, 2)], axis=-1)
-            yield from _offer(at, joint.name, "the moments on it", "across", across, common=True)
-            yield from _offer(at, joint.name, "the moments on it", "bending", turn * loads[:, None], common=True)
+            yield from _offer(joint.name, "the moments on it", "across", across, common=True)
+            yield from _offer(joint.name, "the moments on it", "bending", turn * loads[:, None], common=True)
     own = at.motion * at.own_weight_load[:, None, :]
-    yield from _offer(at, None, "the weight of the links", "joints", own, common=True)
+    yield from _offer(None, "the weight of the links", "joints", own, common=True)
 
 
 def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
@@ -182,7 +182,7 @@ def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
     name = at.robot.joint_names[index]
     for driver, form, shape in _own_errors(at, index):
         twist = at.motion[:, :, index, None] * shape[:, None]
-        for signature in _offer(at, name, driver, form, twist, common=True):
+        for signature in _offer(name, driver, form, twist, common=True):
             yield signature
             if at.campaign.link is not None and len(signature.scale) == shape.shape[1]:
                 encoder = np.zeros((len(shape), at.robot.nq, shape.shape[1]))

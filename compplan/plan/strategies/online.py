@@ -6,7 +6,7 @@ A new online strategy is one new file with `prepare(task, maps) -> Answer` and o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 from compplan.errors import UnknownNameError
@@ -15,7 +15,7 @@ from compplan.job import names
 from compplan.plan.strategies import STRATEGIES, command_path
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
-from compplan.plan.task import Command, PlanTask
+from compplan.plan.task import PlanTask
 
 
 class OnlineStrategy(Protocol):
@@ -40,15 +40,12 @@ def list_strategies() -> tuple[str, ...]:
     return (*STRATEGIES, PLAIN, *ONLINE)
 
 
-def prepare_answers(
-    task: PlanTask, strategies: Sequence[str] | None = None, commands: Mapping[str, Command] | None = None
-) -> dict[str, Answer]:
+def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
     """Let strategies prepare themselves for a task.
 
     Args:
         task: The task.
         strategies: Names of the strategies; all but PLAIN if left out.
-        commands: Commands of plan strategies that are known already.
 
     Raises:
         UnknownNameError: If there is no such strategy.
@@ -60,7 +57,7 @@ def prepare_answers(
         if name in ONLINE:
             answers[name] = ONLINE[name].prepare(task, maps)
         elif name in STRATEGIES:
-            command = (commands or {}).get(name) or command_path(task, name)
+            command = command_path(task, name)
             answers[name] = Answer(
                 name=name,
                 knows=_OFFLINE_KNOWLEDGE.get(name, "the full stiffness model and the predicted wrench"),
