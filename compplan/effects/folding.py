@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects.scene import own_springs
 from compplan.robot import Array, Body, Joint, Robot, Spring
+from compplan.robot.pose import move_joint
 
 
 def change_joint(robot: Robot, joint: str, **changes: object) -> Robot:
@@ -35,12 +36,7 @@ def shift_zero(robot: Robot, joint: str, offset: float) -> Robot:
 
 def _shift_own(robot: Robot, joint: str, offset: float) -> Robot:
     old = find_joint(robot, joint)
-    move = np.eye(4)
-    if old.kind == "prismatic":
-        move[:3, 3] = offset * old.axis
-    else:
-        move[:3, :3] = Rotation.from_rotvec(offset * old.axis).as_matrix()
-    return change_joint(robot, joint, placement=old.placement @ move)
+    return change_joint(robot, joint, placement=old.placement @ move_joint(old, offset))
 
 
 def shift_origin(robot: Robot, joint: str, step: Array) -> Robot:

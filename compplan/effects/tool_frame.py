@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from compplan.effects.folding import change_joint
 from compplan.effects.linearization import Linearization
 from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
+from compplan.robot.pose import apply_twist
 
 name = "tool_frame"
 #: What it says; {at} is its place.
@@ -55,7 +55,5 @@ def apply(scene: Scene, effect: Effect) -> Scene:
 
 def fold(robot: Robot, effect: Effect) -> Robot:
     """Write the step into the last joint of the chain, which carries the TCP frame."""
-    step, last, move = twist_values(effect), robot.joints[-1], np.eye(4)
-    move[:3, 3] = step[:3]
-    move[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
-    return change_joint(robot, last.name, placement=last.placement @ move)
+    last = robot.joints[-1]
+    return change_joint(robot, last.name, placement=last.placement @ apply_twist(twist_values(effect)))

@@ -23,6 +23,7 @@ from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable, Vector3
 from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot
+from compplan.robot.pose import build_pose
 
 #: Greatest position [mm] and mass of a tool [kg] that are taken for true.
 FARTHEST_MM, HEAVIEST_KG = 1e6, 1e4
@@ -40,10 +41,7 @@ ROTATIONS = ("rotation_deg", "rotation_rad", "quaternion", *ANGLES)
 
 def make_pose(position_mm: Sequence[float], rotation: Rotation) -> Array:
     """Return the pose of a frame from its origin [mm] and its rotation. Shape (4, 4) [m]."""
-    pose = np.eye(4)
-    pose[:3, :3] = rotation.as_matrix()
-    pose[:3, 3] = np.asarray(position_mm) * 1e-3
-    return pose
+    return build_pose(np.asarray(position_mm) * 1e-3, rotation.as_matrix())
 
 
 def _check_near(value: Vector3) -> Vector3:

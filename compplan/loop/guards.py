@@ -13,6 +13,7 @@ from compplan.files.tables import Table
 from compplan.loop.surface import Surface
 from compplan.path.toolpath import Toolpath
 from compplan.robot import Array
+from compplan.robot.pose import build_pose
 
 #: Units that files are written in by mistake, against the millimetres that are read (theory).
 UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3}
@@ -164,9 +165,7 @@ def fit_rigid(
         a = (np.einsum("mij,mjk->mik", across, columns) * weight[:, None, None]).reshape(-1, 6)
         step = -np.linalg.lstsq(a, (residual * weight[:, None]).reshape(-1), rcond=1e-6)[0]
         turn = Rotation.from_rotvec(step[3:]).as_matrix()
-        move = np.eye(4)
-        move[:3, :3], move[:3, 3] = turn, middle - turn @ middle + step[:3]
-        motion = move @ motion
+        motion = build_pose(middle - turn @ middle + step[:3], turn) @ motion
         if np.abs(step).max() < 1e-8:
             break
     return motion, left

@@ -15,6 +15,7 @@ from compplan.measure.campaign import Campaign
 from compplan.measure.registration import CONTACTS, PARTS, Registration
 from compplan.measure.sights import Sights, along
 from compplan.robot import Array
+from compplan.robot.pose import apply_twist
 
 STEPS = 60
 #: Rows that fix a frame at the least, and the extent of places that are one place. [m]
@@ -192,10 +193,10 @@ def _move(frames: Registration, step: Array) -> Registration:
     """Move the fitted frames by a step."""
     used, base, tools = 0, frames.base, frames.tool.copy()
     if "base" in frames.parts:
-        base, used = _exp(step[:6]) @ base, 6
+        base, used = apply_twist(step[:6]) @ base, 6
     if "tool" in frames.parts:
         for k in range(len(tools)):
-            tools[k] = tools[k] @ _exp(step[used : used + 6])
+            tools[k] = tools[k] @ apply_twist(step[used : used + 6])
             used += 6
     places = frames.places
     if CONTACTS in frames.parts:
@@ -207,10 +208,3 @@ def _cross(vectors: Array) -> Array:
     x, y, z = vectors.T
     o = np.zeros_like(x)
     return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=-2)
-
-
-def _exp(twist: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec(twist[3:]).as_matrix()
-    pose[:3, 3] = twist[:3]
-    return pose

@@ -18,6 +18,7 @@ from compplan.files.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_m
 from compplan.measure.campaign import Campaign
 from compplan.measure.sights import CONTACT
 from compplan.robot import Array, Robot
+from compplan.robot.pose import build_pose
 
 PARTS = ("base", "tool")
 #: The part that belongs to the rows of other instruments: places of their contacts.
@@ -148,10 +149,8 @@ class RegistrationPose(StrictTable):
 
     def pose(self) -> Array:
         """Return it as a matrix. Shape (4, 4) [m]."""
-        pose = np.eye(4)
-        pose[:3, 3] = np.array(self.position_mm) * 1e-3
-        pose[:3, :3] = Rotation.from_rotvec(np.deg2rad(self.rotation_deg)).as_matrix()
-        return pose
+        turn = Rotation.from_rotvec(np.deg2rad(self.rotation_deg))
+        return build_pose(np.array(self.position_mm) * 1e-3, turn.as_matrix())
 
 
 class TargetTable(RegistrationPose):

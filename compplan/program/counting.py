@@ -26,6 +26,7 @@ from compplan.files.tomlfile import (
 from compplan.program.pendant import PendantTable
 from compplan.program.servo import MotionTable, ServoMotion, list_assumed_motion, read_motion
 from compplan.robot import Joint, Robot
+from compplan.robot.pose import build_pose
 from compplan.robot.urdf import read_urdf
 
 #: Longest name of a joint, and greatest zero [deg or mm], that are taken for true.
@@ -150,9 +151,8 @@ def load_controller(robot: Robot) -> Counting:
         if word.joint is None and not {word.point, word.frame} <= set(links):
             raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
     zero = np.array(table.zero_deg, dtype=np.float64)
-    world = np.eye(4)
-    world[:3, :3] = Rotation.from_rotvec(np.radians(table.world.rotation_deg)).as_matrix()
-    world[:3, 3] = np.array(table.world.position_mm) * 1e-3
+    turn = Rotation.from_rotvec(np.radians(table.world.rotation_deg))
+    world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
     words = table.configuration
     return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, table.checked)
 

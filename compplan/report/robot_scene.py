@@ -13,11 +13,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.errors import ShapeError
 from compplan.report import figure as go
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.pose import move_joint
 from compplan.robot.primitives import triangulate_box, triangulate_cylinder, triangulate_rod
 from compplan.robot.shapes import find_mesh, read_form, read_origin
 from compplan.robot.solids import as_mesh, read_colour
@@ -92,7 +92,7 @@ def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]
         position = value.get(joint.name, 0.0)
         if joint.mimic is not None:
             position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
-        poses[joint.child] = poses[joint.parent] @ joint.placement @ _motion(joint, position)
+        poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
     return poses
 
 
@@ -228,15 +228,6 @@ def _join(shapes: list[Shape]) -> tuple[Array, NDArray[np.int_]]:
     starts = np.cumsum([0, *(len(shape.vertices) for shape in shapes[:-1])])
     faces = [shape.faces + start for shape, start in zip(shapes, starts, strict=True)]
     return np.vstack([shape.vertices for shape in shapes]), np.vstack(faces)
-
-
-def _motion(joint: Joint, position: float) -> Array:
-    pose = np.eye(4)
-    if joint.kind == "prismatic":
-        pose[:3, 3] = joint.axis * position
-    elif joint.kind == "revolute":
-        pose[:3, :3] = Rotation.from_rotvec(joint.axis * position).as_matrix()
-    return pose
 
 
 def _locate_beside(robot: Robot, poses: dict[str, Array]) -> None:

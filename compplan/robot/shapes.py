@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.files.meshes import load_mesh
 from compplan.robot import Array, Robot
+from compplan.robot.pose import build_pose
 from compplan.robot.solids import UrdfShape
 
 #: A body without shapes, visuals and mass whose next joint is nearer than this is a mere frame. [m]
@@ -170,11 +171,10 @@ def find_mesh(name: str, folder: Path | None) -> Path | None:
 
 def read_origin(element: ElementTree.Element | None) -> Array:
     """Read an <origin> that is known to be sound. Shape (4, 4) [m]."""
-    pose = np.eye(4)
-    if element is not None:
-        pose[:3, 3] = _numbers(element, "xyz", "0 0 0")
-        pose[:3, :3] = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0")).as_matrix()
-    return pose
+    if element is None:
+        return np.eye(4)
+    turn = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0"))
+    return build_pose(_numbers(element, "xyz", "0 0 0"), turn.as_matrix())
 
 
 def _gather(robot: Robot) -> list[_Body]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from compplan.diagnose.data.channels import Channel
 from compplan.diagnose.data.noise import Noise
@@ -23,6 +22,7 @@ from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
 from compplan.measure.registration import CONTACTS, Registration
 from compplan.robot import Array, Robot
+from compplan.robot.pose import apply_twist
 
 #: What moves no observation by more than this share of its noise has settled; classes of the background that move none
 #: are left out of the model (assumed: a hundredth of its variance).
@@ -238,9 +238,7 @@ def move_registration(registration: Registration | None, signature: Signature, s
         places = registration.places.copy()
         places[int(label)] += step
         return replace(registration, places=places)
-    move = np.eye(4)
-    move[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
-    move[:3, 3] = step[:3]
+    move = apply_twist(step)
     if signature.form == "base":
         return replace(registration, base=registration.base @ move)
     tools = registration.tool.copy()

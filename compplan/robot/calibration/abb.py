@@ -20,6 +20,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.calibration.fit import fit_numbers
 from compplan.robot.calibration.geometry import ZeroPose, find_zero_pose, move_axes
 from compplan.robot.calibration.numbers import OwnFile, read_numbers
+from compplan.robot.pose import apply_twist, build_pose
 
 name = "abb"
 words = "MOC.cfg of ABB without Absolute Accuracy"
@@ -75,24 +76,18 @@ def write(robot: Robot, nominal: Robot, own: OwnFile | None = None) -> tuple[str
     zero = find_zero_pose(nominal)
 
     def walk(numbers: Array) -> ZeroPose:
-        moved = _place(numbers[:3], Rotation.from_rotvec(numbers[3:]))
+        moved = apply_twist(numbers)
         turn, flange = moved[:3, :3], moved @ zero.flange
         return ZeroPose(zero.direction @ turn.T, zero.point @ turn.T + moved[:3, 3], flange)
 
     found = fit_numbers(walk, np.zeros(6), find_zero_pose(robot))
     unit, now = _read_base(own.text, own.file) if own is not None else ("ROB_1", np.eye(4))
-    base = now @ _place(found[:3], Rotation.from_rotvec(found[3:]))
+    base = now @ apply_twist(found)
     turn = Rotation.from_matrix(base[:3, :3]).as_quat(scalar_first=True)
     said = zip([*_POSITION, *_TURN], [*base[:3, 3], *turn], strict=True)
     lines = " \\\n      ".join(f"-{key} {value:.9g}" for key, value in said)
     text = f'MOC:CFG_1.0:6:1::\n#\nROBOT:\n\n      -name "{unit}" \\\n      {lines}\n'
     return text, move_axes(robot, walk(found), robot.name)
-
-
-def _place(position: Array, turn: Rotation) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), position
-    return pose
 
 
 def _read_base(text: str, file: Path) -> tuple[str, Array]:
@@ -106,7 +101,7 @@ def _read_base(text: str, file: Path) -> tuple[str, Array]:
                     f"-base_frame_orient_u0 .. are {values[3:]}, expected a unit quaternion", file=file, where=line
                 )
             turn = Rotation.from_quat(values[3:], scalar_first=True)
-            return words_of.get("name", '"ROB_1"').strip('"'), _place(np.array(values[:3]), turn)
+            return words_of.get("name", '"ROB_1"').strip('"'), build_pose(values[:3], turn.as_matrix())
     return "ROB_1", np.eye(4)
 
 

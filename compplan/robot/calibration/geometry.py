@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.mounting import mounted_tool
+from compplan.robot.pose import build_pose, move_joint
 
 #: Axes that enclose less count as parallel, their common normal would lie kilometres away; at one metre 1 um. [rad]
 PARALLEL = 1e-6
@@ -70,9 +71,8 @@ def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
         after = after @ joint.placement
         if joint.actuated:
             axis, point = wanted.direction[index], wanted.point[index]
-            after = before.copy()
-            after[:3, :3] = _turn_between(before[:3, :3] @ joint.axis, axis) @ before[:3, :3]
-            after[:3, 3] = point + axis * (axis @ (before[:3, 3] - point))
+            turn = _turn_between(before[:3, :3] @ joint.axis, axis)
+            after = build_pose(point + axis * (axis @ (before[:3, 3] - point)), turn @ before[:3, :3])
             index += 1
         if joint.child == nominal.flange:
             after = wanted.flange
@@ -85,12 +85,7 @@ def turn_zeros(robot: Robot, q: Array) -> Robot:
     joints, index = [], 0
     for joint in robot.joints:
         if joint.actuated:
-            step = np.eye(4)
-            if joint.kind == "prismatic":
-                step[:3, 3] = joint.axis * q[index]
-            else:
-                step[:3, :3] = Rotation.from_rotvec(joint.axis * q[index]).as_matrix()
-            joint, index = replace(joint, placement=joint.placement @ step), index + 1
+            joint, index = replace(joint, placement=joint.placement @ move_joint(joint, q[index])), index + 1
         joints.append(joint)
     return replace(robot, joints=tuple(joints))
 
@@ -126,10 +121,8 @@ def place_flange(zero: ZeroPose, q: Array) -> tuple[Array, Array]:
     pose, moved = np.eye(4), []
     for axis, point, angle in zip(zero.direction, zero.point, q, strict=True):
         moved.append(pose)
-        step = np.eye(4)
-        step[:3, :3] = Rotation.from_rotvec(axis * angle).as_matrix()
-        step[:3, 3] = point - step[:3, :3] @ point
-        pose = pose @ step
+        turn = Rotation.from_rotvec(axis * angle).as_matrix()
+        pose = pose @ build_pose(point - turn @ point, turn)
     return pose @ zero.flange, np.array(moved)
 
 
@@ -176,9 +169,8 @@ def fit_dh(zero: ZeroPose, d_parallel: Array) -> Array:
     Returns:
         theta, a, d, alpha of each joint. Shape (n, 4). [rad, m, m, rad]
     """
-    pose, numbers = np.eye(4), []
-    pose[:3, :3] = _turn_between(pose[:3, 2], zero.direction[0])
-    pose[:3, 3] = zero.point[0] - zero.direction[0] * (zero.direction[0] @ zero.point[0])
+    first, point = zero.direction[0], zero.point[0]
+    pose, numbers = build_pose(point - first * (first @ point), _turn_between(np.eye(3)[2], first)), []
     for k in range(len(zero.direction)):
         last = k + 1 == len(zero.direction)
         to = np.linalg.inv(pose)
@@ -211,8 +203,5 @@ def _common_normal(axis: Array, point: Array, d_parallel: float) -> tuple[float,
 
 def frame_dh(theta: float, a: float, d: float, alpha: float) -> Array:
     """Return Rz(theta) Tz(d) Tx(a) Rx(alpha). Shape (4, 4). [rad, m]"""
-    pose = np.eye(4)
     turn = Rotation.from_euler("z", theta).as_matrix()
-    pose[:3, :3] = turn @ Rotation.from_euler("x", alpha).as_matrix()
-    pose[:3, 3] = turn @ [a, 0.0, d]
-    return pose
+    return build_pose(turn @ [a, 0.0, d], turn @ Rotation.from_euler("x", alpha).as_matrix())

@@ -27,6 +27,7 @@ from compplan.robot.calibration.geometry import (
     tool_zero,
 )  # fmt: skip
 from compplan.robot.calibration.numbers import OwnFile, keep_once, read_numbers, require_names
+from compplan.robot.pose import build_pose
 
 name = "kuka"
 words = "$MACHINE.DAT of KUKA ($TIRORO, $LENGTH_A, $LENGTH_B, $TX3P3, $DH_4, $DH_5, $TFLWP)"
@@ -123,10 +124,7 @@ def walk(numbers: Array) -> ZeroPose:
 
 
 def _frame(numbers: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("ZYX", numbers[3:]).as_matrix()
-    pose[:3, 3] = numbers[:3]
-    return pose
+    return build_pose(numbers[:3], Rotation.from_euler("ZYX", numbers[3:]).as_matrix())
 
 
 def _places() -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from compplan.robot import Robot
 from compplan.robot.calibration.geometry import ZeroPose, move_axes
 from compplan.robot.calibration.numbers import keep_once, read_numbers, require_names
 from compplan.robot.calibration.universal_robots import find_type
+from compplan.robot.pose import build_pose
 
 name = "ur_kinematics"
 words = "kinematics YAML of the ROS driver of Universal Robots (x y z roll pitch yaw a link)"
@@ -56,9 +57,7 @@ def read(text: str, file: Path, nominal: Robot) -> Robot:
     pose, frames = np.eye(4), []
     for link in LINKS:
         numbers = [found[f"{link}.{key}"][0] for key in VALUES]
-        step = np.eye(4)
-        step[:3, :3], step[:3, 3] = Rotation.from_euler("xyz", numbers[3:]).as_matrix(), numbers[:3]
-        pose = pose @ step
+        pose = pose @ build_pose(numbers[:3], Rotation.from_euler("xyz", numbers[3:]).as_matrix())
         frames.append(pose)
     stack = np.array(frames)
     return move_axes(nominal, ZeroPose(stack[:, :3, 2], stack[:, :3, 3], pose), file)
