@@ -17,6 +17,7 @@ import numpy as np
 from compplan.path.forces.cutter import Cutter
 from compplan.path.forces.engagement import Engagement
 from compplan.path.forces.meeting import find_engagement
+from compplan.path.forces.milling import shape_milling
 from compplan.path.forces.stock import build_block
 
 CUBE = 0.0625  # mm: depths and widths of the straight cuts are whole cubes
@@ -122,18 +123,28 @@ def compare() -> list[tuple[str, float, float, float]]:
     return rows
 
 
-def measure_cost() -> tuple[float, float]:
-    """Return CPU seconds and gigabytes for 50,000 waypoints in a block of 300 mm."""
+def measure_cost(corner: float, lean: float, count: int = 50_000) -> tuple[float, float]:
+    """Return CPU seconds and gigabytes for waypoints in a block of 300 mm.
+
+    Args:
+        corner: Radius of the cutter's corner; it is 10 mm wide. [m]
+        lean: How far the axis swings, along the travel and across it. [rad]
+        count: Number of waypoints, 1 mm apart.
+
+    """
     block = build_block(np.array([0, 0, -0.05]), np.array([0.3, 0.3, 0.0]), np.eye(3))
     rows, z = [], -2e-3
-    while len(rows) < 50_000:
+    while len(rows) < count:
         for number, y in enumerate(np.arange(0.01, 0.29, 5e-3)):
             x = np.arange(0.01, 0.29, 1e-3)[:: -1 if number % 2 else 1]
             rows += list(zip(x, np.full(len(x), y), np.full(len(x), z), strict=True))
         z -= 2e-3
-    path = np.array(rows[:50_000])
+    path = np.array(rows[:count])
+    turn = lean * np.sin(path[:, :2] / 0.02)
+    axis = np.column_stack([np.sin(turn), np.sqrt(1.0 - (np.sin(turn) ** 2).sum(axis=1))])
     start = time.process_time()
-    find_engagement(Cutter(5e-3, 0.03), path, np.ones(len(path), bool), block)
+    found, _ = find_engagement(Cutter(5e-3, 0.03, corner), path, np.ones(len(path), bool), block, axis=axis)
+    shape_milling(found, 2, (0.0, 0.0, 0.0))
     return time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
@@ -144,9 +155,10 @@ def main() -> None:
     print(f"{'path':30s} {'volume':>8s} {'axial':>8s} {'radial':>8s}   mean difference from cubes of {CUBE} mm")
     for name, *shares in compare():
         print(f"{name:30s} " + " ".join("       -" if np.isnan(s) else f"{100 * s:7.2f}%" for s in shares))
-    if chosen.cost:
-        seconds, gigabytes = measure_cost()
-        print(f"50,000 waypoints, block of 300 mm: {seconds:.1f} s of CPU, {gigabytes:.2f} GB")
+    for name, corner, lean in (("flat", 0.0, 0.0), ("ball", 5e-3, 0.0), ("ball, axis +-10 deg", 5e-3, 0.17)):
+        if chosen.cost:
+            seconds, gigabytes = measure_cost(corner, lean)
+            print(f"50,000 waypoints, block of 300 mm, {name}: {seconds:.1f} s of CPU, {gigabytes:.2f} GB so far")
 
 
 if __name__ == "__main__":

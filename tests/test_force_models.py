@@ -20,6 +20,7 @@ from compplan.path.force_models.isf_regression import (
     IsfRegressionProcess,
     find_step_down,
     find_wall_angle,
+    radial_ratio,
     scallop_height,
     sheet_wrench,
     steady_axial_force,
@@ -184,6 +185,14 @@ def test_the_regression_has_its_printed_exponents() -> None:
     base = float(steady_axial_force(100.0, 1.0, 10.0, np.array(0.5), np.radians(50.0)))
     assert base == pytest.approx(0.0716 * 100 * 10**0.41 * 0.5**0.09 * 50 * np.cos(np.radians(50)), rel=1e-12)
     assert float(steady_axial_force(100.0, 2.0, 10.0, np.array(0.5), np.radians(50.0))) / base == pytest.approx(2**1.57)
+
+
+def test_without_a_scallop_a_sheet_pushes_aside_as_a_strip_of_even_tension_bent_over_the_ball() -> None:
+    angle = np.radians(50.0)
+    wrap = (np.arange(2000) + 0.5) / 2000 * angle  # T / R of pressure along the arc from the flat to the wall
+    aside, axial = np.sin(wrap).mean(), np.cos(wrap).mean()
+    assert float(radial_ratio(0.0, 10.0, angle)) == pytest.approx(aside / axial, rel=1e-6)
+    assert float(radial_ratio(0.02, 10.0, angle)) > aside / axial
 
 
 def test_two_grooves_of_a_ball_meet_at_the_crest_of_the_scallop() -> None:

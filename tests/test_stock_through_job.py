@@ -17,7 +17,7 @@ from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
 from compplan.path.forces.blank import Cut, take_away, triangulate_stock
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.finished import measure_distance
+from compplan.path.forces.finished import PartMeshTable, check_part, measure_distance
 from compplan.path.forces.look import Above
 from compplan.path.forces.materials import MATERIALS
 from compplan.path.forces.meeting import find_engagement
@@ -138,6 +138,25 @@ def test_gouge_and_what_is_left_on_a_floor_are_its_depth_beside_the_parts(depth,
         assert np.median(found.left) == pytest.approx(0.4e-3, abs=1e-9)
     if crashes:
         assert "0.3 mm into the finished part" in crashes[0]
+
+
+@pytest.mark.parametrize("triangles", [0, 6], ids=["coarse mesh", "fine mesh"])
+def test_a_ball_whose_axis_swings_keeps_its_distance_from_a_floor(triangles: int, tmp_path) -> None:
+    box = trimesh.creation.box(bounds=[[0, 0, -20], [40, 20, 0]])
+    for _ in range(triangles):
+        box = box.subdivide()
+    box.export(tmp_path / "part.stl")
+    turn = np.radians(20.0) * np.sin(np.arange(17))
+    axis = np.column_stack([np.sin(turn), np.zeros(17), np.cos(turn)])
+    centre = np.column_stack([np.linspace(4e-3, 36e-3, 17), np.full(17, 10e-3), np.full(17, 4.2e-3)])
+    found = check_part(
+        PartMeshTable(mesh="part.stl"), Cutter(4e-3, 0.03, 4e-3), centre - 4e-3 * axis, axis, np.arange(17) > 0,
+        np.eye(3), tmp_path / "job.toml",
+    )  # fmt: skip
+    assert np.isnan(found.clearance[0])
+    nearest = np.hypot(4.2e-3, 0.1 * np.sqrt(2.0) * 4e-3) - 4e-3  # points stand 0.2 radii apart
+    assert found.clearance[1:].min() >= 0.2e-3 - 1e-9
+    assert found.clearance[1:].max() <= nearest
 
 
 @pytest.mark.parametrize("cutter", [FLAT, Cutter(5e-3, 0.03, 1.5e-3), Cutter(5e-3, 0.03, 5e-3),

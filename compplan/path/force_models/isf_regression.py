@@ -9,10 +9,13 @@ could not be sourced. Quotes of it leave open whether h is the height of the sca
 later ones with its list of variables, and for published records of force, found none (November 2026). It is read as the
 scallop: the groove of a ball of diameter d whose crests, step-down / sin(a) apart along the wall, stand h above its
 bottom, is the groove of the radial part below. The other reading gives a larger force; the note states both, and the
-spread of the level holds both. Valid, as far as known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm,
-a 20 to 65 deg, steel and aluminium sheet. Radial and tangential parts are assumed: the mean normal of the contact
-stands halfway between wall and scallop, tan((a + b) / 2) with cos(b) = 1 - 2 h / d, and friction drags against the
-travel. The force builds up over the first contours, linearly over `build_up_mm` of depth (assumed: the tool's radius).
+spread of the level holds both. No record was found to hold the ratio of radial to axial against either; the note states
+a second opinion from equilibrium beside it: a strip of sheet under even tension T, bent over the ball from the flat
+into the wall, pushes by T sin(a) along the axis and T (1 - cos(a)) aside, a ratio of tan(a / 2). Valid, as far as
+known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm, a 20 to 65 deg, steel and aluminium sheet. Radial and
+tangential parts are assumed: the mean normal of the contact stands halfway between wall and scallop, tan((a + b) / 2)
+with cos(b) = 1 - 2 h / d, and friction drags against the travel. The force builds up over the first contours, linearly
+over `build_up_mm` of depth (assumed: the tool's radius).
 """
 
 from __future__ import annotations
@@ -113,6 +116,19 @@ def steady_axial_force(strength: float, thickness: float, diameter: float, heigh
     return np.asarray(size * np.degrees(angle) * np.cos(angle))
 
 
+def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -> Array:
+    """Return radial over axial force where the contact's mean normal stands halfway between wall and scallop.
+
+    Args:
+        height: Of the scallop. [mm]
+        diameter: Of the tool. [mm]
+        angle: Wall angle against the sheet. [rad]
+
+    """
+    groove = np.arccos(np.clip(1.0 - 2.0 * np.asarray(height) / diameter, -1.0, 1.0))
+    return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
+
+
 def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
     """Return the wrench on the forming tool at every waypoint, path axes.
 
@@ -131,8 +147,7 @@ def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
     step, angle = find_contours(process, nominal)
     height = scallop_height(step, process.tool_diameter_mm, angle)
     axial = steady_axial_force(process.strength, process.thickness_mm, process.tool_diameter_mm, height, angle)
-    groove = np.arccos(np.clip(1.0 - 2.0 * height / process.tool_diameter_mm, -1.0, 1.0))
-    radial = axial * np.tan(0.5 * (angle + groove))
+    radial = axial * radial_ratio(height, process.tool_diameter_mm, angle)
     build_up = process.build_up_mm if process.build_up_mm is not None else 0.5 * process.tool_diameter_mm
     share = np.ones(len(nominal)) if build_up == 0.0 else np.clip((depth * 1e3 + step) / build_up, 0.0, 1.0)
     side = 1.0 if process.wall_side == "right" else -1.0
@@ -154,12 +169,14 @@ def describe_sheet(process: IsfRegressionProcess, nominal: Toolpath) -> list[str
     height = float(scallop_height(step, process.tool_diameter_mm, np.array(wall)))
     sheet = (process.strength, process.thickness_mm, process.tool_diameter_mm)
     read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
+    aside, strip = read * radial_ratio(height, process.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
     notes = [
         f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down {step:.3g} "
         f"mm), wall angle {typical:.3g} deg, tensile strength {process.strength:.4g} N/mm2"
         + (" (assumed, a handbook's size)" if process.material else "")
         + f": {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not settle "
         f"which, the spread of the force (+- {100 * process.uncertainty:g} %, assumed) holds both. Radial part, "
+        f"{aside:.0f} N (second opinion, a sheet of even tension: {strip:.0f} N; no published record was found), "
         f"friction {process.friction:g} and build-up over the first contours are assumed."
     ]
     if other > read * (1.0 + 1.96 * process.uncertainty):

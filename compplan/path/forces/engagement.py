@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from compplan.files.tables import Array
 from compplan.path.forces.cutter import Cutter, Slices
 
+#: Rows that are worked out at once.
+ROWS = 512
 #: Radius of a tip within which an edge is in the cut all round, half of a usual feed a tooth (assumed). [m]
 TIP = 3e-5
 
@@ -101,9 +103,12 @@ class Engagement:
     def section(self) -> Array:
         """Area that the move sweeps through material: volume removed a length of path. Shape (n,). [m^2]"""
         edge = self.cutter.slices
-        turn = 2.0 * np.pi / self.depth.shape[2]
-        out, area = self.outward(self.angles), edge.radius * edge.length
-        return np.asarray(turn * np.einsum("nkm,nkm,k->n", self.depth, out, area), np.float64)
+        turn, area = 2.0 * np.pi / self.depth.shape[2], edge.radius * edge.length
+        parts = [np.zeros(0)]
+        for first in range(0, len(self), ROWS):
+            rows = slice(first, first + ROWS)
+            parts.append(turn * np.einsum("nkm,nkm,k->n", self.depth[rows], self.outward(self.angles, rows), area))
+        return np.concatenate(parts)
 
     @cached_property
     def radial(self) -> Array:

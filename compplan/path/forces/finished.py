@@ -1,8 +1,8 @@
 """The finished part beside the path: where the cutter goes into it, and how much it leaves on it.
 
 Points of the part's surface, a share of the cutter's radius apart, are held against the cutter where it passes them
-nearest in each move, by its own shape: a point inside the cutter is cut away (a gouge), the least distance of a point
-that the cutter passes is what is left on it.
+nearest in each move, by its own shape (they are looked for in balls along its axis): a point inside the cutter is cut
+away (a gouge), the least distance of a point that the cutter passes is what is left on it.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from compplan.path.forces.stock import read_mesh
 
 #: Points of the part's surface stand so many radii apart, at most so many; moves are looked at in pieces of so many.
 POINTS_APART, MOST_POINTS, PIECE = 0.2, 500_000, 0.5
+#: Balls along the axis in which points are looked for stand so many radii apart.
+BALLS_APART = 1.0
 #: What is left beyond this, in radii, is not looked at: the cutter does not come there.
 REACH = 0.25
 #: Pieces of moves that are looked at together.
@@ -81,26 +83,31 @@ def check_part(
     """
     mesh = read_mesh(job.parent / table.mesh, table.unit, "process.part.mesh", job)
     corner = (np.asarray(mesh.vertices) @ R_view)[np.asarray(mesh.faces)]
-    start, end, up, number = _list_pieces(position, axis, cutting, PIECE * cutter.radius)
+    centre = position + cutter.corner * axis
+    start, end, up, number = _list_pieces(centre, axis, cutting, PIECE * cutter.radius)
     clearance = np.full(len(position), np.inf)
     sideways = float(np.abs(up[:, :2]).max(initial=0.0))
     high = float(np.ptp(corner[..., 2])) + cutter.radius
-    reach = (1.0 + REACH + 0.5 * PIECE) * cutter.radius + sideways * high
+    aside = (1.0 + REACH) * cutter.radius + 0.5 * float(np.linalg.norm(end - start, axis=1).max(initial=0.0))
+    reach = aside + sideways * high
     near = (corner[..., :2].max(axis=1) > end[:, :2].min(axis=0) - reach).all(axis=1)
     near &= (corner[..., :2].min(axis=1) < end[:, :2].max(axis=0) + reach).all(axis=1)
     point, normal = sample_triangles(corner[near], POINTS_APART * cutter.radius)
     left = np.full(len(point), np.inf)
-    tree = cKDTree(point[:, :2])
+    tree, middle = cKDTree(point), 0.5 * (start + end) - cutter.corner * up
+    most = np.linalg.norm(np.ptp(corner, axis=(0, 1))) + cutter.radius
+    room = np.minimum((corner[..., 2].max() - middle[:, 2] + aside) / np.maximum(up[:, 2], 1e-3), most)
+    ball = float(np.hypot(aside, 0.5 * BALLS_APART * cutter.radius))
+    balls = np.ceil(np.maximum(room, 0.0) / (BALLS_APART * cutter.radius)).astype(int)
     for first in range(0, len(end) if len(point) else 0, AT_ONCE):
-        rows = slice(first, first + AT_ONCE)
-        found = tree.query_ball_point(0.5 * (start + end)[rows, :2], reach, return_sorted=False)
-        count = np.fromiter(map(len, found), int, len(found))
-        chosen = np.fromiter(chain.from_iterable(found), int, int(count.sum()))
-        piece = first + np.repeat(np.arange(len(found)), count)
-        low = point[chosen, 2] < np.maximum(start, end)[piece, 2] + high
-        chosen, piece = chosen[low], piece[low]
-        away, faces = _pass_by(cutter, start[piece], end[piece], up[piece], point[chosen], normal[chosen])
-        seen = (away < 0.0) | (faces & (away < REACH * cutter.radius))
+        some = balls[first : first + AT_ONCE]
+        piece = first + np.repeat(np.arange(len(some)), some)
+        step = np.arange(len(piece)) - np.repeat(np.cumsum(some) - some, some)
+        height = (step + 0.5) * BALLS_APART * cutter.radius + cutter.radius - aside
+        found = tree.query_ball_point(middle[piece] + height[:, None] * up[piece], ball, return_sorted=False)
+        piece = np.repeat(piece, np.fromiter(map(len, found), int, len(found)))
+        chosen = np.fromiter(chain.from_iterable(found), int, len(piece))
+        away, seen = _pass_by(cutter, start[piece], end[piece], up[piece], point[chosen], normal[chosen])
         np.minimum.at(clearance, number[piece[seen]], away[seen])
         np.minimum.at(left, chosen[seen], away[seen])
     clearance[~np.isfinite(clearance)] = np.nan
@@ -110,7 +117,7 @@ def check_part(
 def _list_pieces(
     position: Array, axis: Array, cutting: NDArray[np.bool_], longest: float
 ) -> tuple[Array, Array, Array, NDArray[np.int_]]:
-    """Return where pieces of the cuts begin and end, tool axes there, and the waypoint that each is on the way to."""
+    """Return where pieces of the cuts begin and end, tool axes at their ends, and the waypoint they lead to."""
     rows = np.flatnonzero(cutting)
     before = np.maximum(rows - 1, 0)
     pieces = np.maximum(np.ceil(np.linalg.norm(position[rows] - position[before], axis=1) / longest), 1.0).astype(int)
@@ -126,20 +133,24 @@ def _list_pieces(
 def _pass_by(
     cutter: Cutter, start: Array, end: Array, up: Array, point: Array, normal: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return how far points stand outside of cutters that pass them, and whether their surface faces them. (s,)
+    """Return how far points stand outside of cutters that pass them, and whether that counts. (s,)
 
-    Exact for balls, and for sides in level moves.
+    It does inside them, and within `REACH` where the points' surface faces them. Exact for balls, and for sides in
+    level moves. A piece begins and ends where the middle of the cutter's corner does.
     """
     way = end - start
-    share = np.einsum("si,si->s", point - start - cutter.corner * up, way)
+    share = np.einsum("si,si->s", point - start, way)
     share = np.clip(share / np.maximum(np.einsum("si,si->s", way, way), 1e-300), 0.0, 1.0)[:, None]
     off = point - start - share * way
     height = np.einsum("si,si->s", off, up)
     aside = off - height[:, None] * up
     rho = np.linalg.norm(aside, axis=1)
-    away, out = measure_distance(cutter, rho, height)
-    slope = out[:, :1] * aside / np.maximum(rho, 1e-12)[:, None] + out[:, 1:] * up
-    return away, np.asarray(np.einsum("si,si->s", slope, normal) < 0.0)
+    away, out = measure_distance(cutter, rho, height + cutter.corner)
+    near = np.flatnonzero((away >= 0.0) & (away < REACH * cutter.radius))
+    slope = out[near, :1] * aside[near] / np.maximum(rho[near], 1e-12)[:, None] + out[near, 1:] * up[near]
+    seen = away < 0.0
+    seen[near] = np.einsum("si,si->s", slope, normal[near]) < 0.0
+    return away, seen
 
 
 def measure_distance(cutter: Cutter, rho: Array, height: Array) -> tuple[Array, Array]:
@@ -196,7 +207,11 @@ def sample_triangles(corner: Array, apart: float) -> tuple[Array, Array]:
     share = (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)) / np.maximum(count[line] - 1.0, 1.0)
     k, t = item[line], level[line][:, None]
     point = (1.0 - t) * (a[k] + share[:, None] * (b - a)[k]) + t * c[k]
-    return point, normal[k] / area[k][:, None]
+    normal = normal[k] / area[k][:, None]
+    small = longest[k] < apart  # a finer mesh than is asked for: one point stays in a cube, of those that look alike
+    key = np.column_stack([np.floor(point / apart), np.rint(normal)])[small].astype(np.int64)
+    kept = np.union1d(np.flatnonzero(~small), np.flatnonzero(small)[np.unique(key, axis=0, return_index=True)[1]])
+    return point[kept], normal[kept]
 
 
 def describe_part(found: PartCheck) -> dict[str, Any]:

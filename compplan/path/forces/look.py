@@ -132,13 +132,19 @@ class Look:
 
     def _stand(self, point: Array, before: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which points stand in what the moves before some number left. Shape (s,)."""
-        bottom, top = self.stock.interval(point[:, :2])
-        solid = (point[:, 2] < top - NOTHING) & (point[:, 2] >= bottom)
+        solid = self._in_stock(point)
         solid[solid] = self.wake.uncut(point[solid], before[solid])
         for move in moves:
             some = np.flatnonzero(solid & (before > move))
             if len(some):
                 solid[some] = self.wake.gap(point[some], np.full(len(some), move)) >= NOTHING
+        return np.asarray(solid)
+
+    def _in_stock(self, point: Array) -> NDArray[np.bool_]:
+        """Tell which points stand in the stock as it was before the first move. Shape (s,)."""
+        solid = point[:, 2] < self.stock.crest(point[:, :2])
+        bottom, top = self.stock.interval(point[solid, :2])
+        solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
         return np.asarray(solid)
 
     def may_touch(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:

@@ -219,15 +219,13 @@ class _EdgeLook(Look):
         """Write the engaged shares of some waypoints, see `Look`."""
         angles = middle_angles(EDGE_ANGLES)
         out = self._outward(rows, angles)
-        last = out.shape[1] - 1
-        asked = np.zeros((len(rows), last + 2, len(angles)), dtype=bool)
+        asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
         asked[:, :-1] |= out
         asked[:, 1:] |= out
-        if self.turning is None:  # what stands above the stock is not asked for
-            top = self.stock.bounds()[1, 2] - self.position[rows, 2]
-            asked &= (self.cutter.slices.knots[:, 1] < top[:, None])[:, :, None]
+        place = self._place_knots(rows, angles)
+        asked &= place[..., 2] < self.stock.crest(place[..., :2])  # what stands above the stock is not asked for
         n, j, m = np.nonzero(asked)
-        asked[n, j, m] = self._solid(rows[n], np.minimum(j, last), (j > last) * 1.0, angles[m], moves)
+        asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out
         found = (low & high).astype(np.float32)
         n, k, m = np.nonzero(low ^ high)
@@ -280,9 +278,18 @@ class _EdgeLook(Look):
         """Tell which points of the edge stand in material. Shape (s,)."""
         rho, height = self.cutter.edge_point(k, share)
         local = np.stack([rho * np.cos(angle), rho * np.sin(angle), height], axis=1)
-        point = self.position[row] + np.einsum("sij,sj->si", self.frame[row], local)
-        bottom, top = self.stock.interval(point[:, :2])
-        solid = (point[:, 2] < top - NOTHING) & (point[:, 2] >= bottom)
+        return self._uncut(self.position[row] + np.einsum("sij,sj->si", self.frame[row], local), row, moves)
+
+    def _place_knots(self, rows: NDArray[np.int_], angles: Array) -> Array:
+        """Return where the ends of the slices stand at angles. Shape (r, k + 1, m, 3). [m]"""
+        rho, height = self.cutter.slices.knots.T[:, :, None]
+        ring = np.stack([rho * np.cos(angles), rho * np.sin(angles), np.broadcast_to(height, (len(rho), len(angles)))])
+        place = self.frame[rows] @ ring.reshape(3, -1) + self.position[rows][:, :, None]
+        return np.moveaxis(place, 1, -1).reshape(len(rows), *ring.shape[1:], 3)
+
+    def _uncut(self, point: Array, row: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Tell which points stand in what moves before those of rows left of the stock. Shape (s,)."""
+        solid = self._in_stock(point)
         solid[solid] = self.wake.uncut(point[solid], self.run_from[row[solid]])
         if len(moves):
             sample, move = self._list_before(row, moves, solid)

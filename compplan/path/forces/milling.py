@@ -23,11 +23,9 @@ from numpy.typing import NDArray
 
 from compplan.files.tables import Array
 from compplan.path.forces.cutter import Slices
-from compplan.path.forces.engagement import Engagement, middle_angles
+from compplan.path.forces.engagement import ROWS, Engagement, middle_angles
 from compplan.path.forces.materials import Coefficients
 
-#: Rows that are worked out at once.
-ROWS = 4096
 #: Angles of a turn, in a bin of the engagement, and pieces of a slice, that a ripple is followed with.
 FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
