@@ -143,6 +143,8 @@ def add_lines(
 ) -> None:
     """Add series along the path to a figure, thinned, with waypoint and time on hovering."""
     rows = thin_rows(list(series.values()), limit)
+    far = np.flatnonzero(np.diff(stations.length) > 4.0 * np.ptp(stations.length) / limit)  # no line leans over these
+    rows = np.union1d(rows, [far, far + 1])
     for number, (name, values) in enumerate(series.items()):
         figure.add_scatter(
             x=(1e3 * stations.length[rows]).astype(np.float32),
@@ -277,7 +279,7 @@ def draw_wrench(stations: Stations, wrench: Array) -> Any:
         wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
     """
     force = {f"f{axis}": wrench[:, k] for k, axis in enumerate("xyz")}
-    if not np.abs(wrench[:, 3:]).max() > 1e-9:
+    if not (np.abs(wrench[:, 3:]) > 1e-9).any():
         return draw_lines(stations, force, "N", title="force on the tool, base axes")
     figure = go.make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
     add_lines(figure, stations, force, "N", row=1, col=1)

@@ -72,10 +72,17 @@ def write_forces_page(
     facts = [("force model", name_force_model(found.job.process.model)), *_list_coefficients(coefficients)]
     notes = list(summary["notes"])
     assumed = [note for note in notes if "assumed" in note]
-    lines = draw_lines(stations, {"force": np.linalg.norm(found.wrench[:, :3], axis=1)}, "N", title="force", zero=True)
+    size = _leave_out_air(found, np.linalg.norm(found.wrench[:, :3], axis=1))
+    lines = draw_lines(stations, {"force": size}, "N", title="force", zero=True)
     opening = open_forces(found, summary, Chart(lines, "Size of the force along the path.", height=330))
     write_page(file, found.job.name or "Forces", _lede(summary), sections, kind="Forces", opening=opening, notes=notes,
                provenance=Provenance(facts, assumed))  # fmt: skip
+
+
+def _leave_out_air(found: ForcePrediction, value: Array) -> Array:
+    """Return values with NaN in rapid moves that carry nothing: no line goes from a cut into the air. As value."""
+    idle = found.nominal.rapid & ~found.wrench.any(axis=1)
+    return np.where(idle if value.ndim == 1 else idle[:, None], np.nan, value)
 
 
 def _list_coefficients(found: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -159,23 +166,25 @@ def _listed(values: Array) -> list[float | None]:
 
 def _along(found: ForcePrediction, stations: Stations) -> Section:
     names = ("along the travel", "to the left", "along the tool axis")
-    series = {name: found.local[:, k] for k, name in enumerate(names)}
+    series = dict(zip(names, _leave_out_air(found, found.local[:, :3]).T, strict=True))
     blocks: list[Block] = [
         Chart(draw_lines(stations, series, "N", title="force", colours=CATEGORIES[:3]),
               "Mean force of the environment on the tool; left as seen down the tool axis, the axis from tip up.",
               height=340),
     ]  # fmt: skip
     if found.ripple is not None and found.ripple.any():
-        ripple = {name: found.ripple[:, k] for k, name in enumerate(names)}
+        ripple = dict(zip(names, _leave_out_air(found, found.ripple).T, strict=True))
         lines = draw_lines(stations, ripple, "N", title="ripple", colours=CATEGORIES[:3], zero=True)
         blocks.append(Chart(lines, "Half of the range of each component in a turn of the spindle.", height=280))
     tall = 440 if np.abs(found.wrench[:, 3:]).max() > 1e-9 else 300
-    blocks.append(Chart(draw_wrench(stations, found.wrench), "The same wrench at the tip, base axes.", height=tall))
+    lines = draw_wrench(stations, _leave_out_air(found, found.wrench))
+    blocks.append(Chart(lines, "The same wrench at the tip, base axes.", height=tall))
     return Section("Force", blocks)
 
 
 def _engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> Section:
-    depth = {"axial depth": 1e3 * cut.axial, "radial width": 1e3 * cut.radial}
+    depth = {"axial depth": 1e3 * _leave_out_air(found, cut.axial),
+             "radial width": 1e3 * _leave_out_air(found, cut.radial)}  # fmt: skip
     arc = np.degrees(cut.arc)
     angles = {"first": arc[:, 0], "last": arc[:, 1]}
     return Section(
@@ -200,7 +209,8 @@ def _part(part: PartCheck, summary: Mapping[str, Any], stations: Stations) -> Se
     if "left_mm" in summary:
         middle, most, top = (format_number(summary["left_mm"][key]) for key in ("median", "p95", "max"))
         text += (f" On the surface that it passes {middle}\u00a0mm are left in the median, {most}\u00a0mm or less on "
-                 f"95\u00a0% of it, {top}\u00a0mm at most.")  # fmt: skip
+                 f"95\u00a0% of it, {top}\u00a0mm at most; the cutter passes what lies within a quarter of its radius, "
+                 "beside the outermost rows too.")  # fmt: skip
     lines = draw_lines(stations, {"clearance": 1e3 * part.clearance}, "mm", title="clearance", zero=True)
     words = "Least distance of the cutter from the finished part; below 0 it cuts into it, with no bending of the arm."
     return Section("Finished part", [text, Chart(lines, words, height=280)])
