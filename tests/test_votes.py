@@ -18,9 +18,9 @@ from compplan.cell.inertia import fit_parabolas
 from compplan.cell.judge import build_judge
 from compplan.job.job import Job, ToolTable, check_job, load_job
 from compplan.path.toolpath import Toolpath, place_toolpath
-from compplan.plan.keeping import Case, judge_keeping
 from compplan.plan.plan import plan_job
 from compplan.plan.timing import Timing
+from compplan.plan.tolerance_verdict import Case, judge_keeping
 from compplan.plan.verdict import hold_load
 from compplan.robot import Array, Robot, load_robot
 from compplan.second.moves import CannotTellError

@@ -25,11 +25,11 @@ from compplan.plan.coupling import CouplingEffect, summarise_coupling
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.executed import ExecutedPath, judge_executed
 from compplan.plan.finished_walls import describe_walls, judge_surface
-from compplan.plan.keeping import Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.plan.reversals import list_reversals
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
+from compplan.plan.tolerance_verdict import Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.promise.band import Promise, promise_path
 from compplan.promise.motion import read_placement, shift_part

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.files.notes import Crash, list_stops
-from compplan.plan.keeping import MEASURE
+from compplan.plan.tolerance_verdict import MEASURE
 from compplan.report.diagnosis_words import reaches_noise
 from compplan.report.effect_words import describe_effect, name_effect
 from compplan.report.page import Block, KeyFigure, Opening

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.plan.keeping import say_tolerance
+from compplan.plan.tolerance_verdict import say_tolerance
 from compplan.report.along_path import Stations, below, draw_lines, outline_below
 from compplan.report.force_moves import list_rates, mark_force
 from compplan.report.page import Chart, Column, Columns, PageTable, Row, Section, TableCell
