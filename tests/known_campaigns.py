@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -23,10 +25,13 @@ from compplan.diagnose.answer.assessment import assess_diagnosis
 from compplan.diagnose.answer.measurement_moves import lay_out_moves
 from compplan.diagnose.answer.next_measurement import propose_measurements
 from compplan.diagnose.answer.where import split_diagnosis
-from compplan.diagnose.data.conventions import typical_gap
+from compplan.diagnose.data.conventions import expect_targets, typical_gap
+from compplan.diagnose.data.noise import estimate_noise
 from compplan.diagnose.data.outliers import find_outliers
-from compplan.diagnose.data.questions import question_campaign
+from compplan.diagnose.data.questions import SIGNS, question_campaign
+from compplan.diagnose.data.signs import fit_positive, shape_elastics
 from compplan.diagnose.doubt.bounds import find_breach
+from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
 from compplan.effects import Effect
 from compplan.measure.campaign import Campaign
 from compplan.robot import Robot
@@ -48,7 +53,8 @@ def zero(joint: str, offset: float) -> Effect:
 class Known:
     """A campaign: what is wrong, how it was measured, and which causes have to be named (those there are, if None).
 
-    `again` rows are taken at each stay, which is then met twice; a mistake is asked about and nothing diagnosed.
+    `again` rows are taken at each stay, which is then met twice; a mistake is asked about and nothing diagnosed; a
+    sensor reads forces to `sensed` newtons, so that no row is exactly without one.
     """
 
     effects: tuple[Effect, ...]
@@ -67,11 +73,13 @@ class Known:
     again: int = 1
     stated: bool = True
     warm: float = 0.0
+    sensed: float = 0.0
     mistake: str = ""
 
 
 WAVES = {"cycles_per_turn": [1.0], "sine_rad": [3e-4], "cosine_rad": [2e-4]}
 GEAR = Effect("transmission_error", "joint_1", None, WAVES)
+BIAS = Effect("wrench_bias", None, None, {"axes": "sensor", "fx_N": 240.0, "fy_N": -180.0, "fz_N": 120.0})
 CAMPAIGNS: dict[str, Known] = {
     "inches": Known((), mistake="inches", joints=3),
     "another clock": Known(
@@ -93,6 +101,7 @@ CAMPAIGNS: dict[str, Known] = {
     "the tool": Known((Effect("tool_frame", None, None, {"tx_m": 4e-4, "ty_m": -3e-4, "tz_m": 0.0}),), joints=3),
     "base and tool unknown": Known((soft("joint_2", 4e-7),), register=("base", "tool")),
     "a scaled sensor": Known((Effect("wrench_scale", None, None, {"gain_error_ratio": 0.2}),), poses=16, joints=3),
+    "a biased sensor": Known((BIAS,), joints=3, sensed=0.5),
     "a payload": Known((Effect("payload", None, None, {"mass_kg": 15.0, "first_moment_kg_m": [1.0, 0.0, 2.0]}),)),
     "a jump": Known(
         (Effect("frame_shift", None, None, {"row": 14, "tx_m": 5e-4, "ty_m": 0.0, "tz_m": -3e-4}),), joints=3
@@ -133,6 +142,8 @@ def draw(known: Known, robot: Robot) -> Campaign:
     if known.warm:
         course = 1.0 - np.exp(-np.arange(len(rows)) / (0.3 * len(rows)))
         rows = replace(rows, time=20.0 * np.arange(len(rows)), temperature=20.0 + known.warm * course)
+    noise = np.random.default_rng(known.seed).normal(0.0, known.sensed, rows.wrench.shape)
+    rows = replace(rows, wrench=rows.wrench + noise)
     log = measure(
         robot, rows, known.effects, known.seed, orientation=known.orientation, encoders=known.encoders,
         sigma=known.sigma,
@@ -154,6 +165,8 @@ def diagnose_known(name: str) -> dict[str, Any]:
     asked = {
         "questions": [question.sentence for question in question_campaign(robot, campaign, known.register)],
         "gap_mm": 1e3 * typical_gap(robot, campaign, known.register, []), "moves": count_moves(robot, campaign),
+        "noise": look_at_noise(robot, campaign, known.register), "certainty": rate_claims(),
+        "signs": [fit_positive(shape_elastics(robot, campaign, known.register), *signs) for signs in SIGNS.values()],
     }  # fmt: skip
     if known.mistake:
         return asked
@@ -170,6 +183,20 @@ def diagnose_known(name: str) -> dict[str, Any]:
         for one in propose_measurements(found)
     ]
     return json.loads(json.dumps(plain(table)))
+
+
+def look_at_noise(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> list[list[float]]:
+    """Estimate the noise of positions, with and without what the log and a data sheet state of it. [um, -, um]"""
+    gap = campaign.position - expect_targets(robot, campaign, register, [])
+    told = [(sigma, sheet) for sigma in (campaign.sigma, None) for sheet in (None, 1e-5)]
+    seen = [estimate_noise(campaign, gap, sigma, "position", sheet) for sigma, sheet in told]
+    return [[1e6 * noise.sigma, noise.witnesses, 1e6 * noise.stay] for noise in seen]
+
+
+def rate_claims() -> list[float]:
+    """Rate claims of much and of little evidence, that chance imitates often or hardly, alone and beside more."""
+    cases = product((2.0, 30.0, 1e4), (0.5, 1.0), (0.03, 0.1, 0.4), (0.02, 0.15, 0.7))
+    return [rate_certainty(Evidence(m, m, again, 9.0, 0.5, 0.1, often, alike)) for m, again, often, alike in cases]
 
 
 def look_inside(found: Diagnosis) -> dict[str, Any]:
@@ -213,9 +240,14 @@ def find_bounds(found: Diagnosis) -> dict[str, float]:
         "zone": lambda size: Effect("stiffness_nonlinearity", "joint_2", None, {**law, "soft_zone_ratio": size}),
         "slow gear": lambda size: Effect("joint_coupling", "joint_2", None, {"ratio": 1.0 / size}),
     }
-    sizes = 1e-3 * 1.25 ** np.arange(64)
-    first = {n: next((s for s in sizes if find_breach(fit, make(s), 0.0, gap)), 0.0) for n, make in effects.items()}
-    return first | {"motion": next(s for s in sizes if find_breach(fit, zero("joint_2", 0.0), s * gap, gap))}
+    sizes = (1e-3 * 1.25 ** np.arange(64)).tolist()
+
+    def first(breaks: Callable[[float], bool]) -> float:
+        at = bisect_left(sizes, True, key=breaks)
+        return sizes[at] if at < len(sizes) else 0.0
+
+    found = {n: first(lambda s, make=make: bool(find_breach(fit, make(s), 0.0, gap))) for n, make in effects.items()}
+    return found | {"motion": first(lambda s: bool(find_breach(fit, zero("joint_2", 0.0), s * gap, gap)))}
 
 
 def count_moves(robot: Robot, campaign: Campaign) -> dict[str, list[float]]:

@@ -77,7 +77,7 @@ def test_a_missing_job_is_named(tmp_path, monkeypatch, capsys):
 
 def test_a_path_that_is_partly_out_of_reach_leaves_with_3_and_names_the_waypoints(tmp_path, monkeypatch, capsys):
     rows = [[f"{x}", *row[1:]] for x, row in zip(range(0, 500, 50), ROWS, strict=True)]
-    job = write_job(tmp_path, rows=rows, part="1600, 0, 300")
+    job = write_job(tmp_path, rows=rows, part="1600, 0, 300", plan="[sampling]\nmax_step_mm = 50.0")
     answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 3
     assert re.search(r"of \d+ waypoints are out of reach", answer.err) and "with the part moved by" in answer.err

@@ -1,4 +1,4 @@
-"""Factors and inverses by halves are those of the matrices, and a matrix that rounding broke is mended."""
+"""Factors and inverses are those of the matrices, and a matrix that rounding broke is mended."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from compplan.diagnose.ledger.cholesky import (
 from compplan.errors import ConvergenceError
 
 
-@pytest.mark.parametrize("size", [0, 1, 63, 64, 65, 211])
+@pytest.mark.parametrize("size", [0, 1, 65, 211])
 def test_triangle_and_inverse_undo_the_matrix(size: int) -> None:
     columns = np.random.default_rng(size).normal(size=(2 * size + 1, size))
     matrix, right = columns.T @ columns, np.arange(size, dtype=float)

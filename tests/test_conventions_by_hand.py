@@ -33,9 +33,6 @@ NAMED: list[Place] = [
     ("rail", "thermal_drift", "alike"),
     ("rail", "tool_shift", "row 30"),
 ]
-#: What every run of the tests asks; the others are slow: what each effect moves is held against the same engine by
-#: tests/test_outside_truth.py, and that effects are named by tests/test_known_truth.py.
-QUICK: list[Place] = [("turned", "wrench_bias", "sensor")]
 
 
 @pytest.fixture(scope="module")
@@ -232,10 +229,10 @@ def test_a_later_campaign_stands_after_the_shift_at_every_row(turned: Drawn, nam
 # --- names -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "place",
-    [pytest.param(place, marks=[] if place in QUICK else pytest.mark.slow, id="-".join(place)) for place in NAMED],
-)
+# what each effect moves is held against the same engine by tests/test_outside_truth.py, and that effects are named,
+# the bias of a sensor among them, by tests/test_known_truth.py
+@pytest.mark.slow
+@pytest.mark.parametrize("place", NAMED, ids="-".join)
 def test_the_diagnosis_names_what_mujoco_was_given(place: Place, tmp_path: Path) -> None:
     case = CASES[place]
     robot = draw_robot_files(ROBOTS[place[0]], tmp_path)

@@ -46,6 +46,7 @@ def test_an_instrument_with_a_wrong_scale_is_unknown_and_follows_the_place(robot
     assert not any(of_instrument(effect) for effect in robot_effects(diagnosis.updated))
 
 
+@pytest.mark.slow  # tests/test_known_truth.py asks the same of three joints: "a cause beside errors of no effect"
 def test_an_effect_beside_an_unknown_cause_keeps_its_name(robot: Robot) -> None:
     soft = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 9e-7})
     campaign = scale_instrument(measure(robot, plan_rows(robot, 32), [soft], 32), 3e-4)

@@ -183,7 +183,7 @@ def job_file(tmp_path: Path) -> Path:
     file = tmp_path / "job.toml"
     file.write_text(
         'schema = 1\nname = "short circle"\nrobot = "staubli_tx200"\n'
-        '[toolpath]\ngenerator = "circle"\nradius_mm = 20.0\nfeed_mm_s = 20.0\nwaypoints = 40\n'
+        '[toolpath]\ngenerator = "circle"\nradius_mm = 20.0\nfeed_mm_s = 20.0\nwaypoints = 16\n'
         "[part]\nposition_mm = [1500.0, 0.0, 183.0]\n"
         '[process]\nmodel = "constant"\nforce_N = [0.0, 300.0, 800.0]\n'
         '[posture]\npreset = "smooth"\n'

@@ -23,7 +23,7 @@ START = np.radians([0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
 
 def rail_job(folder: Path, y: float = 0.0) -> Job:
     """Return a line of 6.5 m along the rail of 4 m; it leaves the arm's reach at its far end."""
-    rows = [f"0,{value:.3f},0,0,0,1,100" for value in np.linspace(1000.0, 7500.0, 60)]
+    rows = [f"0,{value:.3f},0,0,0,1,100" for value in np.linspace(1000.0, 7500.0, 30)]
     (folder / "line.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s\n" + "\n".join(rows) + "\n")
     table = {
         "schema": 1, "robot": "kuka_kr240_rail", "toolpath": "line.csv", "part": {"position_mm": [1900.0, y, 700.0]},
@@ -39,7 +39,7 @@ def test_the_stretch_within_reach_is_kept_and_the_first_row_beyond_is_named_with
     failing = np.flatnonzero(task.missed)
     assert np.array_equal(failing, np.arange(failing[0], len(task)))  # one stretch, up to the end
     first = task.origin[failing[0]]
-    assert 40 < first < 52
+    assert 19 < first < 26
     kept = ~task.missed
     tips = locate_frames(task.chain, task.q_start[kept]).tcp_position
     assert np.abs(tips - task.position[kept]).max() < 1e-6

@@ -104,7 +104,7 @@ def test_poses_of_one_load_are_measured_together_and_on_a_short_way() -> None:
 
 @pytest.fixture
 def small_job(tmp_path: Path) -> Path:
-    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 40")
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 16")
     file = tmp_path / "circle.toml"
     file.write_text(text, encoding="utf-8")
     return file

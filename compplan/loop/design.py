@@ -29,8 +29,6 @@ from compplan.robot.uncertainty import Uncertainty
 
 #: Standard deviations of frames that are not known. [m, rad]
 LOOSE = (1.0, 0.5)
-#: Rounds of exchange.
-ROUNDS = 3
 #: A further pose is not worth it where it narrows the band by less than this share.
 WORTH = 0.005
 
@@ -158,7 +156,7 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
         lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
         learn_rows(before, rows[first], design.noise), rows, design.noise,
     )  # fmt: skip
-    chosen = settle_choice(worth, take_greedily(worth, count - len(first)), ROUNDS)
+    chosen = settle_choice(worth, take_greedily(worth, count - len(first)))
     return grade_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from compplan.diagnose.answer.change import HALF_WIDTH
 from compplan.diagnose.answer.verdict import CLAIMED
+from compplan.diagnose.data.agreed import NEGLIGIBLE
 from compplan.diagnose.ledger.offers import REGISTRATION
 from compplan.program.frames import euler_angles, flange_turn
 from compplan.robot import Array
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from compplan.diagnose.answer.delivery import Delivery
     from compplan.diagnose.answer.result import Diagnosis
 
-#: A free frame is told where the campaign shrinks its spread to less than this share (assumed).
-TOLD = 0.1
 #: Effects that a controller's tables can hold.
 ZEROS, LENGTHS, FRAMES = "joint_offset", "link_geometry", ("tool_frame", "base_frame")
 #: Unit of a table and its factor, by the unit of a parameter (theory).
@@ -168,7 +167,7 @@ def _spreads(delivery: Delivery) -> dict[str, float]:
     prior = fitted.search.prior_of(fitted.model.claims)
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
     free = prior.free[posterior.columns]
-    told = ~free | (size < TOLD * np.sqrt(prior.variance(posterior.hyper.log_tau)[posterior.columns]))
+    told = ~free | (size < NEGLIGIBLE * np.sqrt(prior.variance(posterior.hyper.log_tau)[posterior.columns]))
     size = size * ledger.scale[posterior.columns]
     return {ledger.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
 

@@ -44,8 +44,6 @@ FEWEST_MOVES, MOST_MOVES = 3, 8
 WORTH_IT = 0.05
 #: Effects that show in motion only; a path at two speeds is laid out for them.
 OF_MOTION = ("tracking_lag", "time_skew", "backlash")
-#: Rounds of exchange (assumed, as in the loop).
-ROUNDS = 3
 NOTHING = "none"
 
 
@@ -289,7 +287,7 @@ def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], floa
         picked, information = [*picked, best], information + added
     if gain_of(information) < NEGLIGIBLE:
         return [], 0.0
-    chosen = settle_choice(worth, picked, ROUNDS)
+    chosen = settle_choice(worth, picked)
     return [move for move, _ in chosen], sum(added for _, added in chosen)
 
 

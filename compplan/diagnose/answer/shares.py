@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from compplan.diagnose.search.state import Fit
 
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
-#: Rows that are looked at, at most; more are thinned evenly (assumed: seconds of work).
-ROWS = 2000
 
 
 @dataclass(frozen=True)
@@ -182,7 +180,7 @@ class PosteriorMotion:
         model = fitted or diagnosis.doubt
         ledger, posterior = model.search.ledger, model.model.posterior
         source = ledger.source[0]
-        chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // ROWS)]
+        chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
         self.sigma = np.repeat(source.sigma[chosen].ravel(), 3)
         design = ledger.designs[0][chosen].reshape(3 * len(chosen), ledger.p)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnose.answer.delivery import CALIBRATED
 from compplan.diagnose.answer.gap_tables import GapTable, split_load, split_region, split_runs, split_time
-from compplan.diagnose.answer.shares import ROWS, UNEXPLAINED, Share, Shares, divide_gap, draw_blocks
+from compplan.diagnose.answer.shares import UNEXPLAINED, Share, Shares, divide_gap, draw_blocks
 from compplan.diagnose.answer.small_errors import SmallErrors, divide_small_errors
 from compplan.diagnose.answer.traces import Trace, trace_findings
 from compplan.diagnose.data.agreed import SAMPLE, SEED
@@ -127,7 +127,7 @@ def spread_gap(
     """
     rng = np.random.default_rng(seed)
     rows = np.flatnonzero(used)
-    rows = rows[:: -(-len(rows) // ROWS)]
+    rows = rows[:: -(-len(rows) // SAMPLE)]
     _, block = np.unique(draw_blocks(campaign, rng)[rows], return_inverse=True)
     count = int(block.max(initial=0)) + 1
     draws = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).astype(float)

@@ -1,11 +1,4 @@
-"""Cholesky: factors and inverses of covariances, which the evidence asks for thousands of times.
-
-The library's inverse of a triangular matrix runs at a fraction of the speed of its matrix products. By halves,
-
-    [A 0; C B]^-1 = [A^-1 0; -B^-1 C A^-1 B^-1]
-
-nearly all of it is products [Higham2002, ch. 14].
-"""
+"""Cholesky: factors and inverses of covariances, which the evidence asks for thousands of times."""
 
 from __future__ import annotations
 
@@ -15,9 +8,6 @@ from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
-
-#: Rows from which on a triangle is inverted by halves (assumed: measured to be fastest, by little).
-HALVED = 64
 
 
 def factorize(matrix: Array) -> Array:
@@ -40,9 +30,7 @@ def solve_factor(lower: Array, right: Array) -> Array:
 
 def invert_triangle(lower: Array) -> Array:
     """Return L^-1, zeros above its diagonal included. Shape (p, p)."""
-    inverse = lower.copy(order="F")
-    _invert_by_halves(inverse)
-    return inverse
+    return np.asarray(dtrtri(lower, lower=1)[0]) if len(lower) else lower
 
 
 def multiply_triangle(lower: Array, right: Array) -> Array:
@@ -60,15 +48,3 @@ def mirror_lower(triangle: Array) -> Array:
     full = triangle + triangle.T
     full[np.diag_indices_from(full)] *= 0.5
     return np.asarray(full)
-
-
-def _invert_by_halves(lower: Array) -> None:
-    n = len(lower)
-    if n <= HALVED:
-        lower[:] = dtrtri(lower, lower=1)[0] if n else lower
-        return
-    half = n // 2
-    first, second = lower[:half, :half], lower[half:, half:]
-    _invert_by_halves(first)
-    _invert_by_halves(second)
-    lower[half:, :half] = second @ (lower[half:, :half] @ -first)

@@ -17,6 +17,8 @@ from compplan.robot import Array
 Worth = Callable[[list[int]], Array]
 #: An exchange has to be worth more by this share, so that rounding does not go round in circles.
 BETTER = 1e-9
+#: Rounds of exchange (assumed: most choices settle in two).
+ROUNDS = 3
 
 
 def grow_choice(worth: Worth, count: int) -> Iterator[tuple[int, float]]:
@@ -34,15 +36,14 @@ def take_greedily(worth: Worth, count: int) -> list[int]:
     return [number for number, _ in grow_choice(worth, count)]
 
 
-def settle_choice(worth: Worth, taken: Sequence[int], rounds: int) -> list[tuple[int, float]]:
+def settle_choice(worth: Worth, taken: Sequence[int]) -> list[tuple[int, float]]:
     """Exchange what is taken, and order it by what each adds to those before it; also return what that is.
 
     Args:
         worth: What every candidate is worth beside some.
         taken: Candidates to begin with.
-        rounds: Rounds of exchange.
     """
-    chosen = exchange_taken(worth, taken, rounds)
+    chosen = exchange_taken(worth, taken, ROUNDS)
     grown = grow_choice(lambda order: worth([chosen[k] for k in order])[chosen], len(chosen))
     return [(chosen[k], gain) for k, gain in grown]
 
