@@ -18,6 +18,7 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
+from scipy.special import logit
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
@@ -194,9 +195,14 @@ def look_at_noise(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -
 
 
 def rate_claims() -> list[float]:
-    """Rate claims of much and of little evidence, that chance imitates often or hardly, alone and beside more."""
+    """Rate claims of much and of little evidence, that chance imitates often or hardly, alone and beside more.
+
+    Returns:
+        Log odds that they are stated with.
+    """
     cases = product((2.0, 30.0, 1e4), (0.5, 1.0), (0.03, 0.1, 0.4), (0.02, 0.15, 0.7))
-    return [rate_certainty(Evidence(m, m, again, 9.0, 0.5, 0.1, often, alike)) for m, again, often, alike in cases]
+    rated = [rate_certainty(Evidence(m, m, again, 9.0, 0.5, 0.1, often, alike)) for m, again, often, alike in cases]
+    return [float(logit(probability)) for probability in rated]
 
 
 def look_inside(found: Diagnosis) -> dict[str, Any]:

@@ -85,7 +85,7 @@ def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_i
     def worth(taken: list[int]) -> np.ndarray:
         return odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows)
 
-    chosen = settle_choice(worth, take_greedily(worth, 2), 3)
+    chosen = settle_choice(worth, take_greedily(worth, 2))
     best = max(itertools.combinations(range(5), 2), key=told)
     assert {number for number, _ in chosen} == set(best)
     assert sum(added for _, added in chosen) == pytest.approx(told(best))

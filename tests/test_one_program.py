@@ -189,8 +189,8 @@ def test_the_band_by_what_changes_with_the_posture_is_that_of_everything_that_is
 
 
 def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judged(tmp_path: Path) -> None:
-    u = np.linspace(0.0, 1.0, 60)
-    rows = [f"{8.0 * np.sin(4.0 * np.pi * k):.6f},{250.0 * (k - 0.5):.6f},0,0,0,1,700" for k in u]
+    u = np.linspace(0.0, 1.0, 120)
+    rows = [f"{8.0 * np.sin(8.0 * np.pi * k):.6f},{500.0 * (k - 0.5):.6f},0,0,0,1,700" for k in u]
     (tmp_path / "wave.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s\n" + "\n".join(rows) + "\n", encoding="utf-8")
     job = {**CIRCLE, "toolpath": str(tmp_path / "wave.csv"), "plan": {"tolerance_mm": 8.0, "inertia": False},
            "sampling": {"chord_mm": 1.0}, "posture": {"preset": "fast"}, "tolerance": {"tube": 0.8}}  # fmt: skip

@@ -97,13 +97,13 @@ def test_what_a_plan_rests_on_can_be_cited(plan) -> None:
     assert not any("Andersson" in text for text in mirror.citations())
 
 
-def circle(count: int = 40) -> np.ndarray:
+def circle(count: int = 120) -> np.ndarray:
     angle = np.linspace(0.0, 2.0 * np.pi, count)
     return np.column_stack([10.0 * np.cos(angle), 10.0 * np.sin(angle), 0.0 * angle])
 
 
 def test_a_path_is_planned_alike_from_a_file_from_arrays_and_from_a_table(tmp_path) -> None:
-    xyz, force = circle(), np.tile([0.0, 0.0, 300.0], (40, 1))
+    xyz, force = circle(), np.tile([0.0, 0.0, 300.0], (120, 1))
     columns = {"position_mm": xyz, "force_N": force, "moment_Nm": 0.0 * force, "feed_mm_s": 20.0}
     cp.write_toolpath(cp.read_toolpath(columns), tmp_path / "path.csv")
     more = {"robot": "staubli_tx200", "part": (1500.0, 0.0, 183.0), "plan": {"tolerance_mm": 0.05}}
@@ -140,7 +140,7 @@ def test_a_path_without_names_of_columns_or_without_a_robot_is_refused_in_a_sent
         cp.plan({"position_mm": circle(), "feed_mm_s": 20.0})
     with pytest.raises(InputError, match="no table named 'tolerance_mm' in a job"):
         cp.plan(JOB, tolerance_mm=0.1)
-    with pytest.raises(InputError, match=r"has shape \(40, 2\), expected \(n, 3\)"):
+    with pytest.raises(InputError, match=r"has shape \(120, 2\), expected \(n, 3\)"):
         cp.read_toolpath({"position_mm": circle()[:, :2], "feed_mm_s": 20.0})
 
 
@@ -150,7 +150,7 @@ def test_a_verb_writes_what_its_command_writes(tmp_path) -> None:
 
 
 def test_a_campaign_is_diagnosed_alike_from_arrays_and_a_comparison_says_who_is_equal(tmp_path) -> None:
-    robot = write_small_robot(tmp_path / "robot", joints=3)
+    robot = write_small_robot(tmp_path / "robot")
     turned = cp.Effect("joint_offset", "joint_2", None, {"offset_rad": 1e-3})
     seen = measure(robot, plan_rows(robot, 5), [turned], seed=3)
     columns = {"run": seen.run, "q_deg": np.degrees(seen.q), "position_mm": seen.position * 1e3,
