@@ -33,7 +33,7 @@ def folder_with(folder: Path, name: str = "ur10", **motion: object) -> Path:
 
 def write_job(folder: Path, robot: Path, place: str = "600.0, 100.0, 200.0") -> Path:
     """Write a small circle with a force."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    angle = np.linspace(0.0, 2.0 * np.pi, 121)
     still = 0.0 * angle
     rows = [20.0 * np.cos(angle), 20.0 * np.sin(angle), still, still + 60.0, still, still, still + 20.0]
     rows, head = np.column_stack(rows), "x_mm,y_mm,z_mm,feed_mm_s,fx_N,fy_N,fz_N"
