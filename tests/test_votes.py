@@ -12,12 +12,12 @@ import pytest
 
 import compplan.job.loading as loading
 import compplan.plan.bending as bending
-import compplan.plan.plan as planning
 import compplan.second.cam as second_reader
 from compplan.cell.inertia import fit_parabolas
 from compplan.cell.judge import build_judge
 from compplan.job.job import Job, ToolTable, check_job, load_job
 from compplan.path.toolpath import Toolpath, place_toolpath
+from compplan.plan import executed
 from compplan.plan.plan import plan_job
 from compplan.plan.timing import Timing
 from compplan.plan.tolerance_verdict import Case, judge_keeping
@@ -129,14 +129,14 @@ def _turned_tool(patch: pytest.MonkeyPatch) -> None:
 
 
 def _hasty(patch: pytest.MonkeyPatch) -> None:
-    true = planning.agree
+    true = executed.agree
 
     def agree(*words: Any) -> Any:
         found = true(*words)
         timing: Timing = replace(found.timing, time=0.5 * found.timing.time)
         return replace(found, timing=timing)
 
-    patch.setattr(planning, "agree", agree)
+    patch.setattr(executed, "agree", agree)
 
 
 def _without_last(path: Toolpath) -> Toolpath:
