@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from program_readers import read_krl
+from scipy.spatial.transform import Rotation
 from script_readers import read_sinumerik
 from test_fit import circle, make_program
 
-from compplan.cell.fitted import PlannedRows, follow_moves
+from compplan.cell.fitted import PlannedRows, find_rows, follow_moves
 from compplan.path.cam import CamTable, read_cam
 from compplan.path.toolpath import resample_toolpath
 from compplan.program import Program, write_program
@@ -155,3 +156,19 @@ def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -
 def _write(file: Path, text: str) -> Path:
     file.write_text(text)
     return file
+
+
+def test_moves_that_turn_the_tool_in_place_are_found_by_their_turn() -> None:
+    # eleven rows within written digits of one place, the tool turning by a degree: three moves end among them
+    n = 15
+    position = np.zeros((n, 3))
+    position[:2, 0], position[2:13, 0], position[13:, 0] = [-2.0, -1.0], 1e-4 * np.arange(11), [1.0, 2.0]
+    angle = np.radians(np.r_[0.0, 0.0, 0.1 * np.arange(11), 1.0, 1.0])
+    turn = Rotation.from_rotvec(angle[:, None] * [0.0, 1.0, 0.0]).as_matrix()
+    kept = np.zeros(n, bool)
+    kept[[0, -1]] = True
+    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), np.full(n, 2e-3), 0.012)
+    ends = np.array([0, 3, 5, 10, 13, 14])
+    tips = np.round(position[ends], 3)
+    assert find_rows(rows, tips, turn[ends]).tolist() == ends.tolist()
+    assert list(find_rows(rows, tips, np.full((6, 3, 3), np.nan))) != ends.tolist()

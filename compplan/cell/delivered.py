@@ -195,11 +195,13 @@ class _Stand:
             return np.arange(len(moves))
         if not self.fitted or not any(move.kind != "joint" for move in moves):
             return f"{len(moves)} moves, planned are {len(self.q)}"
-        tips = np.full((len(moves), 3), np.nan)
+        ends = np.full((len(moves), 4, 4), np.nan)
         for k, move in enumerate(moves):
             if move.pose is not None and move.kind != "joint":
-                tips[k] = (self.world @ np.asarray(move.base) @ move.pose)[:3, 3]
-        return find_rows(self._lay_rows(), tips)
+                ends[k] = self.world @ np.asarray(move.base) @ move.pose
+            if move.flange_turn:
+                ends[k, :3, :3] = np.nan
+        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3])
 
     def excuse_stops(self, moves: list[Move], held: NDArray[np.int_]) -> list[Move]:
         """Take exact stops at corners whose zone would lead too far, in a language without smaller ones, as zones."""

@@ -18,10 +18,14 @@ from compplan.second.programs.poses import Move
 
 #: How near a move has to end to a planned row [mm], and rounding of written positions [mm].
 NEAR, ROUNDING = 5e-3, 5e-4
+#: What rounding turns a written orientation. [rad]
+ALIKE = 3e-5
 #: Greatest turn of the tool beside an even one. [deg]
 TURN = 0.02
 #: Speeds within a move may differ from its feed by this share, and by what feeds with one decimal leave. [1, mm/s]
 FEED, FEED_STEP = 0.012, 0.06
+#: The least feed that a language with one decimal can state. [mm/s]
+CRAWL = 0.1 * (1.0 + 1e-9)
 #: Rows that are searched at once, and cycles below which a move may join rows of any speed.
 WINDOW, SHORT = 256, 2.0
 #: Time beside a rest in which the controller changes the speed by itself [s], and what counts as its end.
@@ -52,17 +56,18 @@ class PlannedRows:
     cycle: float
 
 
-def find_rows(rows: PlannedRows, tips: Array) -> NDArray[np.int_] | str:
+def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] | str:
     """Return the row at which each move ends, or what speaks against it.
 
     Args:
         rows: What was planned.
         tips: Where moves end; nan where that is the next row that has to be kept. Shape (k, 3). [mm]
+        turns: Orientation of the tool there; nan where a program does not say it. Shape (k, 3, 3).
 
     """
     found, at, n = [], -1, len(rows.position)
-    for number, tip in enumerate(tips):
-        row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip)
+    for number, (tip, turn) in enumerate(zip(tips, turns, strict=True)):
+        row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip, turn)
         if row is None:
             return f"move {number} ends where no row beyond {at} was planned"
         at = row
@@ -78,8 +83,11 @@ def _find_kept(rows: PlannedRows, at: int) -> int | None:
     return int(at + 1 + after[0]) if len(after) else None
 
 
-def _find_row(rows: PlannedRows, at: int, tip: Array) -> int | None:
-    """Return the row at which the path first comes nearest to a place, of equal ones the last before a kept one."""
+def _find_row(rows: PlannedRows, at: int, tip: Array, turn: Array) -> int | None:
+    """Return the row at which the path first comes nearest to a place, of equal ones that which is turned as the tool.
+
+    Of those that are turned alike it is the last before a kept one.
+    """
     n = len(rows.position)
     for start in range(at + 1, n, WINDOW):
         off = np.linalg.norm(rows.position[start : start + 2 * WINDOW] - tip, axis=1)
@@ -89,7 +97,17 @@ def _find_row(rows: PlannedRows, at: int, tip: Array) -> int | None:
         row = int(near[0])
         while row + 1 < len(off) and off[row + 1] <= off[row] + 1e-5 and not rows.kept[start + row]:
             row += 1
-        return start + row
+        first, last = row, row
+        while first > near[0] and off[first - 1] <= off[row] + 2.0 * ROUNDING and not rows.kept[start + first - 1]:
+            first -= 1
+        while last + 1 < len(off) and off[last + 1] <= off[row] + 2.0 * ROUNDING and not rows.kept[start + last]:
+            last += 1
+        if first == last or np.isnan(turn[0, 0]):
+            return start + row
+        same = np.arange(first, last + 1)
+        turned = Rotation.from_matrix(rows.rotation[start + same] @ turn.T).magnitude()
+        same = same[turned <= turned.min() + ALIKE]
+        return int(start + same[np.flatnonzero(off[same] <= off[same].min() + 1e-5)[-1]])
     return None
 
 
@@ -239,6 +257,8 @@ def _time(rows: PlannedRows, a: int, b: int, length: float, speed: Array, feed: 
     step = np.linalg.norm(np.diff(rows.position[a : b + 1], axis=0), axis=1)
     lasts = float(np.where(step > 0.0, step / np.maximum(speed, 1e-9), np.diff(rows.time[a : b + 1])).sum())
     wanted = length / max(lasts, rows.cycle)
+    if max(feed, wanted, float(speed.max())) <= CRAWL:
+        return ""
     if abs(feed - wanted) > FEED * wanted + FEED_STEP:
         return f"a feed of {feed:.4g} mm/s, the plan takes {wanted:.4g}"
     if lasts <= SHORT * rows.cycle:

@@ -254,7 +254,7 @@ def _time_run(
 ) -> Array:
     """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
     time, rounds = _smooth_run(task, along, q, rows, slow, task.smoothing)
-    if task.jerk_limits is None or rounds == 1:
+    if rounds == 1 or (task.jerk_limits is None and rounds <= SLOW_ROUNDS):
         return time
     for factor in WINDOWS:  # a longer ramp may cost less than a slower run
         other = _smooth_run(task, along, q, rows, slow, factor * task.smoothing)[0]
@@ -297,8 +297,8 @@ def _use_of(task: PlanTask, q: Array, time: Array, rows: Torques | None) -> Arra
 
 
 def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torques | None) -> Array:
-    """Stretch the time of a run near the places that are still too fast; all of it where that does not do."""
-    reach = max(task.smoothing, 1e-3)
+    """Stretch the time of a run near the places that are still too fast; all of it, of the shortest, where none do."""
+    reach, best = max(task.smoothing, 1e-3), time * float(use.max()) * 1.001
     for _ in range(SLOW_ROUNDS):
         factor = spread_factors(use, time, 1.5 * reach) * 1.002
         total = np.r_[0.0, np.cumsum(0.5 * (factor[1:] + factor[:-1]) * np.diff(time))]
@@ -306,9 +306,10 @@ def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torqu
         mean = (np.interp(high, time, total) - np.interp(low, time, total)) / (high - low)
         time = np.r_[0.0, np.cumsum(np.diff(time) * 0.5 * (mean[1:] + mean[:-1]))]
         use = _use_of(task, q, time, rows)
+        best = min(best, time * max(1.001 * float(use.max()), 1.0), key=lambda each: float(each[-1]))
         if use.max() <= 1.0:
-            return time
-    return time * float(use.max()) * 1.001
+            break
+    return best
 
 
 def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRows | None = None) -> Array:

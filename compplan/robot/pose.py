@@ -23,6 +23,9 @@ def apply_twist(twist: Array) -> Array:
 
 def move_joint(joint: Joint, q: float) -> Array:
     """Return how the child frame of a joint has moved at q; a fixed joint does not. [rad or m]"""
-    shift = q * joint.axis if joint.kind == "prismatic" else np.zeros(3)
-    turn = q * joint.axis if joint.kind == "revolute" else np.zeros(3)
-    return build_pose(shift, Rotation.from_rotvec(turn).as_matrix())
+    pose = np.eye(4)
+    if joint.kind == "prismatic":
+        pose[:3, 3] = q * joint.axis
+    elif joint.kind == "revolute":
+        pose[:3, :3] = Rotation.from_rotvec(q * joint.axis).as_matrix()
+    return pose
