@@ -15,7 +15,7 @@ from commandline import run_command
 from compplan.job.job import check_job
 from compplan.known.assumed import known_uncertainty
 from compplan.plan.plan import plan_compensation, plan_job, prepare_job
-from compplan.plan.tolerance_verdict import TOUCH_OFF, explain_width, find_change, find_stretches, share_length
+from compplan.plan.tolerance_verdict import MEASURE, TOUCH_OFF, explain_width, find_change, find_stretches, share_length
 from compplan.promise.band import widen_to_path
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
@@ -102,6 +102,8 @@ def test_no_campaign_is_asked_for_where_the_first_joints_zero_makes_the_band() -
     for name, asked in (("joint_offset joint_1", True), ("joint_offset joint_2", False)):
         promise: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"))
         assert (find_change(case, promise, "geometry of the robot") == TOUCH_OFF) == asked
+        promise.known.grade = "literature"  # it has more to learn from poses than that zero
+        assert find_change(case, promise, "geometry of the robot") == MEASURE
 
 
 def test_the_share_of_a_cut_goes_by_length() -> None:

@@ -266,10 +266,10 @@ def find_change(case: Case, promise: Promise, cause: str) -> str:
         return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
-    zero = f"joint_offset {case.task.robot.actuated[0].name}"
-    if cause in CAUSES and promise.leading and promise.leading[0][0] == zero:
-        return TOUCH_OFF
     if cause in CAUSES and promise.known.grade == "measured":
+        zero = f"joint_offset {case.task.robot.actuated[0].name}"
+        if promise.leading and promise.leading[0][0] == zero:
+            return TOUCH_OFF
         return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
     return MEASURE
 
