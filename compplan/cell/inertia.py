@@ -17,6 +17,18 @@ from compplan.robot import Array
 WEIGHED = 64
 
 
+def find_inside(time: Array, moving: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return the rows inside a cut to which and from which the tool takes its time. Shape (k,).
+
+    Args:
+        time: Rising. Shape (n,). [s]
+        moving: Whether the move that ends at each row cuts. Shape (n,).
+
+    """
+    step = np.diff(time)
+    return 1 + np.flatnonzero(moving[1:-1] & moving[2:] & (np.minimum(step[:-1], step[1:]) > 1e-6))
+
+
 def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array, Array]:
     """Return velocities and accelerations at rows, of the parabola through each row and its neighbours. Shapes (k, nq).
 
@@ -53,9 +65,8 @@ def load_springs(
     found = np.zeros((len(q), len(judge.elastic)))
     if not sum(inertia.mass for inertia in judge.model.inertias) > 0 or not len(judge.elastic):
         return found
-    inside = np.zeros(len(q), bool)
-    inside[1:-1] = moving[1:-1] & moving[2:] & (np.minimum(np.diff(time)[:-1], np.diff(time)[1:]) > 1e-6)
-    rows = np.flatnonzero(inside & ~rests)
+    rows = find_inside(time, moving)
+    rows = rows[~rests[rows]]
     if among is not None:
         rows = np.intersect1d(rows, among)
     velocity, change = fit_parabolas(q, time, rows)

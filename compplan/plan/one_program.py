@@ -10,10 +10,10 @@
                 |jerk|, |torque| <= limits where there are any
 
 T is the time of the cut and of rapid moves, B the widest 95 % band by what is known of the robot, E the work of the
-motors, sum |tau dq|, and |dz| how far a
-free coordinate travels: travel back and forth pays twice, so that no reversal is left that buys nothing. Sequential
-quadratic programming over the free coordinates alone: every step is linearised with the joints eliminated, x as the
-square of the speed keeps most rows straight, and what a step promises is checked by the exact fastest run.
+motors, sum |tau dq|, and |dz| how far a free coordinate travels: travel back and forth pays twice, so that no reversal
+is left that buys nothing. Sequential quadratic programming over the free coordinates alone: every step is linearised
+with the joints eliminated, x as the square of the speed keeps most rows straight, and what a step promises is checked
+by the exact fastest run.
 """
 
 from __future__ import annotations

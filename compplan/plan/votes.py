@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from compplan.cell.forces import DrivenRows
 from compplan.cell.frames import read_part
-from compplan.cell.inertia import fit_parabolas, load_springs, shift_tip, stand_stiff
+from compplan.cell.inertia import find_inside, fit_parabolas, load_springs, shift_tip, stand_stiff
 from compplan.cell.judge import Judge
 from compplan.cell.wanted import Vote, read_strictest, vote_on_path
 from compplan.plan.bending import Bending
@@ -173,7 +173,8 @@ def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
     for j in np.flatnonzero(use > ROUNDING).tolist():
         found.append(f"{joints.names[j]} moves {use[j]:.3g} times as fast as robot.urdf allows")
     rests = np.zeros(len(q), bool) if driven.task.rests is None else driven.task.rests
-    rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:] & ~rests[1:-1] & (step[:-1] > 1e-6) & (step[1:] > 1e-6))
+    rows = find_inside(time, cutting)
+    rows = rows[~rests[rows]]
     if len(rows):
         push = np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.get("acceleration_scale", 1.0)
         most = push.max(axis=0)
@@ -226,8 +227,7 @@ def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
         return []
     task, cutting = driven.task, driven.cutting
     q = task.q_links
-    step = np.diff(driven.time)
-    rows = 1 + np.flatnonzero(cutting[1:-1] & cutting[2:] & (np.minimum(step[:-1], step[1:]) > 1e-6))
+    rows = find_inside(driven.time, cutting)
     if not len(rows):
         return []
     push = np.linalg.norm(fit_parabolas(q, driven.time, rows)[1], axis=1)
