@@ -129,6 +129,18 @@ def _predict_fresh(case: Path, done: Any, told: Table) -> Table:
     }
 
 
+def miss_figaroh(python: Path | None) -> str:
+    """Say why FIGAROH cannot be asked under an interpreter; "" where it can.
+
+    Args:
+        python: The interpreter, or None where none was given.
+    """
+    if python is None:
+        return 'no --figaroh-python was given: an interpreter with pip install "compplan[peers]"'
+    done = subprocess.run([str(python), "-c", "import figaroh"], capture_output=True, text=True, check=False)
+    return f"{python}: {(done.stderr.strip().splitlines() or ['no answer'])[-1]}" if done.returncode else ""
+
+
 def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
     """Ask FIGAROH's geometric calibration, which runs under an interpreter that has it.
 
@@ -147,7 +159,7 @@ def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
         )
         rows = {part: _unbent(case / f"{part}.csv", chain, register) for part in ("measurements", "fresh")}
         for part, file in (("measurements", "given"), ("fresh", "fresh")):
-            header, table, known, few = rows[part]
+            header, table, known, few, _ = rows[part]
             known = known if part == "fresh" else few
             lines = [",".join(header), *(",".join(map(repr, row)) for row in table[known].tolist())]
             (folder / f"{file}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -167,11 +179,12 @@ def ask_figaroh(case: Path, python: Path, register: list[str]) -> Table:
         "candidates": [],
         "seconds": answer["seconds"],
         "fresh_updated": fresh,
+        "fresh_nominal": rows["fresh"][4],
     }
 
 
-def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], Any, Any, Any]:
-    """Return joints and unbent positions of a log: header, rows, which are known, and which FIGAROH is given."""
+def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], Any, Any, Any, list[float | None]]:
+    """Return joints and unbent positions of a log (header, rows), which are known, which it is given, nominal gaps."""
     from benchmarks.rival.chain import load_chain
     from benchmarks.rival.greedy import fit_frames
     from benchmarks.rival.log import read_log
@@ -186,7 +199,9 @@ def _unbent(file: Path, chain: Any, register: list[str]) -> tuple[list[str], Any
     still = np.flatnonzero(log.known & ~log.moving)
     few = np.zeros(len(position), bool)
     few[still[:: max(1, len(still) // FIGAROH_ROWS)]] = True
-    return [*(s.name for s in moving), "x1", "y1", "z1"], np.hstack([joints, position]), log.known, few
+    target = bent.tip + np.einsum("nij,nj->ni", bent.attitude, frames.of_targets(log))
+    gap = distances(1e3 * log.position, 1e3 * (target @ frames.turn.T + frames.shift))
+    return [*(s.name for s in moving), "x1", "y1", "z1"], np.hstack([joints, position]), log.known, few, gap
 
 
 def read_points(file: Path) -> NDArray[np.float64]:

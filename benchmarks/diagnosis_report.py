@@ -3,7 +3,8 @@
     python -m benchmarks.diagnosis_report --suites DIR.. --labelled DIR --real DIR --out OUT
 
 Answers are kept one JSON a case in OUT, so that an interrupted run goes on. OUT/results.json, kept from an earlier
-commit, is the `--before` of a later run. FIGAROH needs an interpreter that has it (extra "peers"): --figaroh-python.
+commit, is the `--before` of a later run. FIGAROH needs an interpreter that has it (extra "peers"): --figaroh-python;
+without one every table says that it was not run, and why.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import click
 import numpy as np
 
 from benchmarks.answer_scores import CONFIDENT, Score, summarise
-from benchmarks.contestants import read_truth, write_whole
+from benchmarks.contestants import miss_figaroh, read_truth, write_whole
 from benchmarks.diagnosis_score import answer_all, list_cases, name_of, score_all, write_table
 from benchmarks.diagnosis_sections import (
     compare_classes,
@@ -50,7 +51,8 @@ class Study:
     def __init__(self, tree: Path, out: Path, figaroh: Path | None, workers: int) -> None:
         self.tree, self.out, self.workers = tree, out, workers
         self.names = ["product", "rival", "geometry"]
-        if figaroh is not None:
+        self.missed = miss_figaroh(figaroh)
+        if not self.missed:
             self.names.insert(2, f"figaroh={figaroh}")
 
     def ask(self, cases: Sequence[Path]) -> dict[str, dict[str, Table]]:
@@ -94,10 +96,10 @@ def _before(before: Table, suite: str) -> dict[str, Table]:
     return {"before": summaries["product"]} if summaries else {}
 
 
-def study_real(study: Study, real: Path, results: Table) -> Section:
-    """Answer a real campaign whole, mirrored, in halves and thinned."""
+def study_real(study: Study, real: Path, results: Table, wanted: tuple[str, ...] = ("",)) -> Section:
+    """Answer a real campaign whole, mirrored, in halves and thinned: the parts whose names begin as wanted."""
     suite = study.out / f"real_{real.name}"
-    parts = cut_campaign(real, suite)
+    parts = [part for part in cut_campaign(real, suite) if part.startswith(wanted)]
     cases = [suite / part for part in parts]
     answers = study.ask(cases)
     table = {
@@ -151,7 +153,8 @@ def describe_real(results: Table) -> list[str]:
     parts: Table = results.get("real", {})
     if not parts:
         return []
-    whole = [f"{word_of(name)} {row['true_mm']:.3g}" for name, row in parts["whole"].items() if row["true_mm"]]
+    first = "whole" if "whole" in parts else next(iter(parts))
+    whole = [f"{word_of(name)} {row['true_mm']:.3g}" for name, row in parts[first].items() if row["true_mm"]]
     rows = {part: row["product"] for part, row in parts.items() if row["product"]["true_mm"]}
     ratios = {part: row["stated_mm"] / row["true_mm"] for part, row in rows.items() if row["stated_mm"]}
     if not ratios:
@@ -159,7 +162,7 @@ def describe_real(results: Table) -> list[str]:
     least = min(ratios, key=lambda part: ratios[part])
     off = float(np.median([abs(ratio - 1.0) for ratio in ratios.values()]))
     return [
-        f"A real robot, rms of rows given to nobody, whole campaign: {', '.join(whole)} mm.",
+        f"A real robot, rms of rows given to nobody, {first.replace('_', ' ')} campaign: {', '.join(whole)} mm.",
         f"What the diagnosis states of itself is off by {100 * off:.0f} % in the median of {len(ratios)} parts, and "
         f"{ratios[least]:.2f} of the true error at the least ({least.replace('_', ' ')}).",
     ]
@@ -187,20 +190,22 @@ def describe_lede(results: Table) -> list[str]:
 @click.option(
     "--real", multiple=True, type=click.Path(path_type=Path, exists=True), help="Folder of a real campaign."
 )
+@click.option("--parts", multiple=True, help="Parts of real campaigns by how their names begin; all if left out.")
 @click.option("--product-tree", type=click.Path(path_type=Path, exists=True), default=Path(), show_default=True)
 @click.option("--figaroh-python", type=click.Path(path_type=Path, exists=True), help="Interpreter that has FIGAROH.")
 @click.option("--before", type=click.Path(path_type=Path, exists=True), help="results.json of an earlier run.")
 @click.option("--workers", type=click.IntRange(1, 2), default=2, show_default=True, help="Processes.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write.")
 def main(
-    suites: tuple[Path, ...], labelled: Path | None, real: tuple[Path, ...], product_tree: Path,
+    suites: tuple[Path, ...], labelled: Path | None, real: tuple[Path, ...], parts: tuple[str, ...], product_tree: Path,
     figaroh_python: Path | None, before: Path | None, workers: int, out: Path,
 ) -> None:  # fmt: skip
     """Make the page of the diagnosis beside its rivals."""
     out, tree = out.resolve(), product_tree.resolve()
     study = Study(tree, out, figaroh_python.absolute() if figaroh_python else None, workers)
     earlier = {} if before is None else json.loads(before.read_text(encoding="utf-8"))
-    results: Table = {"commit": commit_of(tree), "suites": {}}
+    not_run = f"not run: {study.missed}" if study.missed else ""
+    results: Table = {"commit": commit_of(tree), "figaroh": not_run or "run", "suites": {}}
     sections = study_suites(study, [s.resolve() for s in suites], earlier, results)
     if labelled is not None:
         cases = list_cases([labelled.resolve()])
@@ -209,10 +214,13 @@ def main(
         truths = [read_truth(case) for case in cases]
         sections.append(list_answers("Labelled campaigns, one by one", truths, scores))
     for folder in real:
-        sections.append(study_real(study, folder.resolve(), results))
+        sections.append(study_real(study, folder.resolve(), results, parts or ("",)))
     for name, summaries in results["suites"].items():
         click.echo(f"\n{name}\n{write_table(summaries)}")
+    if not_run:
+        click.echo(f"FIGAROH: {not_run}")
     facts = [("product", f"commit {results['commit']}"), ("suites", ", ".join(s.name for s in suites) or "none")]
+    facts.append(("FIGAROH", results["figaroh"]))
     if earlier:
         facts.append(("before", f"commit {earlier.get('commit', 'not known')}"))
     write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")

@@ -32,6 +32,8 @@ from benchmarks.contestants import (
 Table = dict[str, Any]
 #: Contestants that are no product: asked in this process.
 PLAIN = {"rival": ask_rival, "geometry": ask_calibration}
+#: Contestants that name no effect, and the classes that they are scored in.
+NAMELESS, PREDICTED = ("figaroh", "geometry"), ("later campaign", "no answer")
 
 
 def list_cases(suites: Sequence[Path]) -> list[Path]:
@@ -95,10 +97,13 @@ def write_table(summaries: dict[str, Table]) -> str:
     names = list(summaries)
     lines = ["| class | " + " | ".join(names) + " |", "|---|" + "---|" * len(names)]
     for key in summaries[names[0]]["shares"]:
-        lines.append(f"| {key} | " + " | ".join(_cell(summaries[n]["shares"][key]) for n in names) + " |")
+        told = [n not in NAMELESS or key.startswith(PREDICTED) for n in names]
+        cells = [_cell(summaries[n]["shares"][key]) if t else "-" for n, t in zip(names, told, strict=True)]
+        lines.append(f"| {key} | " + " | ".join(cells) + " |")
     for key, value in summaries[names[0]].items():
         if value is None or isinstance(value, float):
-            numbers = [summaries[n][key] for n in names]
+            blind = NAMELESS if key.startswith("false_names") else ()
+            numbers = [None if n in blind else summaries[n][key] for n in names]
             lines.append(f"| {key} | " + " | ".join("-" if v is None else f"{v:.3g}" for v in numbers) + " |")
     return "\n".join(lines) + "\n"
 

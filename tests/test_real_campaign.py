@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.contestants import read_points
+from benchmarks.answer_scores import summarise
+from benchmarks.contestants import miss_figaroh, read_points
 from benchmarks.diagnosis_report import describe_real
+from benchmarks.diagnosis_score import write_table
 from benchmarks.real_campaign import BLOCK, cut_campaign, repeat_claims
 from benchmarks.rival.chain import load_chain, read_chain
 
@@ -87,3 +89,17 @@ def test_the_page_says_how_far_the_stated_error_of_a_real_robot_is_off() -> None
     first, second = describe_real({"real": parts})
     assert "whole campaign: product 0.2 mm" in first
     assert "off by 10 % in the median of 3 parts, and 0.50 of the true error at the least (thin 015)" in second
+
+
+def test_a_contestant_that_is_not_there_or_names_nothing_is_shown_as_such(tmp_path: Path) -> None:
+    assert "--figaroh-python" in miss_figaroh(None)
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho 'No module named figaroh' >&2; exit 1\n", encoding="utf-8")
+    python.chmod(0o755)
+    assert miss_figaroh(python) == f"{python}: No module named figaroh"
+    summary = summarise([])
+    summary["shares"] = {key: {**part, "count": 2, "hits": 1, "low": 0.1, "share": 0.5, "high": 0.9}
+                         for key, part in summary["shares"].items()}  # fmt: skip
+    rows = {line.split(" | ")[0]: line for line in write_table({"product": summary, "geometry": summary}).splitlines()}
+    assert rows["| singles placed"].endswith("| 1/2 = 50 % (10-90) | - |")
+    assert rows["| no answer"].endswith("| 1/2 = 50 % (10-90) | 1/2 = 50 % (10-90) |")

@@ -69,15 +69,19 @@ def write_page(name: str, page: ModuleType, found: Findings, seconds: float, fol
 @click.option("--out", type=click.Path(path_type=Path), default=ROOT / "docs" / "results", help="Folder of the pages.")
 @click.option("--work", type=click.Path(path_type=Path), help="Folder to keep what the benchmarks leave.")
 @click.option("--real", type=click.Path(path_type=Path, exists=True), help="Folder of measured campaigns.")
-def main(names: tuple[str, ...], out: Path, work: Path | None, real: Path | None) -> None:
+@click.option("--figaroh-python", type=click.Path(path_type=Path, exists=True), help="Interpreter that has FIGAROH.")
+def main(
+    names: tuple[str, ...], out: Path, work: Path | None, real: Path | None, figaroh_python: Path | None
+) -> None:  # fmt: skip
     """Measure and write the pages NAMES (all)."""
     for name in names or PAGES:
         with tempfile.TemporaryDirectory() as folder:
             place = (work or Path(folder)) / name
             place.mkdir(parents=True, exist_ok=True)
+            settings = Settings(place.resolve(), real and real.resolve(), figaroh_python and figaroh_python.absolute())
             start = time.monotonic()
             try:
-                found = PAGES[name].measure(Settings(place.resolve(), real and real.resolve()))
+                found = PAGES[name].measure(settings)
             except MissingError as reason:
                 click.echo(f"{name}: not measured: {reason}", err=True)
                 continue

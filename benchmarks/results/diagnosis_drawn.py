@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 
+from benchmarks.diagnosis_score import write_table
+from benchmarks.diagnosis_sections import word_of
 from benchmarks.results.findings import ROOT, Findings, Settings, run_benchmark
 
 TITLE = "Diagnosis: does it name the hidden effect?"
 QUESTION = "On drawn campaigns whose effects are withheld: how often is the right effect named at its place?"
 METHOD = (
     "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither the "
-    "product nor the other generator. `benchmarks.diagnosis_score` asks the product by its command line, and a plain "
-    "rival: least squares with the whole vocabulary, greedy, with BIC. Shares stand with 95 % Wilson intervals."
+    "product nor the other generator. `benchmarks.diagnosis_report` asks the product by its command line, a plain "
+    "rival (least squares with the whole vocabulary, greedy, with BIC), a plain calibration (geometry: all lengths, "
+    "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares stand with 95 % Wilson "
+    "intervals."
 )
 LIMITS = (
     "Drawn robots. What measured robots show stands in [diagnosis_real](diagnosis_real.md).",
     "Generator and vocabulary share the list of effects of the file format.",
     "Few campaigns: the intervals are wide.",
 )
-SEEDS = "200:236"
+SEEDS = "200:289"
 SINGLES, DOUBLES = "singles placed", "doubles complete"
 NOTHING, SURE = "nothing there or everyday errors: no false name", "wrong among claims stated .8 and more"
 
@@ -26,11 +30,13 @@ NOTHING, SURE = "nothing there or everyday errors: no false name", "wrong among 
 def measure(settings: Settings) -> Findings:
     """Draw, ask and score."""
     run_benchmark("benchmarks.outsider", "--seeds", SEEDS, "--out", settings.work / "suite")
-    run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT,
-                  "--name", "compplan", "--out", settings.work / "scores")  # fmt: skip
-    scores = json.loads((settings.work / "scores" / "scores.json").read_text("utf-8"))
-    table = (settings.work / "scores" / "scores.md").read_text("utf-8").split("\n\n")[0]
-    ours, rival = scores["compplan"]["shares"], scores["rival"]["shares"]
+    peer = ["--figaroh-python", settings.figaroh] if settings.figaroh else []
+    run_benchmark("benchmarks.diagnosis_report", "--suites", settings.work / "suite", "--product-tree", ROOT, *peer,
+                  "--out", settings.work / "scores")  # fmt: skip
+    results = json.loads((settings.work / "scores" / "results.json").read_text("utf-8"))
+    scores = results["suites"]["suite"]
+    table = write_table({"compplan" if name == "product" else name: found for name, found in scores.items()}).strip()
+    ours, rival = scores["product"]["shares"], scores["rival"]["shares"]
 
     def beside(key: str) -> str:
         return f"{_hits(ours[key])} (plain rival {_hits(rival[key])})"
@@ -39,12 +45,17 @@ def measure(settings: Settings) -> Findings:
         f"{key}: {_hits(ours[key])}, the plain rival {_hits(rival[key])}."
         for key in ours if ours[key]["count"] and rival[key]["count"] and _loses(key, ours[key], rival[key])
     ]  # fmt: skip
+    if results["figaroh"] != "run":
+        worse.append(f"FIGAROH was {results['figaroh']}.")
     return Findings(
         (
             f"Single effects are named at their place in {beside(SINGLES)}.",
             f"Pairs of effects are named completely in {beside(DOUBLES)}.",
             f"Where nothing is wrong, nothing is named in {beside(NOTHING)}.",
             f"Claims stated with .8 and more are wrong in {beside(SURE)}.",
+            "Error of a later campaign over its noise floor, median: "
+            + ", ".join(f"{word_of(name)} {found['fresh_over_floor_median']:.2f}" for name, found in scores.items())
+            + f", nominal robot {scores['product']['nominal_over_floor_median']:.2f}.",
         ),
         (table,),
         tuple(worse),

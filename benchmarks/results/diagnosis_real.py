@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.contestants import ask_calibration, frames_of, read_truth
+from benchmarks.contestants import ask_calibration, ask_figaroh, frames_of, miss_figaroh, read_truth
 from benchmarks.results.findings import ROOT, Findings, MissingError, Settings, draw_table, run_benchmark
 
 TITLE = "Diagnosis of measured robots"
 QUESTION = "On tracker campaigns of real robots: how far are poses that chose nothing from the updated robot model?"
 METHOD = (
     "`--real DIR` names folders with `robot/`, `measurements.csv` and `fresh.csv`. The diagnosis, a plain rival "
-    "(greedy, BIC) and a plain calibration of all lengths, zeros and compliances see `measurements.csv`, whole and "
-    "thinned by a fixed draw; `fresh.csv` chose nothing. Frames are fitted to the fresh rows, the same for all."
+    "(greedy, BIC), a plain calibration of all lengths, zeros and compliances and FIGAROH's geometric calibration "
+    "(`--figaroh-python`) see `measurements.csv`, whole and thinned by a fixed draw; `fresh.csv` chose nothing. Frames "
+    "are fitted to the fresh rows, the same for all."
 )
 LIMITS = (
     "The campaigns are published ones and are no part of this project (their licences ask for their notices).",
@@ -46,7 +47,8 @@ def measure(settings: Settings) -> Findings:
         _cut_cases(source, settings.work / "suite")
     run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT,
                   "--name", "compplan", "--out", settings.work / "scores")  # fmt: skip
-    rows, ratio, stated, found, silent = [], [], [], [], []
+    missed = miss_figaroh(settings.figaroh)
+    rows, ratio, stated, found, silent = [], [], [], [], [f"FIGAROH: not run: {missed}."] if missed else []
     for case in sorted((settings.work / "suite").iterdir()):
         name, ours = case.name, _read(settings.work / "scores" / "compplan", case)
         if "fresh_updated" not in ours:
@@ -54,7 +56,10 @@ def measure(settings: Settings) -> Findings:
             continue
         rival = _read(settings.work / "scores" / "rival", case)
         fresh, other = _rms(ours["fresh_updated"]), _rms(rival["fresh_updated"])
-        plain = _rms(ask_calibration(case, frames_of(read_truth(case)))["fresh_updated"])
+        frames = frames_of(read_truth(case))
+        plain = _rms(ask_calibration(case, frames)["fresh_updated"])
+        peer = ask_figaroh(case, settings.figaroh, frames) if settings.figaroh and not missed else {}
+        figaroh = f"{_rms(peer['fresh_updated']):.3f}" if "fresh_updated" in peer else "-"
         nominal = _rms(ours["fresh_nominal"])
         told = ours["gap"].get("held_out_after_rms_mm") or np.nan
         ratio.append(fresh / min(other, plain))
@@ -64,9 +69,9 @@ def measure(settings: Settings) -> Findings:
         )
         hits, count = count_published(name, ours["verdict"]["effects"])
         found.append((name, hits, count))
-        rows.append((name, f"{nominal:.3f}", f"{fresh:.3f}", f"{other:.3f}", f"{plain:.3f}", f"{told:.3f}",
+        rows.append((name, f"{nominal:.3f}", f"{fresh:.3f}", f"{other:.3f}", f"{plain:.3f}", figaroh, f"{told:.3f}",
                      ours["verdict"]["status"], named or "-", f"{hits} of {count}"))  # fmt: skip
-    words = ("nominal", "compplan", "plain rival", "plain calibration", "compplan states")
+    words = ("nominal", "compplan", "plain rival", "plain calibration", "FIGAROH", "compplan states")
     head = ("campaign", *(f"{word}, mm" for word in words), "verdict", "named", "published causes named")
     whole = [(hits, count) for name, hits, count in found if name.endswith("_whole")]
     return Findings(
@@ -87,7 +92,7 @@ def measure(settings: Settings) -> Findings:
             if r > 1.05
         )
         + tuple(
-            f"{row[0]}: {row[5]} mm stated, {row[2]} mm true." for row, s in zip(rows, stated, strict=True) if s < 0.8
+            f"{row[0]}: {row[6]} mm stated, {row[2]} mm true." for row, s in zip(rows, stated, strict=True) if s < 0.8
         ),
     )
 

@@ -20,10 +20,12 @@ class Settings:
     Attributes:
         work: Folder for what the benchmarks leave.
         real: Folder of measured campaigns that are not part of the project, or None.
+        figaroh: Interpreter that has FIGAROH, or None.
     """
 
     work: Path
     real: Path | None = None
+    figaroh: Path | None = None
 
 
 @dataclass(frozen=True)
