@@ -150,7 +150,24 @@ def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -
     program = replace(make_program(1e3 * path.position, np.arange(len(path)) * 0.1), line_of=path.line)
     write_program(program, "rapid", tmp_path / "out", any_brand=True)
     text = (tmp_path / "out" / "path_L_1.mod").read_text()
-    assert "! CAM line 4\n" in text and "! CAM line 7\n" in text
+    lines = [line.strip() for line in text.splitlines()]
+    assert lines.count("! CAM line 4") == 1 and lines.count("! CAM line 7") == 1  # on lines of their own
+    assert lines[lines.index("! CAM line 5") + 1].startswith("MoveC [[")
+
+
+def test_no_arc_is_flatter_or_shorter_than_rapid_takes() -> None:
+    # through CirPoint and ToPoint the start sees at least 1 degree, and CirPoint lies 0.1 mm from it
+    along = np.linspace(0.0, 10.0, 401)
+    for radius, arcs in ((20.0, True), (400.0, False), (0.15, False)):
+        place = circle(np.minimum(along / radius, 2.0), radius) if radius > 1.0 else circle(along[:13] / radius, radius)
+        fitted = fit_moves(make_program(place, 0.1 * np.arange(len(place))))
+        some = fitted.program
+        assert some.via is not None and some.arcs.any() == arcs
+        for k in np.flatnonzero(some.arcs):
+            start, end = place[fitted.rows[k - 1]], place[fitted.rows[k]]
+            first, second = 1e3 * some.via[k, :3, 3] - start, end - start
+            angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
+            assert np.degrees(angle) >= 1.0 and np.linalg.norm(first) >= 0.1
 
 
 def _write(file: Path, text: str) -> Path:

@@ -140,6 +140,25 @@ def test_fanuc_programs_hold_joints_and_feeds(tmp_path: Path) -> None:
     assert re.findall(r"CALL (\w+)", files[-1].read_text()) == [file.stem for file in files[:-1]]
 
 
+def test_a_fanuc_move_below_a_millimetre_a_second_is_in_the_unit_that_takes_it(tmp_path: Path) -> None:
+    # a linear speed is 1 to 2000 mm/sec or 1 to 12000 cm/min
+    program = make_program("fanuc_m10ia")
+    slow = replace(program, feed=np.where(program.rapid, program.feed, np.linspace(0.1, 1.2, len(program))))
+    file = write_program(slow, "fanuc_ls", tmp_path)[0]
+    said = re.findall(rf":L P\[\d+\] ({NUMBER})(\S+) ", file.read_text())
+    assert {unit for _, unit in said} == {"mm/sec", "cm/min"} and min(float(value) for value, _ in said) >= 1.0
+    read = [move.feed for move in read_fanuc(file) if move.kind == "line"]
+    assert read == pytest.approx(np.maximum(slow.feed[~slow.rapid], 1.0 / 6.0), abs=0.051)
+
+
+def test_the_load_of_a_universal_robot_is_set_by_the_word_of_its_controller(tmp_path: Path) -> None:
+    for name, word in (("ur10", "set_payload"), ("ur10e", "set_target_payload")):
+        program = replace(make_program(name), mass=2.0, centre=np.array([0.0, 0.0, 0.05]))
+        file = write_program(program, "urscript", tmp_path / name)[-1]
+        assert f"\n  {word}(2.000, [0.000000, 0.000000, 0.050000])\n" in file.read_text()
+        assert read_urscript(file)[-1].load == (2.0, 0.0, 0.0, 50.0)
+
+
 @pytest.mark.parametrize("name", ["ur10", "kuka_kr240_rail"])
 def test_rapid_modules_hold_joints_feeds_and_external_axes(tmp_path: Path, name: str) -> None:
     program = make_program(name)

@@ -109,9 +109,9 @@ def test_nothing_is_said_of_a_program_that_holds_everything(tmp_path: Path) -> N
 def test_feeds_that_a_language_rounds_are_counted(tmp_path: Path) -> None:
     program = make_program(tmp_path / "fanuc_ls", "fanuc_ls")
     slow = replace(program, feed=np.array([0.15, 12.5]))
-    expected = "feeds are written in steps of 0.1 mm/s: 1 are off by more than 1 %, the slowest is 0.15 mm/s"
-    assert describe_program(slow, "fanuc_ls") == [f"fanuc_ls: {expected}"]
-    assert f"inform: {expected}" in describe_program(slow, "inform")
+    said, rest = "feeds are written in steps of 0.1 mm/s", ": 1 are off by more than 1 %, the slowest is 0.15 mm/s"
+    assert describe_program(slow, "fanuc_ls") == [f"fanuc_ls: {said}, below 1 mm/s of 0.1 cm/min{rest}"]
+    assert f"inform: {said}{rest}" in describe_program(slow, "inform")
 
 
 def test_swings_are_told_by_waypoint(tmp_path: Path) -> None:

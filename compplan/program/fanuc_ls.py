@@ -28,8 +28,8 @@ MOST = 1000
 #: A teach pendant program takes 36 letters (R-30iB; older ones 8), a remark 32.
 LONGEST_NAME = 26
 LONGEST_REMARK = 32
-#: Greatest and smallest linear speed that the language takes [mm/s].
-FASTEST, SLOWEST = 2000.0, 0.1
+#: Greatest and least linear speed in mm/sec; slower ones are in cm/min, at least SLOWEST of these.
+FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
 CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}, int), 99
 MOVES_PART = True
@@ -95,7 +95,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of feeds, and where there is no program with positions."""
-    notes = describe_feeds(program, 0.1)
+    slow = np.maximum(np.round(6.0 * program.feed, 1), SLOWEST) / 6.0
+    written = np.where(program.feed >= SLOW, np.round(program.feed, 1), slow)
+    notes = describe_feeds(program, written, "0.1 mm/s, below 1 mm/s of 0.1 cm/min")
     if configurations(program) is None and not program.moves_part:
         notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
     return notes
@@ -165,8 +167,12 @@ def _move(program: Program, row: int, number: int, alone: bool, share: int, via:
     if alone:
         return f"J P[{number}] 20% FINE ;"
     manner = f"{f'CNT{share}' if share else 'FINE'}{' COORD' if program.moves_part else ''}"
-    end = f"P[{number}] {max(program.feed[row], SLOWEST):.1f}mm/sec {manner} ;"
+    end = f"P[{number}] {_speed(program.feed[row])} {manner} ;"
     return f"L {end}" if via is None else f"C P[{via}]\n    :  {end}"
+
+
+def _speed(feed: float) -> str:
+    return f"{feed:.1f}mm/sec" if feed >= SLOW else f"{max(6.0 * feed, SLOWEST):.1f}cm/min"
 
 
 def _external(program: Program, row: int) -> list[str]:

@@ -30,6 +30,7 @@ from compplan.program.shapes import (
     follow_arc,
     follow_curve,
     follow_line,
+    is_flat,
 )
 
 #: Kinds of moves beside arcs, which are called by a row that they go by.
@@ -197,9 +198,9 @@ class _Track:
         end, kind = self._search(at, most, min(at + self.guess, most), lambda b: self.fits(at, b, LINE)), LINE
         if self.arcs and end < most:
             begin = max(end + 1, min(at + max(self.guess, ARC_ROWS), most))
-            far = self._search(at, most, begin, lambda b: self.fits(at, b, self._find_middle(at, b)))
-            if far > end and far - at >= ARC_ROWS:
-                end, kind = far, self._find_middle(at, far)
+            far = self._search(at, most, begin, lambda b: self.fits(at, b, self._find_middle(at, b), True))
+            if far > end and far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
+                end, kind = far, middle
         if self.curves and end < most:
             begin = max(end + 1, min(at + max(self.guess, CURVE_ROWS), most))
             far = self._search(at, most, begin, lambda b: self.fits(at, b, CURVE))
@@ -260,11 +261,14 @@ class _Track:
         """Return the row that lies nearest to half of the way."""
         return int(np.clip(np.searchsorted(self.along, 0.5 * (self.along[a] + self.along[b])), a + 1, b - 1))
 
-    def fits(self, a: int, b: int, kind: int) -> bool:
-        """Tell whether all rows between two lie near enough to a line, an arc by a middle row, or a cubic."""
+    def fits(self, a: int, b: int, kind: int, flat: bool = False) -> bool:
+        """Tell whether all rows between two lie near enough to a line, an arc by a middle row, or a cubic.
+
+        `flat` takes arcs that are too flat or too short for controllers, on the way to farther rows.
+        """
         if b - a < 2:
             return True
-        found = self._follow(a, b, kind)
+        found = self._follow(a, b, kind, flat)
         if found is None:
             return False
         off, share = found
@@ -275,14 +279,17 @@ class _Track:
             return False
         return bool(self._measure_turn(a, b, share) <= TURN)
 
-    def _follow(self, a: int, b: int, kind: int) -> tuple[Array, Array] | None:
+    def _follow(self, a: int, b: int, kind: int, flat: bool) -> tuple[Array, Array] | None:
         """Return how far rows lie from a move, and at which share of it; None where there is no such move."""
         x, along = self.x[a : b + 1], self.along[a : b + 1]
         if kind == LINE:
             return follow_line(x)
-        if b - a < (CURVE_ROWS if kind == CURVE else ARC_ROWS) or along[-1] - along[0] < ARC_LENGTH:
+        if b - a < (CURVE_ROWS if kind == CURVE else ARC_ROWS) or (not flat and along[-1] - along[0] < ARC_LENGTH):
             return None
-        return follow_curve(x, along, self.bend(a, b)) if kind == CURVE else follow_arc(x, find_via(x, kind - a))
+        if kind == CURVE:
+            return follow_curve(x, along, self.bend(a, b))
+        via = find_via(x, kind - a)
+        return None if not flat and is_flat(x[0], via, x[-1]) else follow_arc(x, via)
 
     def bend(self, a: int, b: int) -> Array:
         """Return the derivatives of the cubic between two rows by its share. Shape (2, 3). [mm]"""

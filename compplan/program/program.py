@@ -392,12 +392,10 @@ def joint_percent(program: Program) -> Array:
     return np.clip(percent, 1.0, 100.0)
 
 
-def describe_feeds(program: Program, step: float) -> list[str]:
-    """Return what must be said where a language writes feeds in steps [mm/s] and some are off by more than 1 %."""
-    written = np.maximum(np.round(program.feed / step) * step, step)
+def describe_feeds(program: Program, written: Array, steps: str) -> list[str]:
+    """Return what must be said where a language writes feeds in steps and some [mm/s] are off by more than 1 %."""
     wrong = ~program.rapid & (np.abs(written - program.feed) > 0.01 * program.feed)
     if not wrong.any():
         return []
     count, slowest = int(np.count_nonzero(wrong)), program.feed[wrong].min()
-    steps = f"feeds are written in steps of {step:g} mm/s"
-    return [f"{steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]
+    return [f"feeds are written in steps of {steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]

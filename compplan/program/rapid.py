@@ -126,7 +126,7 @@ def _joint_target(program: Program, row: int) -> str:
 def _linear_moves(program: Program, name: str) -> list[str]:
     positions, turns = program.positions, quaternions(program.positions)
     alone, stops = program.alone(linear=True).tolist(), program.stops(linear=True).tolist()
-    arcs, via, moves = program.arcs.tolist(), program.via_positions, list[str]()
+    arcs, via, moves, said = program.arcs.tolist(), program.via_positions, list[str](), ""
     zones = [_zone(zone) for zone in find_zones(program, ZONES["rapid"])[1].tolist()]
     seen = f"{program.post.tool or f't_{name}'}\\WObj:={program.post.base or f'w_{name}'}"
     for row, (place, turn, configuration) in enumerate(
@@ -142,8 +142,9 @@ def _linear_moves(program: Program, name: str) -> list[str]:
                 target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
         manner = _manner(program, row, alone[row], stops[row], zones[row])
         note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
-        cam = "" if alone[row] else program.say_line(row, "!")
-        moves.append(f"{note}    {target},{manner},{seen};{cam}")
+        if not alone[row] and (cam := program.say_line(row, "!")) != said:
+            note, said = f"{note}   {cam}\n" if cam else note, cam
+        moves.append(f"{note}    {target},{manner},{seen};")
     return moves
 
 

@@ -12,9 +12,11 @@ import numpy as np
 from compplan.files.tables import Array
 
 #: Rows that an arc has to go by, its length [mm], greatest radius [mm], and greatest sweep [rad].
-ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.25, 2e4, float(np.radians(170.0))
+ARC_ROWS, ARC_LENGTH, ARC_RADIUS, ARC_SWEEP = 2, 0.5, 2e4, float(np.radians(170.0))
 #: Least share of an arc at which the point between may lie, at either end.
 MIDDLE = 0.2
+#: Least angle that the point between and the end make at the start. RAPID asks for it, as for 0.1 mm between. [rad]
+ARC_ANGLE = float(np.radians(1.0))
 #: Rows that a cubic has to go by.
 CURVE_ROWS = 4
 
@@ -50,6 +52,12 @@ def follow_arc(x: Array, via: Array) -> tuple[Array, Array] | None:
         return None
     bulge = radius * (1.0 - np.cos(0.5 * np.diff(angle, prepend=0.0)))
     return np.maximum(np.hypot(np.hypot(along, aside) - radius, height), bulge), angle / sweep
+
+
+def is_flat(start: Array, via: Array, end: Array) -> bool:
+    """Tell whether controllers may refuse an arc as too flat. Shape (3,) each."""
+    first, second = via - start, end - start
+    return bool(np.linalg.norm(np.cross(first, second)) < np.tan(ARC_ANGLE) * (first @ second))
 
 
 def follow_curve(x: Array, along: Array, bend: Array) -> tuple[Array, Array]:

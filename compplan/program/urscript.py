@@ -18,6 +18,8 @@ from compplan.program.zones import ZONES, find_zones
 
 name = "urscript"
 BRAND = "Universal Robots"
+#: What sets the load: controllers of the e-Series deprecate what CB3 alone knows.
+PAYLOAD = {"Universal Robots CB3": "set_payload"}
 #: Points in a program where the job says nothing.
 MOST = 2000
 LONGEST_NAME = 40
@@ -90,6 +92,7 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
         words = {
             "name": part, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
             "tool": _poses((np.eye(4) if program.tool is None else program.tool)[None])[0], "load": load,
+            "set_payload": PAYLOAD.get(program.controller, "set_target_payload"),
             "base": _poses(program.base_frame[None])[0], "first": rows.start == 0, "last": rows.stop == len(program),
             "moves": moves[rows],
         }  # fmt: skip

@@ -37,9 +37,9 @@ class _Fanuc:
         for line in re.findall(r"^ *\d+: *([^;]*?) *;", body, re.M):
             if act := read_action(line):
                 self.moves.append(act)
-            elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec) (FINE|CNT\d+)( COORD)?", line):
+            elif match := re.fullmatch(rf"([JL]) P\[(\d+)\] ({NUMBER})(%|mm/sec|cm/min) (FINE|CNT\d+)( COORD)?", line):
                 self.move(match[1], points[int(match[2])], *(float(match[3]), match[4], match[5]), carried=match[6])
-            elif match := re.fullmatch(rf"C P\[(\d+)\]\n +: +P\[(\d+)\] ({NUMBER})(mm/sec) (FINE|CNT\d+)", line):
+            elif match := re.fullmatch(rf"C P\[(\d+)\]\n +: +P\[(\d+)\] ({NUMBER})(mm/sec|cm/min) (FINE|CNT\d+)", line):
                 self.move("C", points[int(match[2])], float(match[3]), match[4], match[5], points[int(match[1])])
             elif match := re.fullmatch(r"CALL (\w+)", line):
                 self.run(path.with_name(f"{match[1]}.LS"))
@@ -77,7 +77,7 @@ class _Fanuc:
             configuration = tuple(text.replace(",", " ").split())
         ((frame, tool),) = re.findall(r"UF : (\d+), UT : (\d+)", point)
         assert self.active == {"UFRAME": f"UFRAME[{frame}]", "UTOOL": f"UTOOL[{tool}]"}
-        feed, percent = (None, speed) if unit == "%" else (speed, None)
+        feed, percent = (None, speed) if unit == "%" else (speed / 6.0 if unit == "cm/min" else speed, None)
         external = tuple(values[key] for key in sorted(values) if key.startswith("E"))
         for text in others:
             external += tuple(float(number) for number in re.findall(rf"J\d= *({NUMBER}) deg", text))

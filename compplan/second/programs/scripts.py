@@ -46,7 +46,7 @@ def _run_script(path: Path) -> list[Move]:
             frames["tool"] = vector_pose(*read_numbers(match[1]))
         elif match := re.fullmatch(r"part = p\[(.*)\]", line):
             frames["part"] = vector_pose(*read_numbers(match[1]))
-        elif match := re.fullmatch(rf"set_payload\(({NUMBER}), \[(.*)\]\)", line):
+        elif match := re.fullmatch(rf"set_(?:target_)?payload\(({NUMBER}), \[(.*)\]\)", line):
             load = (float(match[1]), *(value * 1e3 for value in read_numbers(match[2])))
         elif re.fullmatch(r"part = \w+", line):
             frames["part"] = None
