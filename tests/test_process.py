@@ -117,8 +117,10 @@ def test_the_side_of_the_material_mirrors_the_cut() -> None:
 def test_wrench_columns_are_used_as_they_are_or_missed(tmp_path: Path) -> None:
     nominal = replace(circle(), wrench=np.ones((400, 6)))
     assert predict_wrench(ColumnsProcess(), nominal) == pytest.approx(1)
-    with pytest.raises(InputError, match="missing column fx_N"):
-        predict_wrench(ColumnsProcess(), circle())
+    for source, said in (("p.csv", "p.csv:1: missing column fx_N"), ("p.nc", "p.nc: no force is told along this path")):
+        step = rf"{said}, .*fx_N fy_N fz_N.*\[process\].*init NEW.toml --toolpath {source}"
+        with pytest.raises(InputError, match=step):
+            predict_wrench(ColumnsProcess(), replace(circle(), source=source))
     assert predict_wrench(ColumnsProcess(required=False), circle()) == pytest.approx(0)
 
 

@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
 import compplan.plan.bending as bending
+import compplan.posture.lattice as lattice
 import compplan.second.cam as second_reader
 from compplan.cell.inertia import fit_parabolas
 from compplan.cell.judge import build_judge
 from compplan.job.job import Job, ToolTable, check_job, load_job
+from compplan.outputs.plan import write_plan
 from compplan.path.toolpath import Toolpath, place_toolpath
 from compplan.plan import executed
 from compplan.plan.plan import plan_job
@@ -57,6 +60,23 @@ def test_a_sound_plan_is_confirmed_by_all_votes(job: Job) -> None:
     plan = plan_job(job)
     assert (plan.status, plan.breaches) == ("solved", ())
     assert not [note for note in plan.notes if "not checked" in note]
+
+
+def test_a_tool_that_leans_takes_its_x_along_and_a_kept_program_stands_so_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "part.nc").write_text(NC)
+    leaning = '[plan]\nrotate_about_tool_axis = false\n[posture]\nlead_deg = 8.0\nlean_deg = 8.0\n'
+    (tmp_path / "part.toml").write_text(JOB + leaning)
+    plan = plan_job(load_job(tmp_path / "part.toml"))
+    leant = np.arccos(np.clip((plan.task.nominal.axis * plan.task.upright).sum(axis=1), -1.0, 1.0))
+    assert np.degrees(leant).max() > 5.0 and plan.breaches == ()
+    write_plan(plan, tmp_path / "first")
+    again = plan_job(load_job(tmp_path / "part.toml", keep=str(tmp_path / "first")))
+    assert "first" in " ".join(again.task.start.notes) and again.breaches == ()
+    turn, true = Rotation.from_rotvec([0.0, 0.0, np.radians(0.3)]).as_matrix(), lattice.tool_axes
+    monkeypatch.setattr(lattice, "tool_axes", lambda *words: true(*words) @ turn)
+    assert "turned 0.3 deg about its axis" in " ".join(plan_job(load_job(tmp_path / "part.toml")).breaches)
 
 
 def test_own_weight_is_no_bending_by_the_process() -> None:

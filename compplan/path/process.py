@@ -57,8 +57,7 @@ def predict_wrench(
     if isinstance(process, ColumnsProcess):
         if nominal.wrench is None:
             if process.required:
-                message = "missing column fx_N: process.model = \"columns\" takes the wrench from the toolpath file"
-                raise InputError(message, file=nominal.source or None, where=1)
+                raise _tell_no_force(nominal.source)
             return np.zeros((len(nominal), 6))
         return nominal.wrench
     if isinstance(process, ConstantProcess):
@@ -78,6 +77,18 @@ def predict_wrench(
     else:
         raise ShapeError(f"the table of force model {process.model!r} is of no kind that has a force")
     return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
+
+
+def _tell_no_force(source: str) -> InputError:
+    """Say that neither the toolpath nor the job tells a force, and what does."""
+    table = source.lower().endswith(".csv")
+    known = "missing column fx_N" if table else "no force is told along this path"
+    message = (
+        f"{known}, expected columns fx_N fy_N fz_N in a CSV, or a table [process] with another model in the job; "
+        f"compplan init NEW.toml --toolpath {Path(source).name or 'PATH'} writes a job with one, and "
+        'process = { model = "columns", required = false } plans without a force'
+    )
+    return InputError(message, file=source or None, where=1 if table else None)
 
 
 def describe_process(process: Process, nominal: Toolpath, cutting: CuttingForce | None = None) -> tuple[str, ...]:

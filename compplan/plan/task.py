@@ -127,6 +127,12 @@ class PlanTask:
         return self.position - interpolate(self.origin, every, aside)
 
     @property
+    def upright(self) -> Array:
+        """Tool axis as programmed, tip to spindle: that of `nominal` but for its leans. Shape (n, 3)."""
+        axis = None if self.start is None else self.start.upright
+        return self.nominal.axis if axis is None else interpolate(self.origin, np.arange(len(axis)), axis)
+
+    @property
     def pace(self) -> Array:
         """Factor by which the start asks the run to be slower than it could be. Shape (n,)."""
         pace = None if self.start is None else self.start.pace

@@ -102,9 +102,12 @@ def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
         return []
     wanted = np.asarray(driven.tables.get("plan", {}).get("tool_x", (1.0, 0.0, 0.0)), float)
     towards = read_part(driven.tables.get("part") or {}).rotation @ wanted
-    axis = task.nominal.axis
-    flat = towards - (axis @ towards)[:, None] * axis
+    upright, axis = task.upright, task.nominal.axis
+    flat = towards - (upright @ towards)[:, None] * upright
     size = np.linalg.norm(flat, axis=1)
+    middle = upright + axis  # a lean takes x along: half a turn about the programmed axis, half one about the middle
+    for about in (upright, middle / np.linalg.norm(middle, axis=1, keepdims=True)):
+        flat = 2.0 * np.einsum("ni,ni->n", flat, about)[:, None] * about - flat
     sure = cut & (size > 0.05 * np.linalg.norm(towards))
     turned = np.where(sure, _angle(after.rotation[:, :, 0], flat / np.maximum(size, 1e-12)[:, None]) - 1.5 * bent, -1.0)
     worst = int(turned.argmax())

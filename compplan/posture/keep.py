@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import CompplanError, InputError
 from compplan.files.columns import FileColumn
@@ -223,13 +224,30 @@ def _follow_program(
             "long; keep the program of this path, or none", where="plan.keep",
         )  # fmt: skip
     place, length = nominal.arc_length * (ends[0] / max(ends[1], 1e-12)), program.length
-    near = interpolate(place, length, program.q)
+    near, upright = interpolate(place, length, program.q), None
     leaning = request is not None and (request.settings.lead > 0 or request.settings.lean > 0)
     if leaning:
         axis = interpolate(place, length, program.axis)
-        nominal = replace(nominal, axis=axis / np.linalg.norm(axis, axis=1, keepdims=True))
+        axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        rotation = lean_tool(rotation, axis)
+        upright, nominal = nominal.axis, replace(nominal, axis=axis)
     missed = np.zeros(len(nominal), bool)
-    return near, Start(nominal, near, rotation, {}, missed, None, request, (), of_program=True)
+    return near, Start(nominal, near, rotation, {}, missed, None, request, (), of_program=True, upright=upright)
+
+
+def lean_tool(rotation: Array, axis: Array) -> Array:
+    """Lean TCP frames by the least rotation that points their tool axis, against z, along another one.
+
+    Args:
+        rotation: Orientation of the TCP frame. Shape (n, 3, 3).
+        axis: Wanted tool axis, tip to spindle. Shape (n, 3).
+
+    """
+    before = -rotation[:, :, 2]
+    across = np.cross(before, axis)
+    angle = np.arctan2(np.linalg.norm(across, axis=1), np.einsum("ni,ni->n", before, axis))
+    turn = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None] * angle[:, None]
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
 
 
 def _stand_again(robot: Robot, start: Start) -> Start:

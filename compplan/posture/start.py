@@ -148,6 +148,7 @@ class Start:
         bettered: What the program made of the graph's posture, None where that is kept.
         pace: How the run goes beside the fastest one, None where it is that.
         aside: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
+        upright: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
 
     """
 
@@ -164,6 +165,7 @@ class Start:
     bettered: Bettered | None = None
     pace: Easing | None = None
     aside: Array | None = None
+    upright: Array | None = None
 
 
 def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
@@ -287,7 +289,8 @@ def stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
         found = stance.chatter
         words += (f"The posture is chosen with regard to chatter: the cut chatters at {found.at} of {found.of} "
                   f"waypoints that were looked at ({found.source}).",)  # fmt: skip
-    return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words)
+    return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words,
+                 upright=nominal.axis if leaning else None)  # fmt: skip
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
