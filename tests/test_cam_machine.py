@@ -159,6 +159,14 @@ def test_the_part_turns_under_the_tool_without_control_of_the_tip(read) -> None:
     assert cam.facts.cutting_moves == 2 and len(path) > 40
 
 
+def test_a_block_of_inverse_time_feed_lasts_as_long_as_it_says_however_the_part_turns(read) -> None:
+    options = {"rotary": "table", "rotary_centre_mm": [0.0, 0.0, 0.0]}
+    path = read("G21 G90\nG0 X30 Y0 Z5 C0\nG1 Z0 F60\nG93 G1 X40 C90 F2\n", ".nc", **options).toolpath
+    spent = path.steps / np.where(path.rapid[1:], np.inf, path.feed[1:])
+    assert spent[0] == pytest.approx(5.0)  # 5 mm at 60 mm/min
+    assert spent[1:].sum() == pytest.approx(30.0) and len(spent) > 20  # half a minute, in pieces
+
+
 def test_a_head_swings_its_tip_about_the_pivot(read) -> None:
     cam = read("G21 G90\nG0 X0 Y0 Z0 B90\nG1 X5 F60\n", ".nc", rotary="head", pivot_mm=100.0)
     assert rows(cam)[-1][:3] == (-95, 0, 100)

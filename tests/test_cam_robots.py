@@ -55,6 +55,12 @@ def test_krl_moves_are_read_with_their_speed(krl) -> None:
     assert (cam.facts.kind, cam.facts.cutting_moves, cam.facts.notes) == ("krl", 3, ())
 
 
+def test_krl_speed_for_one_move_holds_for_that_move(krl) -> None:
+    start = f"$VEL.CP=0.05\nPTP {{X 0,Y 0,Z 0,{DOWN}}}\n"
+    moves = "SLIN {X 5} WITH $VEL={CP 0.2}\nSLIN {X 9} WITH $VEL.CP=0.3\nSLIN {X 12}\n"
+    assert krl(start + moves).toolpath.feed.tolist() == pytest.approx([0, 0.2, 0.3, 0.05])
+
+
 def test_krl_orientation_is_z_y_x_and_the_tool_points_where_it_is_told(krl) -> None:
     body = "$VEL.CP=0.05\nPTP {X 0,Y 0,Z 0,A 90,B 30,C 0}\nLIN {X 10}\n"
     # Rz(90) Ry(30): x goes to (0, cos 30, -sin 30), z to (0, sin 30, cos 30)

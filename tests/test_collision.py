@@ -8,12 +8,14 @@ import trimesh
 
 from compplan.errors import InputError
 from compplan.files.meshes import load_mesh
+from compplan.job.job import check_job
 from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_clearance, measure_margin
 from compplan.posture.collision_scene import build_scene
 from compplan.posture.contacts import describe_contact, find_contacts, locate_link_frames
 from compplan.posture.settings import PostureSettings
+from compplan.posture.start import read_request
 from compplan.report.robot_scene import locate_links
 from compplan.robot import load_robot
 from compplan.robot.solids import cut_tip
@@ -102,6 +104,14 @@ def test_the_graph_turns_the_tool_away_from_an_obstacle() -> None:
     )
     assert measure_margin(scene, clear.q, 0.01).min() >= 0
     assert clear.costs["sensitivity_rms_mm"] >= free.costs["sensitivity_rms_mm"] * 0.999
+
+
+def test_the_clearance_that_a_job_asks_for_is_that_of_its_posture() -> None:
+    table = {"schema": 1, "robot": "kuka_kr240", "process": {"model": "constant", "force_N": [0.0, 0.0, 100.0]},
+             "toolpath": {"generator": "circle", "radius_mm": 50.0, "waypoints": 20, "feed_mm_s": 20.0}}  # fmt: skip
+    for collision, wanted in (({"clearance_mm": 12.5}, 0.0125), ({}, 5e-3)):
+        job = check_job({**table, "collision": collision}, "job.toml")
+        assert read_request(job, ROBOT).wanted == pytest.approx(wanted)
 
 
 def test_missing_and_empty_meshes_are_named(tmp_path) -> None:

@@ -16,7 +16,7 @@ from compplan.diagnose import Diagnosis, diagnose_campaign
 from compplan.diagnose.answer.accuracy import _summarise, draw_learning, list_worst
 from compplan.diagnose.answer.assessment import assess_diagnosis
 from compplan.diagnose.answer.calibration import list_corrections
-from compplan.diagnose.answer.delivery import possible_claims
+from compplan.diagnose.answer.delivery import possible_claims, settle_play
 from compplan.diagnose.answer.verdict import reach_verdict
 from compplan.diagnose.answer.where import split_diagnosis
 from compplan.diagnose.doubt import bounds
@@ -27,7 +27,7 @@ from compplan.diagnose.ledger.gains import find_gains
 from compplan.diagnose.search.fit import fit_effects
 from compplan.diagnose.search.restart import search_again_plainly
 from compplan.diagnose.search.search import Claim
-from compplan.diagnose.search.state import Problem, attain_state
+from compplan.diagnose.search.state import FitState, Problem, attain_state
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
 from compplan.measure.registration import Registration
@@ -229,6 +229,15 @@ def test_the_updated_folder_predicts_a_fresh_campaign(diagnosis: Diagnosis, robo
     fresh = measure(robot, plan_rows(robot, 77), [CAUSE, SECOND], 77)
     gap = np.linalg.norm(fresh.position - predict_campaign(updated, fresh).position, axis=1)
     assert np.sqrt(np.mean(gap**2)) < 1.15 * diagnosis.gap.noise_floor
+
+
+@pytest.mark.parametrize("start", [-0.5, 0.5])
+def test_a_joint_begins_on_that_side_of_its_play_on_which_the_first_rows_stand(robot: Robot, start: float) -> None:
+    play = Effect("backlash", "joint_2", None, {"width_rad": 4e-4})
+    true = replace(play, parameters={**play.parameters, "start_ratio": start})
+    campaign = measure(robot, plan_rows(robot, 8, poses=6), [SECOND, true], 8)
+    state = FitState((SECOND, play), {}, None, campaign.usable)
+    assert settle_play(Problem(robot, campaign), state).effects == (SECOND, true)
 
 
 def test_every_figure_belongs_to_the_folder_that_is_written(diagnosis: Diagnosis, tmp_path: Path) -> None:

@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 
 import compplan.program
 from compplan import load_job, plan_job
-from compplan.executed.drives import lag_command
+from compplan.executed.drives import follow_command, lag_command
 from compplan.executed.geometry import Nodes, ToolArc, build_path, locate_nodes
 from compplan.executed.instructions import Instructions, read_instructions
 from compplan.executed.run import execute_program
 from compplan.executed.timing import limit_speed
-from compplan.program import WRITERS, build_program, kawasaki_as, urscript, write_program
-from compplan.program.servo import read_motion
-from compplan.program.zones import ZONES, widest_zone
+from compplan.program import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
+from compplan.program.servo import MotionTable, read_motion
+from compplan.program.zones import ZONES, find_zones, widest_zone
 from compplan.robot import load_robot
 from compplan.second.programs.fanuc_abb import read_fanuc, read_rapid
 from compplan.second.programs.kuka_staubli import read_krl, read_val3
@@ -49,6 +49,12 @@ def test_an_acceleration_residue_trails_a_parabola_by_itself_times_the_accelerat
     t = 0.004 * np.arange(100)[:, None]
     out = lag_command(0.5 * 2.0 * t**2, np.zeros(1), np.array([1e-3]), 0.004)
     assert (0.5 * 2.0 * t**2 - out)[5:-5] == pytest.approx(2e-3, rel=1e-9)
+
+
+def test_lost_motion_leaves_a_joint_behind_whichever_way_it_goes() -> None:
+    motion = read_motion(MotionTable(lost_motion_deg=(np.degrees(2e-4),)), np.array([False]), (np.ones(1), np.ones(1)))
+    q = np.array([0.0, 0.01, 0.02, 0.03, 0.02, 0.01])[:, None]
+    assert (follow_command(q, motion) - q)[:, 0] == pytest.approx([0.0, -1e-4, -1e-4, -1e-4, 1e-4, 1e-4], abs=1e-15)
 
 
 def test_a_line_from_rest_to_rest_speeds_up_and_slows_down_with_the_acceleration_of_the_tip(tmp_path: Path) -> None:
@@ -164,10 +170,21 @@ def test_zones_are_those_that_templates_say(language: str, says: str) -> None:
 
 
 def test_every_language_with_lines_has_its_zone() -> None:
-    assert set(WRITERS) - {"csv", "own"} == set(ZONES)
+    stated = {name for name, language in WRITERS.items() if hasattr(language, "ZONE")}
+    assert set(WRITERS) - {"csv", "own"} == {*ZONES, *stated}
     assert ZONES["urscript"].size == urscript.BLEND and ZONES["urscript"].share == urscript.BLEND_SHARE
     assert ZONES["kawasaki_as"].size == pytest.approx(1e-3 * kawasaki_as.ACCURACY)
     assert widest_zone(("krl", "rapid")) is ZONES["rapid"]
+
+
+def test_a_zone_that_grows_with_the_feed_is_half_the_way_of_the_smoothing() -> None:
+    """30 mm/s over half of 40 ms; a corner between moves of 1 mm has half a millimetre."""
+    for length, wanted in ((10e-3, 6e-4), (1e-3, 5e-4)):
+        tcp = np.tile(np.eye(4), (3, 1, 1))
+        tcp[1:, 0, 3], tcp[2, 1, 3] = length, length
+        program = Program("corner", np.zeros((3, 6)), tuple("ABCDEF"), np.zeros(6, bool), np.array([0.0, 30.0, 30.0]),
+                          np.array([True, False, False]), tcp=tcp, smoothing=0.04)  # fmt: skip
+        assert find_zones(program, ZONES["fanuc_ls"])[0] == pytest.approx([0.0, wanted, 0.0])
 
 
 def test_programs_are_executed_as_an_emulator_of_another_author_does(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -14,6 +14,7 @@ from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_nominal
 from compplan.job.text import write_job_text
+from compplan.path.force_models import FORCE_MODELS
 from compplan.plan.plan import job_robot, read_options
 from compplan.posture.settings import read_settings
 from compplan.robot import robot_folders
@@ -165,6 +166,9 @@ def test_the_commented_job_is_a_job_and_names_every_key() -> None:
     for table in Job.model_fields.values():
         for key in getattr(table.annotation, "model_fields", {}):
             assert key in write_job_text(), key
+    for model in FORCE_MODELS.values():
+        for key in model.table.model_fields:
+            assert f"{key} = " in write_job_text() or f"{key}, " in write_job_text(), (model.words, key)
 
 
 def test_init_writes_the_commented_job_and_never_over_a_file(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -156,6 +156,17 @@ def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaig
     assert np.linalg.norm(pool.wrench[rows, :3], axis=1).max() <= largest + 0.1
 
 
+def test_a_move_of_two_loads_holds_one_pose_under_what_its_name_says(measured: tuple[Robot, Campaign]) -> None:
+    pool, moves = lay_out_moves(*measured)
+    for kind, ratio in (("loaded_unloaded", 0.0), ("sign_flip", -1.0), ("two_payloads", 0.3)):
+        pairs = [move.rows for move in moves if move.kind == kind]
+        assert len(pairs) > 3
+        for first, second in pairs:
+            light, heavy = sorted((first, second), key=lambda row: np.linalg.norm(pool.wrench[row]))
+            assert np.array_equal(pool.q[first], pool.q[second]) and np.linalg.norm(pool.wrench[heavy, :3]) > 10.0
+            assert pool.wrench[light] == pytest.approx(ratio * pool.wrench[heavy])
+
+
 def test_a_reversal_comes_to_one_pose_from_both_sides(measured: tuple[Robot, Campaign]) -> None:
     robot, campaign = measured
     pool, moves = lay_out_moves(robot, campaign)

@@ -44,6 +44,8 @@ def test_the_stretch_within_reach_is_kept_and_the_first_row_beyond_is_named_with
     tips = locate_frames(task.chain, task.q_start[kept]).tcp_position
     assert np.abs(tips - task.position[kept]).max() < 1e-6
     assert np.ptp(task.q_start[kept, 0]) > 2.0  # the rail goes along
+    stood = task.rotation[failing[0] - 1]  # beyond, the tool stays turned as it was
+    assert task.rotation[failing] == pytest.approx(np.tile(stood, (len(failing), 1, 1)), abs=1e-9)
     sentence = " ".join(task.start.notes)
     assert len(sentence) <= 300 and task.start.mend in sentence
     assert f"the first is {np.ceil(first):.0f} " in sentence and "upper position limit of joint_1" in sentence

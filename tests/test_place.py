@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.job import check_job
@@ -85,6 +87,14 @@ def test_places_out_of_reach_are_rated_as_such() -> None:
 
     bound = rater.rate(load_nominal(job), job.tool_x_base, np.eye(3), np.array([[0.0, 0, 0], [9.0, 0, 0]]))
     assert np.isfinite(bound[0]) and np.isnan(bound[1])
+
+
+def test_a_turn_of_the_part_is_about_the_vertical_however_the_part_lies(placed) -> None:
+    lies = check_job({**TABLE, "part": {**TABLE["part"], "rotation_deg": [90.0, 0.0, 0.0]}}, "job.toml")
+    told = summarise_placement(replace(placed[1], turn=0.5 * np.pi), lies)["part"]
+    turned = Rotation.from_rotvec(told["rotation_deg"], degrees=True).as_matrix()
+    quarter, lying = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    assert turned == pytest.approx(quarter @ lying, abs=1e-9) and told["turn_deg"] == pytest.approx(90.0)
 
 
 def test_a_base_that_may_be_raised_lowers_the_part_of_the_grid() -> None:

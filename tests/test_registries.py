@@ -20,7 +20,10 @@ from test_golden_programs import FORMS
 
 import compplan as cp
 from compplan.cli import group
+from compplan.diagnose.answer.small_errors import kind_of
+from compplan.effects import robot_effects
 from compplan.effects.attained import attain_with_effects
+from compplan.errors import InputError
 from compplan.job.job import Job
 from compplan.job.names import EFFECTS
 from compplan.job.text import write_job_text
@@ -28,6 +31,7 @@ from compplan.path.cam import READERS
 from compplan.path.force_models import FORCE_MODELS
 from compplan.plan.strategies.online import ONLINE, STRATEGIES
 from compplan.program import WRITERS
+from compplan.program.zones import widest_zone
 from compplan.report.effect_words import describe_effect
 
 
@@ -60,7 +64,8 @@ def test_a_strategy_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, 
 def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
     module = add_module(
         "plainly",
-        "name = 'plainly'\n"
+        "from compplan.program.zones import BlendZone\n"
+        "name, ZONE = 'plainly', BlendZone(2e-3, 'its manual')\n"
         "def write(program, folder, most):\n"
         "    file = folder / (program.name + '.plain')\n"
         "    file.write_text(str(len(program.joints)))\n"
@@ -72,6 +77,7 @@ def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monke
     answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert answer.status == 0, answer.err
     assert len(list((tmp_path / "out").rglob("*.plain"))) == 1
+    assert widest_zone(("krl", "plainly")).size == 2e-3
 
 
 def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
@@ -99,8 +105,10 @@ def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, ca
 WAVY_FLOOR = '''
 from dataclasses import replace
 import numpy as np
+from compplan.effects.checks import Rule
 from compplan.effects.signature import Signature
 name, words = "wavy_floor", "the floor rises and falls as {at} turns"
+rule = Rule({"height_m": 0.01}, "needed", groups=(("height_m",),))
 
 def shape(scene):
     twist = np.zeros((len(scene.campaign), 6))
@@ -124,6 +132,10 @@ def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -
     robot = write_small_robot(tmp_path / "robot")
     effect = cp.Effect("wavy_floor", "joint_1", None, {"height_m": 4e-4})
     assert "rises and falls as joint_1 turns" in describe_effect({"effect": "wavy_floor", "joint": "joint_1"})
+    for joint, height, sentence in ((None, 4e-4, "needs a joint"), ("joint_1", 0.02, "at most 0.01")):
+        with pytest.raises(InputError, match=sentence):
+            robot_effects(cp.fold_effects(robot, [cp.Effect("wavy_floor", joint, None, {"height_m": height})]))
+    assert {kind_of("wavy_floor", loaded) for loaded in (True, False)} == {"geometry"}
     folded = cp.fold_effects(robot, [effect])
     cp.write_robot_folder(folded, tmp_path / "folded")
     again = cp.load_robot(tmp_path / "folded")
@@ -152,7 +164,8 @@ def test_every_language_is_read_back_by_a_reader_of_the_tests_own_and_every_modu
 @pytest.mark.parametrize(
     ("command", "names"),
     [("post", WRITERS), ("forces", FORCE_MODELS),
-     ("convert", READERS), ("montecarlo", (*STRATEGIES, *ONLINE)), ("diagnose", EFFECTS)],
+     ("convert", READERS), ("montecarlo", (*STRATEGIES, *ONLINE)), ("diagnose", EFFECTS),
+     ("compare", STRATEGIES), ("identify", EFFECTS)],
 )  # fmt: skip
 def test_help_lists_what_can_be_named(command: str, names: Iterable[str]) -> None:
     said = CliRunner().invoke(group, [command, "--help"]).output

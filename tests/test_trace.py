@@ -211,7 +211,7 @@ def write_kuka_trace(folder: Path, t: np.ndarray, counted: np.ndarray, unit: str
     return folder / "run_KRCIpo.r64"
 
 
-@pytest.mark.parametrize(("unit", "size"), [("\xb0", 1.0), ("rad", np.pi / 180.0), ("", 1.0)])
+@pytest.mark.parametrize(("unit", "size"), [("\xb0", 1.0), ("rad", np.pi / 180), ("mrad", np.pi / 0.18), ("", 1.0)])
 def test_a_trace_of_the_oscilloscope_is_read_by_its_head(tmp_path, unit, size) -> None:
     robot = load_robot("kuka_kr240")
     t = 3.0 + 0.012 * np.arange(80)

@@ -6,6 +6,7 @@ import json
 import re
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from compplan.path.force_models.end_mill import EndMillProcess
 from compplan.path.forces.cutting import CuttingForce, prepare_cutting
 from compplan.path.forces.thin_wall import ThinWallTable, bend_plate
 from compplan.path.forces.tool_beam import ToolBeam, ToolBeamTable
-from compplan.path.forces.walls import amplify, judge_walls
+from compplan.path.forces.walls import amplify, find_load, judge_walls
 from compplan.path.toolpath import Toolpath
 
 RADIUS, DEEP = 5.0, 4.0
@@ -112,6 +113,19 @@ def test_a_cut_damps_a_tool_that_swings_into_the_wall() -> None:
     turn = np.cos(6 * 2 * np.pi * np.arange(360) / 360)[None]
     damped = amplify(turn, omega / (12 * np.pi), beam, np.full((1, 360), 0.1 / omega))
     assert np.abs(damped).max() == pytest.approx(1.0 / (2 * 0.05 + 0.1), rel=0.01)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_edge_that_makes_a_wall_is_loaded_where_it_stands_in_the_cut(side: float) -> None:
+    """Oracle: a right-hand helix, its edge swept: what stands higher lags, and a clockwise spindle turns to less."""
+    arc, low, axial, lead = np.array([0.4, 0.5 * np.pi])[:: int(side)] * side, 1e-3, 6e-3, 120.0
+    found = SimpleNamespace(arc=np.array([arc]), axial=np.array([axial]))
+    places = np.linspace(low, low + axial, 200_001)
+    for height in (1.5e-3, 4e-3, 6.5e-3):
+        load = find_load(np.array([[height]]), np.array([low]), found, np.array([0]), side, lead)
+        angle = side * 0.5 * np.pi + lead * (places - height)
+        wanted = places[(angle >= arc[0] - 1e-9) & (angle <= arc[1] + 1e-9)].mean()
+        assert load[0, 0] == pytest.approx(wanted, abs=1e-7)
 
 
 def test_a_harmonic_near_the_tools_own_frequency_is_amplified() -> None:

@@ -103,6 +103,8 @@ def run_mutants(language: str, count: int, seed: int, folder: Path | None = None
     for path in sorted(folder.rglob("*")) if folder else []:
         if path.suffix.lower() in READERS[language].suffixes:
             programs.append(path.read_text(encoding="latin-1"))
+    if not programs:
+        raise LookupError(f"no program of {language} to mutate, expected benchmarks/bad_inputs/cam/{language}.*")
     with tempfile.TemporaryDirectory() as made:
         file = Path(made) / f"part{suffix}"
         for number in range(count):

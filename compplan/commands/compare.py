@@ -10,12 +10,13 @@ import click
 from compplan.commands.completion import robot_instead
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
+from compplan.job.names import STRATEGIES
 
 if TYPE_CHECKING:
     from compplan.plan.compare import Comparison
 
 
-@click.command()
+@click.command(epilog=f"Strategies: {', '.join(STRATEGIES)}.")
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
 @robot_instead

@@ -19,6 +19,7 @@ from compplan.identify.campaign import identify_campaign
 from compplan.identify.parameters import LINK_TERMS
 from compplan.identify.plan_campaign import plan_campaign
 from compplan.identify.problem import IdentifyOptions
+from compplan.job.names import EFFECTS
 from compplan.measure.checks import list_notes
 from compplan.measure.fit.robust import LOSSES
 from compplan.measure.poses.determinant import CampaignPlan
@@ -32,7 +33,7 @@ from compplan.outputs.identify import (
 from compplan.robot import load_robot
 
 
-@click.command()
+@click.command(epilog=f"Effects: {', '.join(EFFECTS)}.")
 @click.argument("measurements", type=click.Path(path_type=Path), required=False)
 @click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
               help="Robot folder, or name of a shipped robot.")  # fmt: skip

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError, UnknownNameError
+from compplan.job.names import EFFECTS
 from compplan.robot import Robot
 
 #: Words of a rule that are no bounds of numbers: a row, a flag, a joint or joints of the robot, axes of a wrench.
@@ -106,7 +107,7 @@ LISTED = {
 def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
     """Refuse a table of effects.toml whose place or parameters are not those of its effect.
 
-    An effect without a rule here is checked for finite numbers alone.
+    An effect of which neither `RULES` nor its own file (`rule`) says more is checked for finite numbers alone.
 
     Args:
         table: The table; its effect and joint are known to exist.
@@ -124,7 +125,8 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
             if not math.isfinite(number):
                 at = f"{where}.parameters.{key}"
                 raise InputError(f"is {value!r}, expected a finite number", file=file, where=at)
-    rule = RULES.get(str(table["effect"]))
+    name = str(table["effect"])
+    rule: Rule | None = RULES.get(name) or getattr(EFFECTS.get(name), "rule", None)
     if rule is None:
         return
     _check_place(table, rule, robot, file, where)

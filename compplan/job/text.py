@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -12,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.job.names import EFFECTS, STRATEGIES
 from compplan.path.cam import READERS, list_suffixes
-from compplan.path.force_models import FORCE_MODELS
+from compplan.path.contact import ContactTable
+from compplan.path.force_models import FORCE_MODELS, ForceModel
 from compplan.path.forces.materials import MATERIALS
 from compplan.program import WRITERS
 from compplan.program.pendant import locate_pendant
@@ -25,6 +27,8 @@ SHORT: dict[str, tuple[str, ...] | None] = {
     "output": ("programs",),
 }  # fmt: skip
 
+#: What a schema says of a number, in words.
+BOUNDS = {"exclusiveMinimum": "more than", "minimum": "at least", "exclusiveMaximum": "less than", "maximum": "at most"}
 #: The text, with marks where the registries say what can be chosen.
 TEXT = Path(__file__).with_name("commented_job.toml")
 
@@ -41,6 +45,9 @@ def write_job_text() -> str:
         "<suffixes>": " ".join(list_suffixes()),
     }
     text = TEXT.read_text(encoding="utf-8")
+    choices["<other models>"] = "".join(
+        _describe_model(name, model) for name, model in FORCE_MODELS.items() if f'model = "{name}"' not in text
+    )
     for mark, names in choices.items():
         text = text.replace(mark, names)
     return text
@@ -49,6 +56,22 @@ def write_job_text() -> str:
 def _wrap_names(names: Iterable[str]) -> str:
     """Put names into lines of a remark behind a key."""
     return f"\n{'':36}#   ".join(wrap(" | ".join(names), 80))
+
+
+def _describe_model(name: str, model: ForceModel) -> str:
+    """Return remarks on the keys of a force model that the text does not know, as its table declares them."""
+    lines = [f"{f'# model = {json.dumps(name)}':<36}# {model.words}"]
+    for key, said in model.table.model_json_schema()["properties"].items():
+        if key in ContactTable.model_fields:
+            continue
+        kinds = [kind for kind in (said, *said.get("anyOf", ())) if kind.get("type") != "null"]
+        values = [word for kind in kinds for word in kind.get("enum", [kind.get("const", kind.get("type"))]) if word]
+        bounds = [f"{words} {kind[bound]:g}" for kind in kinds for bound, words in BOUNDS.items() if bound in kind]
+        left = "" if said.get("default") is None else json.dumps(said["default"])
+        needed = [] if "default" in said else ["needed"]
+        remark = ", ".join([" | ".join(map(str, values)) or "table", *bounds, *needed])
+        lines.append(f"{f'# {key} = {left}':<36}# {remark}")
+    return "\n".join([*lines, ""])
 
 
 def mount_tool(text: str, robot: Robot, *, used: bool) -> str:

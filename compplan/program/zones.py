@@ -64,8 +64,14 @@ OTHER = BlendZone(1e-4, "assumed")
 
 
 def widest_zone(languages: tuple[str, ...]) -> BlendZone:
-    """Return the zone of the language among some that leaves the path the most at a corner."""
-    return max((ZONES.get(name, OTHER) for name in languages), key=lambda zone: (zone.size, zone.overlap))
+    """Return the zone of the language among some that leaves the path the most at a corner.
+
+    That of a language which is not listed stands in its own file (`ZONE`); where it does not, it is assumed.
+    """
+    from compplan.program import WRITERS  # its files read this one
+
+    zones = (ZONES.get(name) or getattr(WRITERS.get(name), "ZONE", OTHER) for name in languages)
+    return max(zones, key=lambda zone: (zone.size, zone.overlap))
 
 
 def mark_moves(program: Program) -> NDArray[np.bool_]:

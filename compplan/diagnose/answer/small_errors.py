@@ -28,13 +28,10 @@ if TYPE_CHECKING:
     from compplan.diagnose.answer.result import Diagnosis
     from compplan.diagnose.search.state import Fit
 
-#: Kinds of errors by effect; the rest follows the load where that varies, else the robot's own weight.
+#: Kinds of errors by what they follow; those that follow the load are the robot's own weight where it does not vary.
 GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
 KINDS = {
-    "joint_offset": GEOMETRY, "link_geometry": GEOMETRY, "tool_frame": GEOMETRY, "base_frame": GEOMETRY,
-    "joint_coupling": GEOMETRY, "transmission_error": GEARS, "backlash": GEARS, "gravity_sag": WEIGHT,
-    "payload": WEIGHT, "gravity_compensator": WEIGHT, "thermal_drift": OTHER, "frame_shift": OTHER,
-    "tool_shift": OTHER, "time_skew": OTHER, "tracking_lag": OTHER,
+    "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
 }  # fmt: skip
 #: Halves of the poses tell a group alike where their motions have this cosine at least, and a group is listed from this
 #: share of the gap on (assumed: half of the way; a twentieth).
@@ -122,7 +119,8 @@ def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors |
 
 def kind_of(name: str, loaded: bool) -> str:
     """Return the kind of an effect's error; `loaded`: whether the load varies."""
-    return KINDS.get(name, LOAD if loaded and driver_of(name) == "load" else WEIGHT)
+    kind = KINDS.get(driver_of(name), OTHER)
+    return kind if loaded or kind != LOAD else WEIGHT
 
 
 def group_columns(fitted: Fit, loaded: bool) -> dict[tuple[str, str], NDArray[np.int_]]:

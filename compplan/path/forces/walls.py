@@ -207,7 +207,7 @@ def _give(
     per_tooth = spindle.feed_per_tooth(feed[rows])
     force = stretch.side * ripple_force(found, rows, cutting.process.resistance, spindle, per_tooth)[:, :, 1]  # (p, a)
     lead = np.tan(spindle.helix) / radius
-    load = _find_load(height, low, found, rows, stretch.side, lead)
+    load = find_load(height, low, found, rows, stretch.side, lead)
     into = np.einsum("pi,pi->p", away[rows], stretch.side * axes[rows, :, 1])
     gives = np.zeros((3, len(rows), HEIGHTS))
     gives[0] = into[:, None]
@@ -242,7 +242,7 @@ def _give(
     return gives
 
 
-def _find_load(
+def find_load(
     height: Array, low: Array, found: Engagement, rows: NDArray[np.int_], side: float, lead: float
 ) -> Array:
     """Return where the edge is engaged in the mean as it makes the wall at heights above the tip. Shape (p, h). [m]
