@@ -11,7 +11,8 @@ from compplan.cell.forces import DrivenRows, _speeds
 from compplan.plan.agreement import _moving_feed
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors
-from compplan.plan.timing import _overlap_legs, find_slowdown, time_rapids
+from compplan.plan.narrow import overlap_legs
+from compplan.plan.timing import find_slowdown, time_rapids
 
 
 def times(along, speed):
@@ -189,7 +190,7 @@ def test_a_rounding_goes_on_at_the_speed_of_the_run_and_no_faster(programmed: fl
     position = np.vstack([[-2e-3, 0.0, 0.0], corner, [0.0, 2e-3, 0.0]])
     length = np.linalg.norm(np.diff(position, axis=0), axis=1)
     time = np.r_[0.0, np.cumsum(length / speed)]
-    step = np.diff(_overlap_legs(time, position, np.full(19, programmed), [(1, 9, 17)]))
+    step = np.diff(overlap_legs(time, position, np.full(19, programmed), [(1, 9, 17)]))
     assert (length <= speed * step * (1.0 + 1e-9)).all()
     # |x'(0)| = 4 a / g is the speed of the run; over the first sixteenth its mean is 4 (1 - (15/16)^4) of that
     mean = 4.0 * (1.0 - (15.0 / 16.0) ** 4) * speed

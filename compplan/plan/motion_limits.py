@@ -56,7 +56,8 @@ def measure_smooth_use(
     """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit.
 
     Slower by a factor f, a run has 1/f of the velocity, 1/f^2 of the acceleration and of what inertia puts on the
-    joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3) and, with the torque D of
+    joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3), of an
+    acceleration that is there at once (|a|/CYCLE/j_max)^(1/2), and, with the torque D of
     inertia and S of weight and force within L, (D / (L - S))^(1/2).
 
     Args:
@@ -74,27 +75,40 @@ def measure_smooth_use(
     rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
     if len(rows) < 2:
         return np.ones(len(q))
-    curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
     step = np.diff(time[rows])[:, None]
-    jerk, start, speed = 6.0 * curve.c[0], 2.0 * curve.c[1], curve.c[2]
-    push = np.vstack([start, start[-1:] + jerk[-1:] * step[-1]])
+    at_ends, push, jerk = spline_motion(q[rows], step[:, 0])
+    start, speed = push[:-1], at_ends[:-1]
     still = np.clip(np.where(jerk == 0.0, 0.0, -start / np.where(jerk == 0.0, 1.0, jerk)), 0.0, step)
     fastest = np.maximum(np.abs(speed), np.abs(speed + still * (start + 0.5 * still * jerk)))
     by_move = (fastest / velocity_limits).max(axis=1)
     at_rows = np.sqrt((np.abs(push) / acceleration_limits).max(axis=1))
     if jerk_limits is not None:
         by_move = np.maximum(by_move, np.cbrt((np.abs(jerk) / jerk_limits).max(axis=1)))
-        ends = np.cbrt((np.abs(push[[0, -1]]) / CYCLE / jerk_limits).max(axis=1))
+        ends = np.sqrt((np.abs(push[[0, -1]]) / CYCLE / jerk_limits).max(axis=1))
         at_rows[[0, -1]] = np.maximum(at_rows[[0, -1]], ends)
     if torques is not None:
         velocity = np.zeros_like(q)
         acceleration = np.zeros_like(q)
-        velocity[rows], acceleration[rows] = np.vstack([speed, np.zeros((1, q.shape[1]))]), push
+        velocity[rows], acceleration[rows] = at_ends, push
         _, moving, held, most = torques(velocity, acceleration)
         room = np.where(moving > 0.0, most - held, most + held)[rows]
         at_rows = np.maximum(at_rows, np.sqrt((np.abs(moving[rows]) / np.maximum(room, 1e-12)).max(axis=1)))
     at_rows = np.maximum(at_rows, np.maximum(np.r_[by_move, 0.0], np.r_[0.0, by_move]))
     return np.asarray(at_rows[np.searchsorted(rows, np.arange(len(q)), side="right") - 1])
+
+
+def spline_motion(q: Array, step: Array) -> tuple[Array, Array, Array]:
+    """Return velocities and accelerations at k waypoints, and the jerks of the moves between, of a cubic spline.
+
+    Args:
+        q: Joint positions, at rest at both ends. Shape (k, nq). [rad or m]
+        step: Times of the moves. Shape (k - 1,). [s]
+
+    """
+    curve = CubicSpline(np.r_[0.0, np.cumsum(step)], q, bc_type="clamped")
+    jerk, start = 6.0 * curve.c[0], 2.0 * curve.c[1]
+    push = np.vstack([start, start[-1:] + jerk[-1:] * step[-1]])
+    return np.vstack([curve.c[2], np.zeros((1, q.shape[1]))]), push, jerk
 
 
 def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:

@@ -125,16 +125,23 @@ def solve_quadratic(
     reach = np.where(fixed, 0.0, size)
     lower = np.r_[-reach, low, np.full(v.r, -np.inf), np.zeros(v.t), -np.inf]
     upper = np.r_[reach, high, np.full(v.r + v.t + 1, np.inf)]
+    found = solve_conic(hessian, gradient, matrix, np.concatenate(rows.bounds), lower, upper)[: v.c]
+    return np.clip(found, -reach, reach) if np.isfinite(found).all() else None
+
+
+def solve_conic(
+    hessian: sparse.csc_matrix, gradient: Array, matrix: sparse.csc_matrix, most: Array, lower: Array, upper: Array
+) -> Array:
+    """Return x of least x'Hx / 2 + g'x with A x <= most and lower <= x <= upper; not finite where none is found."""
     matrices = {"h": hessian, "a": matrix}
     shapes = {name: _pattern(value) for name, value in matrices.items()}
     name = next(solver for solver in SOLVERS if ca.has_conic(solver))
     solver = ca.conic("step", name, shapes, {"error_on_fail": False, **OPTIONS.get(name, {})})
     answer = solver(
         h=ca.DM(shapes["h"], hessian.data), a=ca.DM(shapes["a"], matrix.data), g=gradient, lbx=lower, ubx=upper,
-        lba=-np.inf, uba=np.concatenate(rows.bounds),
+        lba=-np.inf, uba=most,
     )  # fmt: skip
-    found = np.array(answer["x"])[: v.c, 0]
-    return np.clip(found, -reach, reach) if np.isfinite(found).all() else None
+    return np.array(answer["x"])[:, 0]
 
 
 def _pattern(matrix: sparse.csc_matrix) -> ca.Sparsity:

@@ -13,11 +13,12 @@ from compplan.path.contact import path_axes, tool_axes
 from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
 from compplan.plan.ground import DEEPEST, LEAST_SHARE, drop_least, state_ground
+from compplan.plan.narrow import INERTIA_WINDOWS
 from compplan.plan.one_program import Point, Prices, build_program
 from compplan.plan.program_step import solve_program
 from compplan.plan.run_meter import RunMeter, TimedStart
 from compplan.plan.task import PlanTask
-from compplan.plan.timing import INERTIA_WINDOWS, cutting_runs, time_rapids
+from compplan.plan.timing import cutting_runs, time_rapids
 from compplan.posture.chatter import count_chatter, judge_chatter
 from compplan.posture.costs import Weights
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations

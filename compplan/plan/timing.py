@@ -17,10 +17,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.path.corners import find_roundings, find_shares
 from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, subdivide, time_cut
+from compplan.plan.jerk_run import RateLimits, shorten_run
 from compplan.plan.motion_limits import Torques, difference_motion, measure_smooth_use, measure_use, spread_factors
-from compplan.plan.profile import ease_duration, ease_times, smooth_profile
+from compplan.plan.narrow import INERTIA_WINDOWS, find_narrow, overlap_legs
+from compplan.plan.profile import Profile, ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -31,10 +32,10 @@ LOWERED = 0.995
 FULL_USE, SLOW_ROUNDS = 0.999, 8
 #: What of a run counts as its end: rows, time, and spans of smoothing. [1, s, 1]
 END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
-#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
-INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 #: Windows of smoothing that are tried where a limit of the jerk slows a run down, in those of the task.
 WINDOWS = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
+#: Waypoints of a run that is shortened within its jerk at most.
+MOST_JERK = 4000
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 
@@ -110,66 +111,12 @@ def time_command(
                 rows = partial(rules.rows, start + first, start + last)
             time[leg] = time[first] + _time_run(task, along[leg] - along[first], q[run][leg], rows, own[leg])
         if spans:
-            time = _overlap_legs(time, task.position[run], task.nominal.feed[run], spans)
+            time = overlap_legs(time, task.position[run], task.nominal.feed[run], spans)
             torques = None if rules is None else partial(rules.rows, start, end)
             use = _use_of(task, q[run], time, torques)
             time = time if use.max() <= 1.0 else _stretch_time(task, q[run], time, use, torques)
         step[start + 1 : end + 1] = np.diff(time)
     return state_timing(task, q, time_between_cuts(task, q, np.cumsum(step)))
-
-
-def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tuple[int, int, int]]:
-    """List first, middle and last waypoint of the roundings of a run that are shorter than its way from feed to rest.
-
-    Waypoints count from the run's first.
-
-    Args:
-        task: The task.
-        along: Programmed time at each waypoint of the run. Shape (k,). [s]
-        start: First waypoint of the run.
-        end: Its last waypoint.
-
-    """
-    window = task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
-    found = []
-    for first, last in find_roundings(task.nominal):
-        first, last = first - start, last - start
-        if first > 0 and last < end - start and last - first > 1 and along[last] - along[first] < window:
-            middle = int(np.searchsorted(along, 0.5 * (along[first] + along[last])))
-            found.append((first, min(max(middle, first + 1), last - 1), last))
-    return found
-
-
-def _overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[int, int, int]]) -> Array:
-    """Let runs that end and begin in the middles of roundings overlap, u of the rounding even in time.
-
-    A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
-    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r. Where the run is slower or slows
-    down later than that, g = 4 a / v keeps the speed v of the move that leads to the rounding, or away from it. The
-    rounding takes longer by what keeps the programmed feed.
-
-    Args:
-        time: Time at each waypoint with rests in the middles. Shape (k,). [s]
-        position: Shape (k, 3). [m]
-        feed: Programmed feed to each waypoint. Shape (k,). [m/s]
-        spans: First, middle and last waypoint of each rounding.
-
-    """
-    step = np.diff(time)
-    for first, middle, last in spans:
-        u, share = find_shares(position[first : last + 1])
-        steps = np.linalg.norm(np.diff(position[first : last + 1], axis=0), axis=1)
-        reach, before = share * steps.sum(), steps[: middle - first].sum()
-        ways = np.linalg.norm(position[[first, last + 1]] - position[[first - 1, last]], axis=1)
-        slowness = 4.0 * (time[[first, last + 1]] - time[[first - 1, last]]) / np.maximum(ways, 1e-9)
-        rests = (time[middle] - time[first]) / before, (time[last] - time[middle]) / (steps.sum() - before)
-        rate, end = (reach * np.maximum(rests, slowness)).tolist()
-        change = end - rate
-        taken = np.diff(rate * u + 0.5 * change * u**2)
-        wanted = feed[first + 1 : last + 1]
-        least = np.divide(steps, wanted, out=np.zeros(len(steps)), where=wanted > 0.0)
-        step[first:last] = taken * max(float((least / taken).max()), 1.0)
-    return np.r_[0.0, np.cumsum(step)]
 
 
 def time_ends(task: PlanTask, q: Array) -> Array:
@@ -253,6 +200,8 @@ def _time_run(
     task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array
 ) -> Array:
     """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
+    if task.jerk_limits is not None and len(along) <= MOST_JERK:
+        return _jerk_run(task, along, q, rows, slow)
     time, rounds = _smooth_run(task, along, q, rows, slow, task.smoothing)
     if rounds == 1 or (task.jerk_limits is None and rounds <= SLOW_ROUNDS):
         return time
@@ -264,6 +213,47 @@ def _time_run(
     return time
 
 
+def _jerk_run(
+    task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array
+) -> Array:
+    """Time one run whose jerk has limits: smoothed as others where that keeps them, else the shortest."""
+    if len(along) < 3:
+        fine, between = subdivide(along, q)
+        return _jerk_run(task, fine, between, None, np.interp(fine, along, slow))[[0, -1]]
+    most = _most_push(task, task.smoothing)
+    limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
+    fastest = time_cut(along, q, *limits, rows, slow=slow, gentle=most)[2]
+    assert task.jerk_limits is not None
+
+    def excess(time: Array) -> float:
+        """Return the factor by which a run is too fast."""
+        return float(_use_of(task, q, time, rows).max())
+
+    best = _smooth(task, along, fastest, task.smoothing)
+    if excess(best.time) <= 1.0:
+        return best.time
+    wider = (_smooth(task, along, fastest, factor * task.smoothing) for factor in WINDOWS)
+    best = min((best, *wider), key=lambda each: float(each.time[-1]) * max(excess(each.time), 1.0))
+    rates = RateLimits(np.r_[limits[0], 1.0], np.r_[limits[1], most], np.r_[FULL_USE * task.jerk_limits, np.inf],
+                       task.smoothing * sum(INERTIA_WINDOWS) if task.inertia else 0.0)
+    runs = best.time, shorten_run(np.column_stack([q, along]), along, best.speed, fastest, rates, slow)
+    held = [time * max(excess(time) / FULL_USE, 1.0) for time in runs]
+    return min(held, key=lambda each: float(each[-1]))
+
+
+def _most_push(task: PlanTask, window: float) -> float:
+    """Return the greatest change of the share of the programmed feed. [1/s]."""
+    return 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
+
+
+def _smooth(task: PlanTask, along: Array, speed: Array, window: float) -> Profile:
+    """Return a run whose speed along the path is smoothed over a window, thrice where inertia counts."""
+    for share in INERTIA_WINDOWS if task.inertia else (1.0,):
+        profile = smooth_profile(along, speed, share * window)
+        speed = profile.speed
+    return profile
+
+
 def _smooth_run(
     task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array, window: float
 ) -> tuple[Array, int]:
@@ -273,13 +263,9 @@ def _smooth_run(
         time, rounds = _smooth_run(task, fine, between, None, np.interp(fine, along, slow), window)
         return time[[0, -1]], rounds
     limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
-    gentle = 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
     for count in range(SLOW_ROUNDS):
-        speed = time_cut(along, q, *limits, rows, slow=slow, gentle=gentle)[2]
-        profile = smooth_profile(along, speed, window)
-        for share in INERTIA_WINDOWS[1:] if task.inertia else ():
-            profile = smooth_profile(along, profile.speed, share * window)
-        time = profile.time
+        speed = time_cut(along, q, *limits, rows, slow=slow, gentle=_most_push(task, window))[2]
+        time = _smooth(task, along, speed, window).time
         use = _use_of(task, q, time, rows)
         if use.max() <= 1.0:
             return time, count + 1
