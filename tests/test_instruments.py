@@ -224,6 +224,15 @@ def test_diagnosis_explains_what_gauges_show_to_their_noise(robot: Robot, tmp_pa
     assert diagnosis.deliveries[0].kind != "nominal"
 
 
+def test_a_known_distance_is_as_sure_as_its_file_says_or_a_caliper(robot: Robot, tmp_path: Path) -> None:
+    rows = [f"static,{k % 2},{degrees(q)}" for k, q in enumerate(draw_poses(robot, 8, 1))]
+    log, file = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows), tmp_path / "known.toml"
+    for said, sigma in (("sigma_mm = 0.3", 3e-4), ("", 2e-5)):
+        file.write_text(f'schema = 1\n[[distance]]\nbetween = ["0", "1"]\nmm = 50.0\n{said}\n')
+        known = read_campaign(log, robot, read_instrument(file)).sights.known
+        assert (known.length.item(), known.sigma.item()) == pytest.approx((0.05, sigma))
+
+
 def test_scale_is_said_to_be_unknown_where_contacts_alone_were_seen(robot: Robot, tmp_path: Path) -> None:
     rows = [f"static,{k % 2},{degrees(q)}" for k, q in enumerate(draw_poses(robot, 8, 1))]
     log = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows)

@@ -68,6 +68,11 @@ BY_HAND = {
                               f"MoveL Offs({_target(10, 0, 50)},1,2,3),v50,fine,t\\WObj:=w;"),
         [(RAPID, (0, 0, 50), 0.0), (LINE, (111, 2, 58), 50.0)],
     ),
+    "a turned user frame of RAPID, its object frame in it": (
+        ".mod", MODULE.replace("[[100,0,0],[1,0,0,0]],[[0,0,5]", "[[100,0,0],[0,0,0,1]],[[20,0,5]")
+        .format(f"MoveJ {_target(0, 0, 50)},v100,z10,t;\nMoveL {_target(10, 0, 50)},v50,fine,t\\WObj:=w;"),
+        [(LINE, (70, 0, 55), 50.0)],
+    ),
 }  # fmt: skip
 
 

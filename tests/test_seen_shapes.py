@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from compplan.doctor import examine_robot
 from compplan.errors import InputError
 from compplan.posture.collision_scene import check_bodies
 from compplan.robot import load_robot, robot_folders
-from compplan.robot.shapes import read_bodies
+from compplan.robot.shapes import read_bodies, read_origin
 from compplan.robot.solids import make_geometry
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"
@@ -27,6 +28,14 @@ def test_every_shipped_arm_is_seen_whole(name: str) -> None:
     bodies = read_bodies(load_robot(name))
     assert [body.gap for body in bodies if body.gap] == []
     assert all(body.count["read"] and not body.count["dropped"] for body in bodies)
+
+
+def test_the_origin_of_a_shape_turns_about_x_then_y_then_z_of_its_link() -> None:
+    """Fixed axes, as URDF says: Rz(yaw) Ry(pitch) Rx(roll); a quarter about x and then about z takes y to z, x to y."""
+    quarter = 0.5 * np.pi
+    pose = read_origin(ElementTree.fromstring(f'<origin xyz="1 2 3" rpy="{quarter} 0 {quarter}"/>'))
+    assert pose @ [0, 1, 0, 1] == pytest.approx([1, 2, 4, 1]) and pose @ [1, 0, 0, 1] == pytest.approx([1, 3, 3, 1])
+    assert read_origin(None) == pytest.approx(np.eye(4))
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -17,6 +17,7 @@ from compplan.executed.align import find_nearest, measure_way, place_rows
 from compplan.executed.geometry import Path as Laid
 from compplan.executed.log import clean_log, read_log
 from compplan.executed.run import execute_program
+from compplan.outputs.executed import share_causes
 from compplan.program.counting import load_controller, to_controller
 from compplan.program.servo import MotionTable, read_motion, tabulate_motion
 from compplan.robot import load_robot
@@ -195,6 +196,15 @@ def test_exports_of_other_makes_are_read_in_the_counting_of_the_controller(tmp_p
     np.savetxt(file, rows, delimiter=",", header=head, comments="", fmt="%.9f")
     log = read_log(file, robot)
     assert log.raw == pytest.approx(q, abs=1e-8) and log.cycle == pytest.approx(0.004)
+
+
+def test_causes_are_shared_out_over_the_rows_that_are_not_misplaced() -> None:
+    """Of 100 rows four lie a hundred times farther off, for no cause."""
+    gap, lag = np.tile([1e-4, 0.0, 0.0], (100, 1)), np.tile([7.5e-5, 0.0, 0.0], (100, 1))
+    gap[96:], lag[96:] = [0.0, 1e-2, 0.0], 0.0
+    none = np.zeros((100, 3))
+    shares = share_causes({"gap": gap, "lag": lag, "blend": -lag, "jitter": none, "lost_motion": none})
+    assert shares == pytest.approx({"lag": 0.75, "blend": 0.0, "jitter": 0.0, "lost_motion": 0.0})
 
 
 def write_kuka_trace(folder: Path, t: np.ndarray, counted: np.ndarray, unit: str) -> Path:

@@ -7,6 +7,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -142,6 +143,20 @@ def test_three_parts_tell_their_scatter_and_four_a_clear_trend() -> None:
     worn = add_part(force_of(1.15, 1.0, 1.1, 1.2), part_of(1.301))
     assert worn.level == pytest.approx(1.4, abs=0.01)
     assert add_part(force_of(1.15, 1.0, 1.2, 1.0), part_of(1.2)).level == 1.15
+
+
+@pytest.mark.parametrize("frame", ["part", "base"])
+def test_a_direction_that_a_turned_part_taught_stands_in_the_axes_that_its_force_keeps(frame: str) -> None:
+    turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    own = SimpleNamespace(own=SimpleNamespace(ratio=0.0))
+    lesson = SimpleNamespace(force=np.array([0.2, 1.0, 0.5, -0.3]), force_covariance=1e-4 * np.eye(4), model=own,
+                             own=np.zeros(1), own_spread=0.1, cross=np.array([[0.0, 3e-6, 0.0, 0.0]]))  # fmt: skip
+    push = PUSH.model_copy(update={"frame": frame})
+    force, _ = learn_force(lesson, ForceSpread(0.15, 0.05, 0.0, "assumed"), None, push, turned, "circle",
+                           np.ones(1, bool))  # fmt: skip
+    in_base = turned if frame == "part" else np.eye(3)
+    assert in_base @ force.turn == pytest.approx(0.05 * lesson.force[1:])
+    assert in_base @ force.robot[0, 1:] == pytest.approx([1.5e-7, 0.0, 0.0])
 
 
 def test_a_force_in_part_axes_turns_with_the_part() -> None:

@@ -41,3 +41,20 @@ def test_a_feed_that_the_job_states_may_fall_where_the_whole_cut_keeps_one(tmp_p
     assert not _ask(tmp_path, stated, [0.015] * 3).breaches
     assert "not the feed of 15 mm/s" in _ask(tmp_path, stated, [0.012] * 3).breaches[0]
     assert not _ask(tmp_path, {**stated, "mode": "constant"}, [0.012] * 3).breaches
+
+
+@pytest.mark.parametrize(("allowed", "strays"), [(0.1, False), (0.05, True), (None, True)])
+def test_rows_on_chords_may_stray_from_an_arc_of_the_file_by_what_the_job_allows(
+    tmp_path: Path, allowed: float | None, strays: bool
+) -> None:
+    """Twelve chords of a half circle of 10 mm stray by 10 (1 - cos 7.5 deg) = 0.086 mm."""
+    (tmp_path / "arc.nc").write_text("G21 G90 G94\nG0 X10. Y0 Z10.\nG1 Z0. F1200\nG3 X-10. Y0. I-10. J0.\nM30\n")
+    angle, half = np.linspace(0.0, np.pi, 13), np.linspace(0.0, 12.0, 25)
+    arc = 1e-2 * np.column_stack([np.interp(half, range(13), turn(angle)) for turn in (np.cos, np.sin, np.zeros_like)])
+    position = np.vstack([[[0.01, 0.0, 0.01]], arc])
+    rapid, still = np.arange(26) == 0, np.zeros(26, bool)
+    rows = DrivenRows(position, np.tile([0.0, 0.0, 1.0], (26, 1)), rapid, still, np.arange(26.0))
+    tables = {"toolpath": "arc.nc", "feed": {"corner_tolerance_mm": 0.0}}
+    if allowed is not None:
+        tables["cam"] = {"chord_tolerance_mm": allowed}
+    assert bool(vote_on_path(tables, tmp_path, rows, np.where(rapid, 0.0, 0.02)).breaches) == strays
