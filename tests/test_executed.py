@@ -19,6 +19,8 @@ from compplan.executed.geometry import Nodes, ToolArc, build_path, locate_nodes
 from compplan.executed.instructions import Instructions, read_instructions
 from compplan.executed.run import execute_program
 from compplan.executed.timing import limit_speed
+from compplan.job.output import OutputTable
+from compplan.plan.executed import describe_unfollowed
 from compplan.program import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
 from compplan.program.servo import MotionTable, read_motion
 from compplan.program.zones import ZONES, find_zones, widest_zone
@@ -292,3 +294,12 @@ def test_a_corner_has_a_smaller_zone_or_an_exact_stop_and_is_read_back(
     main = next(file for file in sorted((tmp_path / "bound").iterdir()) if not file.stem[-1].isdigit())
     moves = [move for move in read(main) if move.kind != "act"]
     assert len(moves) == 3 and moves[1].stops == (language in ("inform", "val3"))
+
+
+def test_the_page_says_which_written_moves_are_not_followed() -> None:
+    plain = OutputTable(programs=("sinumerik", "krl"))
+    assert describe_unfollowed(plain, carries=False) == []
+    (said,) = describe_unfollowed(OutputTable(programs=("sinumerik",), splines=True), carries=False)
+    assert "cubics (POLY) are not followed" in said
+    (said,) = describe_unfollowed(OutputTable(programs=("krl",)), carries=True)
+    assert "where joints carry the part" in said

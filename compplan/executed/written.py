@@ -11,13 +11,13 @@ from compplan.executed.geometry import Nodes, ToolArc
 from compplan.executed.instructions import Instructions
 from compplan.program.fit import Fitted
 from compplan.program.shapes import find_circle
-from compplan.program.zones import FASTEST, BlendZone, find_zones, mark_moves
+from compplan.program.zones import FASTEST, mark_moves
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm
 
 
-def lay_moves(fitted: Fitted, q: Array, arm: Arm, zone: BlendZone) -> tuple[Nodes, NDArray[np.int_]]:
+def lay_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes, NDArray[np.int_]]:
     """Return where the moves of a fitted program end, as the geometry that the controller believes has them.
 
     Moves that lead nowhere are left out; a controller reads past them.
@@ -26,7 +26,7 @@ def lay_moves(fitted: Fitted, q: Array, arm: Arm, zone: BlendZone) -> tuple[Node
         fitted: The program at the ends of its moves.
         q: Commanded joints of the whole program. Shape (n, nq). [rad or m]
         arm: The robot as its controller believes it.
-        zone: How far before a corner the controller may leave the path.
+        zones: How far before the end of each move the controller may leave the path. Shape (k,). [m]
 
     Returns:
         The moves, and the row of the whole program at the end of each. Shape (m,).
@@ -48,8 +48,7 @@ def lay_moves(fitted: Fitted, q: Array, arm: Arm, zone: BlendZone) -> tuple[Node
             arcs[k] = ToolArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
             length[k] = radius * arcs[k].sweep
     feed = np.where(alone | (feeds <= 0.0), FASTEST, 1e-3 * feeds)
-    size = find_zones(program, zone)[0][moves]
     instructions = Instructions(
-        Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], q[rows], feed, size
+        Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], q[rows], feed, zones[moves]
     )
     return Nodes(instructions, q[rows], position, frames.tcp_rotation, length, arcs), rows

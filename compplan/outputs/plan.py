@@ -19,13 +19,13 @@ from compplan.outputs.cell import write_plan_cell
 from compplan.path.events import ENDING, Event, find_halts
 from compplan.path.toolpath import WRENCH_HEADERS
 from compplan.plan.compare import Comparison, summarise_comparison
-from compplan.plan.executed import bound_zones
+from compplan.plan.executed import bound_zones, describe_unfollowed
 from compplan.plan.result import Plan, replace_said, summarise_plan
 from compplan.program import Program
 from compplan.program.fit import LINE
 from compplan.program.post import Post
 from compplan.program.program import Pieces
-from compplan.program.zones import mark_corner_stops
+from compplan.program.zones import STOPPING, mark_corner_stops
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -105,7 +105,8 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
     sent = np.vstack([way.q, plan.sent, back.q])
-    may_stop = mark_corner_stops(make_program(plan), job.output.programs)
+    stops = STOPPING.intersection(job.output.programs)
+    may_stop = mark_corner_stops(make_program(plan), job.output.programs) if stops else np.zeros(len(rows), bool)
     table = choose_rows(plan)
     wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent)
     vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
@@ -297,6 +298,7 @@ def note_programs(plan: Plan) -> Plan:
     posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
     notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
     notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
+    notes += describe_unfollowed(plan.job.output, carries=bool(plan.task.robot.carrying))
     return replace_said(plan, (*plan.notes, *notes))
 
 

@@ -138,6 +138,14 @@ def describe_floor(task: PlanTask, q: Array) -> str:
             f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
 
 
+def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
+    """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
+    cubics = "Executed path: cubics (POLY) are not followed, lines and arcs fitted as closely stand for them."
+    carried = "Executed path: written moves are not followed where joints carry the part."
+    moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
+    return [cubics] * ("sinumerik" in output.programs and output.splines) + [carried] * bool(moves)
+
+
 @dataclass(frozen=True)
 class ReachedPath:
     """What a controller makes of a command.
@@ -188,9 +196,10 @@ def slow_down(task: PlanTask, timing: Timing, executed: ExecutedPath | None, tur
     if use.max(initial=0.0) <= 1.0 or (task.pace >= SLOWEST)[use > 1.0].all():
         return None
     slower, reach = np.ones(len(task)), REACH * FARTHER**turn * task.smoothing
-    for k in np.flatnonzero(use > 1.0).tolist():
-        near = slice(*np.searchsorted(timing.time, [timing.time[k] - reach, timing.time[k] + reach]))
-        slower[near] = np.maximum(slower[near], FURTHER * use[k])
+    far = np.flatnonzero(use > 1.0)
+    ends = (np.searchsorted(timing.time, timing.time[far] + side * reach).tolist() for side in (-1.0, 1.0))
+    for k, begin, end in zip(far, *ends, strict=True):
+        np.maximum(slower[begin:end], FURTHER * use[k], out=slower[begin:end])
     window = 1.0 if task.start.pace is None else task.start.pace.window
     pace = Easing(window, task.origin, np.minimum(slower * task.pace, SLOWEST))
     return replace(task, start=replace(task.start, pace=pace))
@@ -345,7 +354,8 @@ def _write_follower(
                           form=output.form, arc_of=nominal.arc, **bound_zones(task, motion))  # fmt: skip
         fitted = fit_moves(program)
         arm = build_arm(believed)
-        nodes, rows = lay_moves(fitted, q, arm, zone)
+        zones, stated, _ = find_zones(fitted.program, zone)
+        nodes, rows = lay_moves(fitted, q, arm, zones)
         path = build_path(nodes, arm, motion.blend_share)
         schedule = schedule_path(path, motion)
         step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
@@ -356,7 +366,7 @@ def _write_follower(
             s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), schedule.s][: len(reached)]
         some = slice(None, None, -(-len(s) // MOST_PLACES))
         along = np.interp(s[some], path.ends, length[rows])
-        smaller = int((np.isfinite(find_zones(fitted.program, zone)[1]) & mark_moves(fitted.program)).sum())
+        smaller = int((np.isfinite(stated) & mark_moves(fitted.program)).sum())
         place = np.interp(along, length, np.arange(len(q)))
         return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
 

@@ -158,9 +158,8 @@ def _write_kind(
 
 def _share_zones(program: Program) -> NDArray[np.int_]:
     """Return how much of CNT100 each corner may have: a share of its size (assumed). Shape (n,). [%]"""
-    whole = find_zones(replace(program, corner=None), ZONES["fanuc_ls"])[0]
-    stated = np.minimum(find_zones(program, ZONES["fanuc_ls"])[1], 1e9)
-    return np.clip(100.0 * stated / np.maximum(whole, 1e-9), 1.0, 100.0).astype(int)
+    _, stated, whole = find_zones(program, ZONES["fanuc_ls"])
+    return np.clip(100.0 * np.minimum(stated, 1e9) / np.maximum(whole, 1e-9), 1.0, 100.0).astype(int)
 
 
 def _move(program: Program, row: int, number: int, alone: bool, share: int, via: int | None) -> str:

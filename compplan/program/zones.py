@@ -59,6 +59,8 @@ ZONES = {
     "inform": BlendZone(5e-4, "assumed of PL=1"),
     "sinumerik": BlendZone(1e-4, "assumed of G642"),
 }
+#: Languages that stop exactly where their own zone leads too far.
+STOPPING = frozenset({"val3", "inform"})
 #: Zone of a language that is not listed, such as a post of one's own.
 OTHER = BlendZone(1e-4, "assumed")
 
@@ -81,7 +83,7 @@ def mark_moves(program: Program) -> NDArray[np.bool_]:
     return np.r_[True, step > NOWHERE] | alone | program.arcs | stops
 
 
-def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array]:
+def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     """Return the zones of a fitted program at the ends of its moves as a language has them, and where they are smaller.
 
     Args:
@@ -90,7 +92,7 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array]:
 
     Returns:
         Zones, 0 at exact stops, shape (m,) [m]; those that the program has to state because the language's own would
-        leave the path too far, infinite elsewhere, shape (m,) [m].
+        leave the path too far, infinite elsewhere, shape (m,) [m]; the language's own, shape (m,) [m].
 
     """
     kept = mark_moves(program)
@@ -104,7 +106,7 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array]:
     size = np.where(stops, 0.0, np.minimum(size, room))
     row = np.cumsum(kept) - 1
     if program.corner is None:
-        return size[row], np.full(len(row), np.inf)
+        return size[row], np.full(len(row), np.inf), size[row]
     leaves = chord / np.maximum(length, 1e-12)[:, None]
     comes = leaves.copy()
     for k in np.flatnonzero(np.isfinite(via[:, 0]) & ~alone & (np.arange(len(via)) > 0)).tolist():
@@ -120,7 +122,7 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array]:
     turn = np.linalg.norm(np.r_[leaves[1:], comes[-1:]] - comes, axis=1)
     most = 4.0 * program.corner[kept] / (np.maximum(program.blend_share, 1e-3) * np.maximum(turn, 1e-12))
     stated = np.where(size > most, np.maximum(np.floor(most / STEP), 1.0) * STEP, np.inf)
-    return np.minimum(size, stated)[row], stated[row]
+    return np.minimum(size, stated)[row], stated[row], size[row]
 
 
 def stop_at_corners(program: Program, language: str) -> Program:
@@ -140,7 +142,7 @@ def stop_at_corners(program: Program, language: str) -> Program:
 def mark_corner_stops(program: Program, languages: Sequence[str]) -> NDArray[np.bool_]:
     """Tell at which rows of a program, not yet fitted, `stop_at_corners` stops in any of some languages. Shape (n,)."""
     may = np.zeros(len(program), bool)
-    for language in {"val3", "inform"} & {*languages} if program.form != "joint" else ():
+    for language in STOPPING & {*languages} if program.form != "joint" else ():
         fitted = fit_moves(program, arcs=language == "val3")
         may[fitted.rows[np.isfinite(find_zones(fitted.program, ZONES[language])[1])]] = True
     return may
