@@ -37,9 +37,6 @@ LINES = {
     "montecarlo, 2 workers": ("montecarlo job.toml {mc} --workers 2", "montecarlo job.toml {mc} --workers 2"),
     "map": ("map robot --points 5 --out out", "map robot --points 5 --height-mm 700 --out out"),
     "identify": ("identify log.csv --robot robot --out out", "identify other.csv --robot robot --out out"),
-    "identify poses": (
-        "identify --robot robot --choose-poses 5 --out out", "identify --robot robot --choose-poses 6 --out out",
-    ),
     "diagnose": ("diagnose log.csv --robot robot --out out", "diagnose other.csv --robot robot --out out"),
     "predict": ("predict log.csv --robot robot --out out/p.csv", "predict other.csv --robot robot --out out/p.csv"),
     "convert": ("convert part.gcode --out out/p.csv", "convert part.apt --out out/p.csv"),

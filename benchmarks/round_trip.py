@@ -14,17 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
-from compplan.errors import UnknownNameError
+from compplan.errors import InputError, UnknownNameError
 from compplan.identify.estimate import Estimate, estimate_parameters
 from compplan.identify.forward import attain_fit
 from compplan.identify.parameters import FreeRobot, build_structure
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measure.made import make_log
-from compplan.measure.poses.pool import draw_candidates
+from compplan.measure.poses.pool import take_clear
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
 from compplan.robot.springs import link_springs, missing_springs
-from compplan.statics.chain import build_chain
+from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 
 #: Models of a round trip: what is soft, how it is loaded, and what is unknown besides.
@@ -33,6 +33,53 @@ MODELS = ("joints", "extra springs", "base plate", "links", "gravity", "double e
 ASSUMED_MASS = 60.0
 ASSUMED_LINK = np.diag([5e-9, 5e-9, 1e-9, 5e-8, 5e-8, 1e-7])
 GRAVITY = np.array([0.0, 0.0, -9.81])
+#: Batches of poses that are drawn at most; poses whose TCP is lower above the base frame are left out. [m]
+TRIES, LEAST_HEIGHT = 20, 0.1
+
+
+def draw_candidates(
+    robot: Robot,
+    count: int,
+    *,
+    force: float = 1000.0,
+    lever: float = 0.3,
+    vertical: bool = False,
+    seed: int = 0,
+) -> Campaign:
+    """Draw rows to choose from: poses inside the joint limits, each under a force in a random direction.
+
+    The force acts on a lever beside the tool axis; nothing is measured yet.
+
+    Args:
+        robot: The robot.
+        count: Number of candidates.
+        force: Size of the force. [N]
+        lever: Distance of its point of attack from the TCP, across the tool axis, on a random side. [m]
+        vertical: Forces point down (weights) instead of anywhere.
+        seed: Seed of the draw.
+
+    Raises:
+        InputError: If hardly any pose inside the limits is above the least height.
+    """
+    rng, chain = np.random.default_rng(seed), build_chain(robot)
+    lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
+    lower = np.where(robot.prismatic, np.maximum(robot.lower, -1e3), lower)
+    upper = np.where(robot.prismatic, np.minimum(robot.upper, 1e3), upper)
+
+    def high(q: Array) -> NDArray[np.bool_]:
+        return np.asarray(locate_frames(chain, q).tcp_position[:, 2] >= LEAST_HEIGHT)
+
+    q = take_clear((rng.uniform(lower, upper, (2 * count, robot.nq)) for _ in range(TRIES)), high, count)
+    if len(q) < count:
+        raise InputError(f"fewer than 1 pose in 40 lies {LEAST_HEIGHT} m above the base; check the joint limits")
+    direction = rng.standard_normal((count, 3))
+    if vertical:
+        direction[:] = [0.0, 0.0, -1.0]
+    pull = force * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    side = rng.uniform(0, 2 * np.pi, count)
+    arm = lever * np.column_stack([np.cos(side), np.sin(side), np.zeros(count)])
+    arm = np.einsum("nij,nj->ni", locate_frames(chain, q).tcp_rotation, arm)
+    return make_log(q, np.hstack([pull, np.cross(arm, pull)]), np.zeros((count, 3)))
 
 
 def simulate_observations(

@@ -44,7 +44,7 @@ COMMANDS = {
     "montecarlo": "montecarlo mill.toml --samples 16 --replicates 2 --workers 2 --no-sensitivity"
     " --strategies none,mirror,nlp,secondary_encoder --out out",
     "convert": "convert part.gcode --out out/part.csv",
-    "post": "post part.gcode --robot robot --part 1700,0,900 --program krl --feed 20 --out out",
+    "post": "post part.apt --robot robot --part 1700,0,900 --program krl --feed 20 --out out",
     "doctor": "doctor robot --json",
 }  # fmt: skip
 #: Words of keys under which no number of the subject stands.

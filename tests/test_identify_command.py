@@ -14,13 +14,12 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from benchmarks.round_trip import simulate_observations
+from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.identify import campaign as identifying
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.problem import IdentifyOptions, IdentifyProblem
-from compplan.measure.poses.pool import draw_candidates
 from compplan.measure.reading import read_campaign
 from compplan.robot import Robot, Spring, load_robot
 from compplan.robot.folder import write_robot_folder
@@ -210,14 +209,6 @@ def test_an_updated_folder_can_be_identified_again(tmp_path: Path) -> None:
     assert gaps[1]["before_rms_mm"] == pytest.approx(gaps[0]["after_rms_mm"], rel=0.02)
 
 
-def test_poses_to_measure_are_written_as_a_log_that_lacks_only_positions(tmp_path: Path) -> None:
-    result = run("--choose-poses", 8, "--robot", "kuka_kr240_rail", "--out", tmp_path)
-    assert "geometric mean of the standard errors" in result.output
-    lines = (tmp_path / "poses.csv").read_text().splitlines()
-    assert lines[0].startswith("run,q1_mm,q2_deg") and len(lines) == 9
-    assert json.loads((tmp_path / "poses.json").read_text())["ratio_to_random"] < 0.9
-
-
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -234,9 +225,10 @@ def test_options_that_name_nothing_are_refused(tmp_path: Path, arguments: list[s
     assert not (tmp_path / "out").exists()
 
 
-def test_no_log_and_no_wish_for_poses_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no measurement log is given"):
-        run("--robot", "kuka_kr270", "--out", tmp_path / "out")
+def test_no_log_and_a_wish_for_poses_are_answered_by_the_command_that_chooses_them(tmp_path: Path) -> None:
+    for words, fault in (([], "no measurement log is given"), (["--choose-poses", 8], "--choose-poses is gone")):
+        with pytest.raises(InputError, match=f"{fault}; compplan campaign JOB --poses N --for calibration"):
+            run(*words, "--robot", "kuka_kr270", "--out", tmp_path / "out")
 
 
 def test_a_log_without_settled_poses_or_without_loads_is_refused(tmp_path: Path) -> None:

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.round_trip import simulate_observations
+from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.identify import build_structure, estimate_parameters
 from compplan.measure.campaign import Campaign
 from compplan.measure.made import make_log
-from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import link_springs
 from compplan.statics.chain import build_chain

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.round_trip import simulate_observations
+from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.errors import InputError, ShapeError, UnknownNameError
 from compplan.identify import (
     build_structure,
@@ -16,7 +16,6 @@ from compplan.identify import (
     reduce_model,
 )
 from compplan.measure.made import make_log
-from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import missing_springs
 

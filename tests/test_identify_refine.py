@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.round_trip import simulate_observations
+from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.errors import InputError
 from compplan.identify import KNOWN_FRAMES, Rows, build_structure, estimate_parameters
 from compplan.identify.estimate import leave_poses_out
@@ -17,7 +17,6 @@ from compplan.identify.spring_place import place_spring
 from compplan.identify.update import find_unexplained
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit.heldout import distance_rms, gain_score
-from compplan.measure.poses.pool import draw_candidates
 from compplan.robot import Spring, load_robot
 from compplan.robot.springs import candidate_springs
 

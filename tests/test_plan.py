@@ -189,6 +189,7 @@ def test_a_plan_tells_its_stages_in_order_and_ends_where_it_is_cancelled():
         assert told == stages[: stages.index(stop) + 1]
 
 
+@pytest.mark.usefixtures("graph_alone")
 def test_each_scale_lowers_its_own_limits_alone() -> None:
     scales = {"velocity": 0.4, "acceleration": 0.3}
     job = check_job(

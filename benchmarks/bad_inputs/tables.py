@@ -62,7 +62,6 @@ COMMANDS = {
     "convert apt": "convert part.apt --out out.csv",
     "post": "post part.gcode --robot robot --part 1700,0,900 --program krl --out out",
     "post apt": "post part.apt --robot robot --part 1700,0,900 --program krl --out out",
-    "identify poses": "identify --robot robot --choose-poses 5 --out out",
     "reproduce": "reproduce dumas2011 --out out",
     "doctor": "doctor robot",
     "doctor log": "doctor log.csv --robot robot",

@@ -1,4 +1,4 @@
-"""`compplan identify`: compliances of a robot from a measurement log, or the poses from which to measure them."""
+"""`compplan identify`: compliances of a robot from a measurement log."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-import numpy as np
 
 from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options, registered_parts, settle_questions
@@ -17,20 +16,12 @@ from compplan.errors import InputError
 from compplan.files.tables import dump_json
 from compplan.identify.campaign import identify_campaign
 from compplan.identify.parameters import LINK_TERMS
-from compplan.identify.plan_campaign import plan_campaign
 from compplan.identify.problem import IdentifyOptions
 from compplan.job.names import EFFECTS
 from compplan.measure.checks import list_notes
 from compplan.measure.fit.robust import LOSSES
-from compplan.measure.poses.determinant import CampaignPlan
 from compplan.measure.registration import parse_parts
-from compplan.outputs.identify import (
-    describe_campaign_plan,
-    describe_identification,
-    write_campaign_plan,
-    write_identification,
-)
-from compplan.robot import load_robot
+from compplan.outputs.identify import describe_identification, write_identification
 
 
 @click.command(epilog=f"Effects: {', '.join(EFFECTS)}.")
@@ -48,13 +39,7 @@ from compplan.robot import load_robot
 @click.option("--reference", type=click.Choice(["absolute", "difference", "auto"]), default="auto",
               help="Absolute positions, or each pose against itself under other loads.")  # fmt: skip
 @click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count.")
-@click.option("--choose-poses", type=click.IntRange(1, 1000), metavar="N",
-              help="Instead: choose N poses and loads to measure.")  # fmt: skip
-@click.option("--force-N", "force", type=click.FloatRange(0.0, 1e5, min_open=True), default=1000.0,
-              help="Force of the chosen loads (1000).")  # fmt: skip
-@click.option("--lever-mm", "lever", type=click.FloatRange(0.0, 1e5), default=300.0,
-              help="Lever of the chosen loads (300).")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the candidates to choose from (0).")
+@click.option("--choose-poses", hidden=True, help="Gone: compplan campaign chooses poses.")
 @measured_options
 @click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -71,10 +56,7 @@ def command(
     geometry: str,
     reference: str,
     loss: str,
-    choose_poses: int | None,
-    force: float,
-    lever: float,
-    seed: int,
+    choose_poses: str | None,
     instrument: Path | None,
     tool: Path | None,
     target_offset: str | None,
@@ -83,28 +65,19 @@ def command(
 ) -> None:
     """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
 
-    Writes DIR/robot (the updated robot folder) and DIR/identify.json. With --choose-poses N it writes DIR/poses.csv: N
-    poses and loads that tell the most.
+    Writes DIR/robot (the updated robot folder) and DIR/identify.json.
 
     Example: compplan identify examples/identify/measurements.csv --robot kuka_kr270 --out out
     """
-    robot = load_robot(robot_name)
     options = IdentifyOptions(
         register=parse_parts(register),
         springs=None if springs is None else _split(springs),
         add=_split(add or ""), effects=_split(effects or ""),
         stepwise=stepwise, links=links, geometry=geometry, reference=reference, loss=loss,
     )  # fmt: skip
-    if not np.isfinite([force, lever]).all():
-        raise InputError("--force-N and --lever-mm are finite numbers")
-    if choose_poses is not None:
-        if measurements is not None:
-            raise InputError("a log and --choose-poses are both given: poses are chosen before there is a log")
-        plan = plan_campaign(robot, options, choose_poses, force=force, lever=lever * 1e-3, seed=seed)
-        _choose(plan, out, as_json=as_json)
-        return
-    if measurements is None:
-        raise InputError("no measurement log is given; name one, or ask for poses to measure with --choose-poses N")
+    if measurements is None or choose_poses is not None:
+        fault = "no measurement log is given" if choose_poses is None else "--choose-poses is gone"
+        raise InputError(f"{fault}; compplan campaign JOB --poses N --for calibration chooses poses to measure")
     robot, campaign = load_measured(measurements, robot_name, tool, target_offset, instrument)
     options = replace(options, register=registered_parts(register, campaign))
     settle_questions(robot, campaign, options.register, assume_ok)
@@ -117,16 +90,6 @@ def command(
     for line in (*describe_identification(summary), *list_notes(campaign.notes)):
         click.echo(line)
     click.echo(f"wrote {out / 'robot'}, {out / 'identify.json'} and {out / 'report.html'}")
-
-
-def _choose(plan: CampaignPlan, out: Path, *, as_json: bool) -> None:
-    summary = write_campaign_plan(plan, out)
-    if as_json:
-        click.echo(dump_json(summary))
-        return
-    for line in describe_campaign_plan(summary):
-        click.echo(line)
-    click.echo(f"wrote {out / 'poses.csv'}")
 
 
 def _split(text: str) -> tuple[str, ...]:

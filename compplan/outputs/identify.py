@@ -1,4 +1,4 @@
-"""What `compplan identify` writes: identify.json, report.html, the updated robot folder, or poses to measure."""
+"""What `compplan identify` writes: identify.json, report.html and the updated robot folder."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from compplan.files.origin import describe_origin
-from compplan.files.tables import write_json, write_table, write_text
+from compplan.files.tables import write_json, write_text
 from compplan.files.transaction import replace_folder
 from compplan.identify.campaign import Identification
 from compplan.identify.estimate import Estimate
 from compplan.identify.parameters import Parameter
 from compplan.identify.refine import RefinementRound, RoundCandidate
 from compplan.measure.fit.rows import SIGMA_ENCODER
-from compplan.measure.poses.determinant import CampaignPlan
 from compplan.measure.registration import write_registration
 from compplan.report.identify_page import write_identification_page
 from compplan.robot.folder import write_robot_folder
@@ -52,45 +51,6 @@ def write_identification(result: Identification, out: Path, log_notes: Sequence[
             write_registration(result.registration, folder / "registration.toml")
         write_json(part / "identify.json", summary)
         write_identification_page(summary, part / "report.html")
-    return summary
-
-
-def write_campaign_plan(plan: CampaignPlan, out: Path) -> dict[str, Any]:
-    """Write poses.csv (columns of a measurement log that is yet to be measured) and poses.json.
-
-    Args:
-        plan: The plan.
-        out: Folder to write into; made if needed.
-    """
-    columns: dict[str, object] = {"run": np.array(["static_1"] * len(plan.poses))}
-    columns |= plan.robot.joint_columns(plan.poses.q)
-    for k, header in enumerate(("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")):
-        columns[header] = plan.poses.wrench[:, k]
-    entries = []
-    told = plan.information
-    for name, own, promised, random in zip(told.names, told.units, plan.promised, plan.random, strict=True):
-        unit, factor = SHOWN.get(own, (own, 1.0))
-        entries.append(
-            {
-                "name": name,
-                "unit": unit,
-                "standard_error": float(f"{promised * factor:.6g}"),
-                "standard_error_of_random_poses": float(f"{random * factor:.6g}"),
-            }
-        )
-    ratio = float(np.exp(np.mean(np.log(plan.promised / plan.random))))
-    summary = {
-        "schema": 1,
-        "robot": plan.robot.name,
-        "poses": len(plan.poses),
-        "ratio_to_random": float(f"{ratio:.4g}"),
-        "parameters": entries,
-        "assumed": "0.04 mm and 0.05 mrad standard deviation per axis of position and orientation",
-        "made_by": describe_origin(),
-    }
-    with replace_folder(out, "identify --choose-poses") as part:
-        write_table(part / "poses.csv", columns, decimals=6)
-        write_json(part / "poses.json", summary)
     return summary
 
 
@@ -225,13 +185,3 @@ def _about_geometry(name: str) -> bool:
 
 def _number(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(f"{value:.6g}")
-
-
-def describe_campaign_plan(summary: dict[str, Any]) -> list[str]:
-    """Say in lines for people what the chosen poses promise."""
-    lines = [f"{summary['robot']}: {summary['poses']} poses; assumed: {summary['assumed']}"]
-    lines.append(f"{'parameter':<26}{'unit':<12}{'standard error':>16}{'random poses':>14}")
-    for entry in summary["parameters"]:
-        name, unit, promised = entry["name"], entry["unit"], entry["standard_error"]
-        lines.append(f"{name:<26}{unit:<12}{promised:>16.4g}{entry['standard_error_of_random_poses']:>14.4g}")
-    return [*lines, f"geometric mean of the standard errors: {summary['ratio_to_random']:.2f} of random poses"]

@@ -193,7 +193,9 @@ def read_placement(element: ElementTree.Element | None, file: Path, where: str) 
     if far > FARTHEST:
         raise InputError(f"origin xyz lies {far:g} m away, at most {FARTHEST:g} m; URDF is in metres", file=file,
                          where=where)  # fmt: skip
-    pose[:3, :3] = Rotation.from_euler("xyz", read_numbers(element, "rpy", "0 0 0", file, where)).as_matrix()
+    turned = read_numbers(element, "rpy", "0 0 0", file, where)
+    if turned.any():
+        pose[:3, :3] = Rotation.from_euler("xyz", turned).as_matrix()
     return pose
 
 

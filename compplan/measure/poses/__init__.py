@@ -5,6 +5,6 @@ derivatives H with noise R take off a covariance S,
 
     S - S H^T (H S H^T + R)^-1 H S,
 
-and `exchange` takes the best of many, greedily, then one for one. Identification asks for the determinant, the loop for
-the variance of the tip along a path, the diagnosis for the odds of two explanations.
+and `exchange` takes the best of many, greedily, then one for one. The loop asks for the variance of the tip along a
+path, the diagnosis for the odds of two explanations.
 """

@@ -1,8 +1,7 @@
 """Which of many measurements to take: greedily by what each adds, then exchanged one by one [Fedorov1972].
 
-One search for every aim: an aim tells what each candidate is worth beside some that are taken. Identification asks for
-the determinant of the information, the loop for the variance of the tip along a path, the diagnosis for the odds of two
-explanations.
+One search for every aim: an aim tells what each candidate is worth beside some that are taken. The loop asks for the
+variance of the tip along a path, the diagnosis for the odds of two explanations.
 """
 
 from __future__ import annotations
@@ -43,15 +42,15 @@ def settle_choice(worth: Worth, taken: Sequence[int]) -> list[tuple[int, float]]
         worth: What every candidate is worth beside some.
         taken: Candidates to begin with.
     """
-    chosen = exchange_taken(worth, taken, ROUNDS)
+    chosen = exchange_taken(worth, taken)
     grown = grow_choice(lambda order: worth([chosen[k] for k in order])[chosen], len(chosen))
     return [(chosen[k], gain) for k, gain in grown]
 
 
-def exchange_taken(worth: Worth, taken: Sequence[int], rounds: int) -> list[int]:
+def exchange_taken(worth: Worth, taken: Sequence[int]) -> list[int]:
     """Replace what is taken by better candidates, one by one, until none is better or the rounds are over."""
     taken = list(taken)
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         changed = False
         for place, leaving in enumerate(taken):
             others = taken[:place] + taken[place + 1 :]

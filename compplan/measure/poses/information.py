@@ -1,7 +1,6 @@
 """What measurements tell: rows of derivatives and their noise, on a normal state of parameters and frames.
 
-An aim is what each further measurement gains beside that state: of the determinant, of a variance, of the odds of two
-explanations.
+An aim is what each further measurement gains beside that state: of a variance, of the odds of two explanations.
 """
 
 from __future__ import annotations
@@ -78,13 +77,6 @@ def measure_gains(covariance: Array, rows: Array, weight: Array, noise: float) -
     along, inner = _innovate(covariance, rows, noise)
     outer = np.einsum("mip,mjp->mij", (along.reshape(-1, len(weight)) @ weight).reshape(along.shape), along)
     return np.asarray(np.trace(np.linalg.solve(inner, outer), axis1=1, axis2=2))
-
-
-def determinant_gains(covariance: Array, rows: Array, noise: float = 1.0) -> tuple[Array, Array]:
-    """Return log det(1 + R^-1 H S H^T) of each measurement, and the variances it would leave. Shapes (m,), (m, P)."""
-    along, inner = _innovate(covariance, rows, noise)
-    left = np.diag(covariance) - np.einsum("mcp,mcp->mp", along, np.linalg.solve(inner, along))
-    return np.asarray(np.linalg.slogdet(inner / noise)[1]), np.asarray(left)
 
 
 def odds_gains(mean: Array, covariance: Array, rows: Array, noise: float = 1.0) -> Array:
