@@ -10,7 +10,7 @@ import json
 import sys
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -22,10 +22,10 @@ from scipy.special import logit
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.assessment import assess_diagnosis
+from compplan.diagnose.answer.assessment import Assessment, assess_diagnosis
 from compplan.diagnose.answer.measurement_moves import lay_out_moves
 from compplan.diagnose.answer.next_measurement import propose_measurements
-from compplan.diagnose.answer.where import split_diagnosis
+from compplan.diagnose.answer.where import Split, split_diagnosis
 from compplan.diagnose.data.conventions import expect_targets, typical_gap
 from compplan.diagnose.data.noise import estimate_noise
 from compplan.diagnose.data.outliers import find_outliers
@@ -158,8 +158,20 @@ def draw(known: Known, robot: Robot) -> Campaign:
     return MISTAKES[known.mistake](log) if known.mistake else log
 
 
-def diagnose_known(name: str) -> dict[str, Any]:
-    """Diagnose a campaign; everything that is said of it and that it rests on, as plain values."""
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A diagnosis of a known campaign and what it is asked; `answers` holds what no diagnosis is needed for."""
+
+    known: Known
+    answers: dict[str, Any]
+    found: Diagnosis | None = None
+    split: Split | None = None
+    assessment: Assessment | None = None
+    table: dict[str, Any] = field(default_factory=dict)
+
+
+def run_known(name: str) -> Run:
+    """Ask a campaign and diagnose it, where nothing has to be answered first."""
     known = CAMPAIGNS[name]
     robot = make_robot(known.joints)
     campaign = draw(known, robot)
@@ -170,20 +182,29 @@ def diagnose_known(name: str) -> dict[str, Any]:
         "signs": [fit_positive(shape_elastics(robot, campaign, known.register), *signs) for signs in SIGNS.values()],
     }  # fmt: skip
     if known.mistake:
-        return asked
+        return Run(known, asked)
     steps: list[str] = []
     found = diagnose_campaign(robot, campaign, register=known.register, progress=steps.append)
-    table = found.to_table() | asked
-    table |= {"where": split_diagnosis(found).to_json(), **assess_diagnosis(found).to_json()}
-    table |= {"fit": look_inside(found), "steps": steps}
-    for one in table["delivered"]:
-        one.pop("name", None)
-    table["candidates"] = table["candidates"][:3]
+    split, assessment = split_diagnosis(found), assess_diagnosis(found)
+    extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(found)}
+    return Run(known, asked | {"steps": steps}, found, split, assessment, found.to_table(extra))
+
+
+def answer_run(run: Run) -> dict[str, Any]:
+    """Return everything that is said of a campaign and that it rests on, as plain values."""
+    if run.found is None:
+        return run.answers
+    table = run.table | run.answers | {"fit": look_inside(run.found), "candidates": run.table["candidates"][:3]}
     table["next_measurement"] = [
         {key: value for key, value in one.items() if not isinstance(value, list)} | {"poses": len(one.get("poses", ()))}
-        for one in propose_measurements(found)
+        for one in table["next_measurement"]
     ]
     return json.loads(json.dumps(plain(table)))
+
+
+def diagnose_known(name: str) -> dict[str, Any]:
+    """Diagnose a campaign anew; everything that is said of it and that it rests on, as plain values."""
+    return answer_run(run_known(name))
 
 
 def look_at_noise(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> list[list[float]]:

@@ -7,21 +7,28 @@ which of them at twice and at half its value, `python tests/known_numbers.py stu
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from known_campaigns import CAMPAIGNS, FILE, diagnose_known, differences
+from known_campaigns import CAMPAIGNS, FILE, Run, answer_run, diagnose_known, differences, run_known
 from known_numbers import SEEN, TABLE, list_numbers, moved
+from page_contradictions import list_contradictions, tell
 
 TRUTH = json.loads(FILE.read_text())
 NUMBERS = {number.short: number for number in list_numbers()}
 
 
-@pytest.mark.parametrize("name", CAMPAIGNS)
-def test_a_known_campaign_is_diagnosed_as_it_is_and_as_before(name: str) -> None:
-    known, answer = CAMPAIGNS[name], diagnose_known(name)
-    assert not list(differences(TRUTH[name], answer))
+@pytest.fixture(scope="module", params=CAMPAIGNS)
+def run(request: pytest.FixtureRequest) -> tuple[str, Run]:
+    """A known campaign, diagnosed once."""
+    return request.param, run_known(request.param)
+
+
+def test_a_known_campaign_is_diagnosed_as_it_is_and_as_before(run: tuple[str, Run]) -> None:
+    known, answer = run[1].known, answer_run(run[1])
+    assert not list(differences(TRUTH[run[0]], answer))
     if known.mistake:
         assert answer["questions"]
         return
@@ -32,6 +39,13 @@ def test_a_known_campaign_is_diagnosed_as_it_is_and_as_before(name: str) -> None
         entry = next(e for e in named if (e["effect"], e["joint"]) == (effect.name, effect.joint))
         assert all(close(entry["parameters"][key], value) for key, value in effect.parameters.items()), entry
     assert answer["outliers"] == list(known.spoiled)
+
+
+def test_the_page_of_a_known_campaign_never_contradicts_itself(run: tuple[str, Run], tmp_path: Path) -> None:
+    _, told = run
+    if told.found is not None and told.split is not None:
+        assert list_contradictions(tell(told.found, told.split, told.assessment, told.table, tmp_path)) == []
+    assert told.known.mistake or told.found is not None
 
 
 def close(found: Any, true: Any) -> bool:

@@ -21,6 +21,7 @@ LIMITS = (
     "Drawn robots. What measured robots show stands in [diagnosis_real](diagnosis_real.md).",
     "Generator and vocabulary share the list of effects of the file format.",
     "Few campaigns: the intervals are wide.",
+    "FIGAROH fits geometry to 400 rows at rest at most, without what the nominal springs bend; it has no compliances.",
 )
 SEEDS = "200:236"
 SINGLES, DOUBLES = "singles placed", "doubles complete"

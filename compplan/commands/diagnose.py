@@ -75,11 +75,7 @@ def command(
         click.echo(note)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     click.echo(f"wrote diagnosis.json, report.html, {folders} to {out}")
-    if diagnosis.deliveries[0].kind == NOMINAL:
-        click.echo("next: nothing predicts better than the robot as it was; what to measure next is on the page")
-    else:
-        robot_folder = out / "robot"
-        click.echo(f"next: plan with it, compplan plan JOB --robot {robot_folder}; what to measure next is on the page")
+    click.echo(describe_next(diagnosis, out))
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
@@ -114,6 +110,13 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     if len(diagnosis.outliers):
         lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
     return "\n".join(lines)
+
+
+def describe_next(diagnosis: Diagnosis, out: Path) -> str:
+    """Say what to do with the folders that were written to `out`."""
+    if diagnosis.deliveries[0].kind == NOMINAL:
+        return "next: nothing predicts better than the robot as it was; what to measure next is on the page"
+    return f"next: plan with it, compplan plan JOB --robot {out / 'robot'}; what to measure next is on the page"
 
 
 def _describe_motion(finding: Finding, gap: float) -> str:

@@ -150,6 +150,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
     hyper = fit.model.posterior.hyper
     probability: dict[Place, float] = {}
     chosen: dict[Place, Claim] = {}
+    beforehand = {finding.effect.place for finding in verdict.findings if finding.signature < 0}
     for finding in (*verdict.findings, *verdict.doubtful):
         if finding.signature < 0:
             continue
@@ -166,8 +167,9 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
             chosen[place] = Claim(gain.signature, gain.size)
     for gain in distinct_places(search, gains, LISTED):
         place = ledger.signatures[gain.signature].place
-        chosen.setdefault(place, Claim(gain.signature, gain.size))
-        probability.setdefault(place, 0.0)
+        if place not in beforehand:
+            chosen.setdefault(place, Claim(gain.signature, gain.size))
+            probability.setdefault(place, 0.0)
     candidates = []
     for place, claim in list(chosen.items())[: 2 * LISTED]:
         held = folds.hold_out_linear([claim])

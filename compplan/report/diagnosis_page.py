@@ -113,7 +113,7 @@ def write_diagnosis_page(
         kind=f"Diagnosis of {_title(diagnosis.fit.problem.campaign)}",
         opening=open_diagnosis(
             verdict, gap, diagnosis.deliveries[0].kind, Chart(draw_shares(split.shares.by_place, "place"), SHARES, 330),
-            split.shares.by_place[CALIBRATION].share,
+            split.shares.by_place[CALIBRATION].share, listed=any(s.get("poses") for s in table["next_measurement"]),
         ),
         notes=[*notes, describe_grade(robot)],
         provenance=describe_robot(robot, _list_facts(diagnosis, rows)),

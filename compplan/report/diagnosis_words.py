@@ -25,6 +25,8 @@ def describe_where(verdict: Mapping[str, Any], split: Split) -> str:
     parts: list[str] = []
     if verdict["status"] == CALIBRATED and split.small_errors is not None:
         return f"{gap}; {_describe_places(split.small_errors)}."
+    if verdict["status"] == "none":
+        return f"{gap}, and no place is named that carries a part of it: it is no more than noise."
     for carrier in shares.carriers[:3]:
         if carrier.share.share >= 0.05 or not parts:
             sure = f"probability {carrier.probability:.2f}, {_describe_interval(carrier.share)} if so"
@@ -88,6 +90,8 @@ def describe_which(
     if status == CALIBRATED and split.small_errors is not None:
         return describe_small_errors(split.small_errors)
     if not effects:
+        if taken_up:
+            return "Which: unknown; no single effect makes it, and the calibration of the updated robot takes it up."
         text = " ".join(structure[:1])
         return f"Which: unknown; there is structure in the residual and no effect explains it. {text}".rstrip()
     parts = [

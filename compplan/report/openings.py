@@ -114,7 +114,7 @@ def open_study(result: JobStudy, picture: Block) -> Opening:
 
 def open_diagnosis(
     verdict_table: Mapping[str, Any], gap: Mapping[str, float | None], delivered: str, picture: Block,
-    small: float = 0.0,
+    small: float = 0.0, *, listed: bool = True,
 ) -> Opening:  # fmt: skip
     """Say what is wrong with the robot, and how much of the gap that explains.
 
@@ -124,14 +124,17 @@ def open_diagnosis(
         delivered: Kind of the robot folder that is written: "nominal" where nothing predicts better.
         picture: The picture.
         small: Share of the gap that small errors everywhere carry.
+        listed: Whether poses to measure next stand below.
     """
     status, effects = verdict_table["status"], verdict_table["effects"]
     after, before = gap.get("held_out_after_rms_mm"), gap.get("held_out_before_rms_mm")
     first = "; ".join(describe_effect(effect) for effect in effects[:2])
     more = f"; and {len(effects) - 2} more" if len(effects) > 2 else ""
+    taken_up = reaches_noise(gap, delivered)
+    alone = " by itself, but calibration takes it up to the noise" if taken_up else ""
     verdicts = {
         "none": ("Nothing is wrong: what is left is noise of the measurement.", "good"),
-        "unknown": ("Something is wrong that none of the known effects explains.", "unsure"),
+        "unknown": (f"Something is wrong that none of the known effects explains{alone}.", "unsure"),
         "calibrated": ("The robot was not calibrated: many small errors, none of them a cause by itself.", "good"),
         "explained": (f"Found: {first}{more}.", "good"),
     }
@@ -141,7 +144,7 @@ def open_diagnosis(
         verdicts["explained"] = (f"Found, but not for certain: {first}{more}.", "unsure")
     floor = gap.get("noise_floor_mm")
     left = "Something is left that nothing explains."
-    if reaches_noise(gap, delivered):
+    if taken_up:
         left = "The rest has no name, but calibration takes it up to the noise."
     if small > 0.5:
         left = f"Most of the gap is small errors, as of a robot that was not calibrated. {left}"
@@ -153,11 +156,12 @@ def open_diagnosis(
                              "good" if after < 0.5 * before else "")]  # fmt: skip
     figures += [] if not floor else [KeyFigure(format_mm(1e-3 * floor), "noise of the measurement")]
     todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot."
+    more_poses = "Measure more poses, as listed below" if listed else "Measure more poses, other ones than these"
     if doubtful:
         later = f" Until then: {todo}" if delivered != "nominal" else ""
-        todo = f"Measure more poses, as listed below: {rivals} would explain the measurements as well.{later}"
+        todo = f"{more_poses}: {rivals} would explain the measurements as well.{later}"
     elif delivered == "nominal" and status != "none":
-        todo = "Nothing predicts better than the robot folder as it was. Measure more poses, as listed below."
+        todo = f"Nothing predicts better than the robot folder as it was. {more_poses}."
     elif status == "none":
         todo = "Nothing has to be done. Measure again after the next crash or service."
     return Opening(verdict, tone, figures, picture, todo)
