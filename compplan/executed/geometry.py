@@ -185,18 +185,20 @@ def _choose_branches(
     """Fill in the joints of poses, each nearest to those given, or to those before."""
     held = np.tile(near[arm.held], (len(need), 1)) if len(arm.held) else None
     slots = solve_branches(arm, poses[0][need], poses[1][need], held)
-    turns = ~arm.robot.prismatic
-    row = dict(zip(need.tolist(), range(len(need)), strict=True))
+    solved, given, row = mark_whole(slots.reshape(-1, q.shape[1])).reshape(slots.shape[:2]), mark_whole(q), -1
+    full, lower, upper = ~arm.robot.prismatic * 2.0 * np.pi, arm.robot.lower, arm.robot.upper
+    needed = np.isin(np.arange(len(q)), need).tolist()
     for k in range(len(q)):
-        if k in row:
-            target = q[k] if np.isfinite(q[k]).all() else near
-            found = slots[row[k]]
-            found = found[np.isfinite(found).all(axis=1)]
-            whole = np.round((target - found) / (2 * np.pi)) * turns * 2 * np.pi
-            inside = ((found + whole >= arm.robot.lower) & (found + whole <= arm.robot.upper)).all(axis=1)
-            whole[~inside] = 0.0
-            found = found + whole
-            found = found[((found >= arm.robot.lower - 1e-9) & (found <= arm.robot.upper + 1e-9)).all(axis=1)]
+        if needed[k]:
+            row += 1
+            target, found = q[k] if given[k] else near, slots[row][solved[row]]
+            turned = found + np.round((target - found) / (2 * np.pi)) * full
+            inside = (turned >= lower) & (turned <= upper)
+            if not inside.all():  # a pose near or beyond a limit
+                found = np.where(inside.all(axis=1)[:, None], turned, found)
+                found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
+            else:
+                found = turned
             if not len(found):
                 raise InputError("no joints within the limits reach this pose, expected one within reach",
                                  file=instructions.file, where=int(instructions.lines[k]))  # fmt: skip
