@@ -28,6 +28,7 @@ from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.statics.sensitivity import attain_pose
 
 PATHS = Path(__file__).parents[1] / "paths"
+pytestmark = pytest.mark.usefixtures("graph_alone")
 
 
 def straight_profile(cap=20.0, n=401):

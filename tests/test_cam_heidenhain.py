@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile
+from compplan.path.cam import CamFile, heidenhain
 
 START = "BEGIN PGM P MM\nTOOL CALL 1 Z S3000\nL X+0 Y+0 Z+10 R0 FMAX M3\n"
 
@@ -210,8 +210,10 @@ LBL 0"""
     assert cuts(read(close(body))) == [[5, 0, 10], [10, 0, 10], [15, 0, 10], [15, 0, 8], [15, 6, 8]]
 
 
-def test_endless_jumps_and_calls_of_other_programs_are_refused(read) -> None:
-    with pytest.raises(InputError, match=r"part.h:5: more than 200000 jumps"):
+def test_endless_jumps_and_calls_of_other_programs_are_refused(read, monkeypatch) -> None:
+    assert heidenhain.MOST_JUMPS == 200_000
+    monkeypatch.setattr(heidenhain, "MOST_JUMPS", 2_000)
+    with pytest.raises(InputError, match=r"part.h:5: more than 2000 jumps"):
         read(close("LBL 1\nFN 9: IF +0 EQU +0 GOTO LBL 1"))
     with pytest.raises(InputError, match=r"part.h:4: call 'CALL PGM SUB.H' is not read"):
         read(close("CALL PGM SUB.H"))

@@ -32,7 +32,7 @@ def shipped(name, **tables):
 
 @pytest.fixture(scope="module")
 def cone():
-    return cp.plan_job(cp.load_job(PATHS / "isf_cone.toml"))
+    return cp.plan_job(shipped("isf_cone", toolpath={"depth_mm": 5.0}))  # a third of it
 
 
 def test_loaded_tip_of_the_cone_stays_within_a_micrometre_in_the_exact_cell(cone):

@@ -16,12 +16,12 @@ from compplan.plan.task import PlanTask
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
 RAIL: dict[str, Any] = {
     "schema": 1, "robot": "kuka_kr240_rail", "process": PUSH, "part": {"position_mm": [1590.0, 2000.0, 600.0]},
-    "toolpath": {"generator": "circle", "radius_mm": 250.0, "feed_mm_s": 600.0, "waypoints": 24},
+    "toolpath": {"generator": "circle", "radius_mm": 250.0, "feed_mm_s": 600.0, "waypoints": 12},
 }  # fmt: skip
 SPIN: dict[str, Any] = {
     "schema": 1, "robot": "kuka_kr270", "process": PUSH, "part": {"position_mm": [1700.0, 0.0, 800.0]},
     "tool": {"position_mm": [0.0, 0.0, 300.0], "abc_deg": [0.0, 30.0, 0.0], "mass_kg": 8.0},
-    "toolpath": {"generator": "circle", "radius_mm": 120.0, "feed_mm_s": 500.0, "waypoints": 24},
+    "toolpath": {"generator": "circle", "radius_mm": 120.0, "feed_mm_s": 500.0, "waypoints": 12},
 }  # fmt: skip
 
 
