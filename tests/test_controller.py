@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from compplan.program.counting import (
     rates_to_controller,
     to_controller,
 )
-from compplan.robot import Robot, load_robot, robot_folders
+from compplan.robot import Joint, Robot, load_robot, robot_folders, write_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 
 
@@ -132,3 +133,25 @@ def test_cartesian_programs_go_through_the_geometry_that_the_controller_believes
     q = random_q(robot, 5)
     real, believed = (locate_link(each, q, robot.tcp)[:, :3, 3] for each in (robot, believed_robot(robot)))
     assert np.linalg.norm(real - believed, axis=1) == pytest.approx(0.001)
+
+
+def test_a_measured_folder_keeps_the_geometry_that_its_controller_believes_where_it_has_another(
+    folder: Path, tmp_path: Path
+) -> None:
+    nominal = load_robot(folder)
+    moved = replace(nominal, joints=(shift_first(nominal.joints[0]), *nominal.joints[1:]))
+    for name, robot in (("moved", moved), ("same", nominal)):
+        write_robot_folder(robot, tmp_path / name, nominal)
+    assert not (tmp_path / "same" / "controller.urdf").exists()
+    written = load_robot(tmp_path / "moved")
+    q = random_q(nominal, 5)
+    real, believed, before = (locate_link(r, q, r.tcp)[:, :3, 3] for r in (written, believed_robot(written), nominal))
+    assert believed == pytest.approx(before, abs=1e-12)
+    assert np.linalg.norm(real - before, axis=1) == pytest.approx(0.001)
+
+
+def shift_first(joint: Joint) -> Joint:
+    """Put a joint 1 mm farther along x of its parent."""
+    placement = joint.placement.copy()
+    placement[0, 3] += 1e-3
+    return replace(joint, placement=placement)

@@ -226,6 +226,7 @@ def test_the_updated_folder_predicts_a_fresh_campaign(diagnosis: Diagnosis, robo
     table = json.loads((tmp_path / "diagnosis.json").read_text())
     assert {e["effect"] for e in table["verdict"]["effects"]} == {"joint_stiffness", "joint_offset"}
     updated = read_robot_folder(tmp_path / "robot")
+    assert (tmp_path / "robot" / "controller.urdf").read_text() == robot.urdf  # no controller knows the offset
     fresh = measure(robot, plan_rows(robot, 77), [CAUSE, SECOND], 77)
     gap = np.linalg.norm(fresh.position - predict_campaign(updated, fresh).position, axis=1)
     assert np.sqrt(np.mean(gap**2)) < 1.15 * diagnosis.gap.noise_floor

@@ -17,9 +17,10 @@ from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.known.assumed import widen_uncertainty
 from compplan.known.slopes import ForceSpread, stage_path
+from compplan.loop import contacts
 from compplan.loop.campaign import Shop, add_places, design_campaign, take_frames
 from compplan.loop.candidates import find_postures, list_candidates
-from compplan.loop.contacts import find_touching, sight_candidates
+from compplan.loop.contacts import bring_tips, find_touching, sight_candidates
 from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
@@ -269,6 +270,28 @@ def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_th
     free = replace(candidates, sights=None)
     plain, _ = make_design(("tool",))
     assert choose_measurements(plain, free, 30).rms[-1] < choice.rms[-1]
+
+
+def test_sockets_are_put_up_elsewhere_where_the_arm_does_not_meet_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot("kuka_kr270")
+    q = make_design(("tool",))[1]
+    postures = find_postures(robot, q, 0.5, None, seed=1, kept=60)
+    middle = locate_frames(build_chain(robot), q).tcp_position.mean(axis=0)
+
+    def place(low: float) -> np.ndarray:
+        def bring(robot: Robot, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+            return bring_tips(robot, q, wanted)[: 2 if np.linalg.norm(wanted[0] - middle) <= low else None]
+
+        monkeypatch.setattr(contacts, "bring_tips", bring)
+        found, sights = find_touching(robot, postures, middle, 0.5, "sockets", 2, 0.0, None, 0)
+        tip = locate_frames(build_chain(robot), found).tcp_position
+        return np.array([tip[sights.contact == k][0] for k in range(2)])
+
+    away = np.linalg.norm(place(0.0)[0] - middle)
+    moved = np.linalg.norm(place(1.01 * away) - middle, axis=1)
+    assert (moved > 1.01 * away).all()
+    with pytest.raises(InputError, match="in 2 postures, expected at least 3, wherever near the path"):
+        place(9.0)
 
 
 def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, tmp_path, monkeypatch, capsys) -> None:

@@ -6,7 +6,7 @@ more than once. What each kind tells stands in `compplan.measure.sights`.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,41 @@ LENGTHS = {BALL_BAR: 0.3, SPHERE: 0.03}
 SIDE, SURE = 0.15, 2e-5
 #: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
 STEPS, NEAR, TURN = 15, 1e-9, 0.2
+#: Normals of planes, ways of dials and plates, place by place.
+NORMALS = np.eye(3)[[2, 0, 1]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """What decides how the arm meets a place: postures and their tips, the instrument and its length, what is near."""
+
+    robot: Robot
+    postures: Array
+    tip: Array
+    lowest: float
+    instrument: str
+    length: float
+    scene: CollisionScene | None
+    random: np.random.Generator
+
+    def meet(self, centre: Array, number: int) -> list[Array]:
+        """Return postures in which the arm meets a place [m], the `number`-th, or each socket of its plate."""
+        nearest = np.argsort(np.linalg.norm(self.tip - centre, axis=1))[: max(len(self.postures) // 3, 12)]
+        wanted = np.tile(centre, (len(nearest), 1))
+        if self.instrument in LENGTHS:
+            away = self.tip[nearest] - centre
+            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
+            wanted = centre + self.length * away / np.linalg.norm(away, axis=1)[:, None]
+        elif self.instrument == PLANE:
+            beside, normal = self.random.uniform(-SIDE, SIDE, wanted.shape), NORMALS[number % 3]
+            wanted = wanted + beside - np.outer(beside @ normal, normal)
+        half, met = 0.5 * self.length * NORMALS[(number + 1) % 3], []
+        for shift in (-half, half) if self.instrument == SOCKETS and self.length > 0.0 else (np.zeros(3),):
+            found = bring_tips(self.robot, self.postures[nearest], wanted + shift)
+            high = locate_frames(build_chain(self.robot), found).tcp_position[:, 2] >= min(FLOOR, self.lowest)
+            clear = high if self.scene is None else high & (measure_margin(self.scene, found, 0.0) >= 0.0)
+            met.append(found[clear])
+        return met
 
 
 def find_touching(
@@ -54,39 +89,35 @@ def find_touching(
     Raises:
         InputError: If the arm meets some place fewer than three times.
     """
-    random, chain = np.random.default_rng(seed), build_chain(robot)
-    tip = locate_frames(chain, postures).tcp_position
-    q, label, names, normals = [], [], list[str](), np.eye(3)[[2, 0, 1]]
+    tip = locate_frames(build_chain(robot), postures).tcp_position
+    q, label, names = [], [], list[str]()
     if instrument == PROBE:
-        return _probe_anywhere(postures, tip, normals)
-    for number, centre in enumerate(_spread(tip, middle, places)):
-        nearest = postures[np.argsort(np.linalg.norm(tip - centre, axis=1))[: max(len(postures) // 3, 12)]]
-        start = locate_frames(chain, nearest).tcp_position
-        wanted = np.tile(centre, (len(nearest), 1))
-        if instrument in LENGTHS:
-            away = start - centre
-            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
-            wanted = centre + length * away / np.linalg.norm(away, axis=1)[:, None]
-        elif instrument == PLANE:
-            beside = random.uniform(-SIDE, SIDE, wanted.shape)
-            wanted = wanted + beside - np.outer(beside @ normals[number % 3], normals[number % 3])
-        sides = [0.5 * length * normals[(number + 1) % 3] * side for side in (-1, 1)]
-        for shift in sides if instrument == SOCKETS and length > 0.0 else (np.zeros(3),):
-            found = bring_tips(robot, nearest, wanted + shift)
-            high = locate_frames(chain, found).tcp_position[:, 2] >= min(FLOOR, lowest)
-            found = found[high] if scene is None else found[high & (measure_margin(scene, found, 0.0) >= 0.0)]
-            if len(found) < 3:
+        return _probe_anywhere(postures, tip, NORMALS)
+    stand = _Stand(robot, postures, tip, lowest, instrument, length, scene, np.random.default_rng(seed))
+    offered, chosen = _near(tip, middle), np.empty((0, 3))
+    for number in range(places):
+        most = 0
+        while True:  # what the arm does not meet, or a wall bars, is no place to put anything up
+            if not len(offered):
                 raise InputError(
-                    f"the arm meets place {number + 1} near {(1e3 * centre).round().tolist()} mm in {len(found)}"
-                    " postures, expected at least 3; ask for fewer --places, or check limits and collisions"
+                    f"the arm meets place {number + 1} in {most} postures, expected at least 3, wherever near the path"
+                    " it is put up; ask for fewer --places, or check limits and collisions"
                 )
+            at = _choose_place(offered, chosen, middle)
+            centre, offered = offered[at], np.delete(offered, at, axis=0)
+            met = stand.meet(centre, number)
+            most = max(most, fewest := min(map(len, met)))
+            if fewest >= 3:
+                break
+        chosen = np.vstack([chosen, centre])
+        for found in met:
             side = f"/{len(names) % 2}" if instrument == SOCKETS and length > 0.0 else ""
             names.append(f"{number + 1}{side}")
             q.append(found)
             label.append(np.full(len(found), len(names) - 1))
     contact, n = np.concatenate(label), sum(map(len, q))
     of = np.array([int(name.split("/")[0]) - 1 for name in names])[contact]
-    direction = normals[of % 3] if KINDS[instrument] == READING else np.full((n, 3), np.nan)
+    direction = NORMALS[of % 3] if KINDS[instrument] == READING else np.full((n, 3), np.nan)
     known = KnownDistances()
     if instrument == SOCKETS and length > 0.0:
         pairs = np.arange(2 * places).reshape(-1, 2)
@@ -116,15 +147,17 @@ def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
     return np.asarray(q[good & ((q > robot.lower + edge) & (q < robot.upper - edge)).all(axis=1)])
 
 
-def _spread(tip: Array, middle: Array, count: int) -> Array:
-    """Choose places among tips: the one nearest to the path, then each as far from the others as the near half lets."""
+def _near(tip: Array, middle: Array) -> Array:
+    """Return the half of the tips that is nearer to the path. Shape (k, 3) [m]."""
     away = np.linalg.norm(tip - middle, axis=1)
-    near = tip[away <= np.median(away)]
-    chosen = [near[np.linalg.norm(near - middle, axis=1).argmin()]]
-    while len(chosen) < count:
-        apart = np.linalg.norm(near[:, None] - np.array(chosen), axis=2).min(axis=1)
-        chosen.append(near[apart.argmax()])
-    return np.array(chosen)
+    return tip[away <= np.median(away)]
+
+
+def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
+    """Choose a place: the first the one nearest to the path, then each as far from the others as can be."""
+    if not len(chosen):
+        return int(np.linalg.norm(offered - middle, axis=1).argmin())
+    return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
 
 
 def sight_candidates(candidates: Candidates, sights: Sights) -> Candidates:

@@ -65,7 +65,7 @@ def write_diagnosis(
     with replace_folder(out, "diagnose") as part:
         for number, delivery in enumerate(diagnosis.deliveries):
             folder = part / delivery.folder(number)
-            write_robot_folder(diagnosis.robot_of(delivery), folder)
+            write_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
             if delivery.state.registration is not None:
                 write_registration(delivery.state.registration, folder / "registration.toml")
         write_diagnosis_page(diagnosis, part / "report.html", split, assessment, table)

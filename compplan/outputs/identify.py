@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.files.origin import describe_origin
-from compplan.files.tables import write_json, write_text
+from compplan.files.tables import write_json
 from compplan.files.transaction import replace_folder
 from compplan.identify.campaign import Identification
 from compplan.identify.estimate import Estimate
@@ -43,10 +43,7 @@ def write_identification(result: Identification, out: Path, log_notes: Sequence[
     summary = {**summarise_identification(result), **said}
     with replace_folder(out, "identify") as part:
         folder = part / "robot"
-        write_robot_folder(result.robot, folder)
-        if result.geometry != "none" and not (folder / "controller.urdf").is_file():
-            # The controller goes on believing the geometry from before.
-            write_text(folder / "controller.urdf", result.nominal.urdf)
+        write_robot_folder(result.robot, folder, result.nominal)
         if result.registration.parts:
             write_registration(result.registration, folder / "registration.toml")
         write_json(part / "identify.json", summary)

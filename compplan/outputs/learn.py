@@ -48,14 +48,11 @@ def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
 
 def write_taught(teaching: Teaching, folder: Path) -> None:
     """Write the robot folder as it is known now, with what every path has learned."""
-    write_robot_folder(teaching.taught, folder)
+    write_robot_folder(teaching.taught, folder, teaching.robot)
     source = teaching.robot.folder
     if source is not None:
         for file in (*source.glob("learned_*.csv"), *source.glob("registration.toml")):
             shutil.copyfile(file, folder / file.name)
-        if not (folder / "controller.urdf").exists():
-            # the controller goes on believing the geometry from before
-            (folder / "controller.urdf").write_text(teaching.robot.urdf, encoding="utf-8")
     if teaching.force is not None:
         write_learned_force(teaching.force, teaching.job.process, folder, source)
     elif source is not None and (source / PROCESS).is_file():

@@ -156,7 +156,7 @@ def read_rating(robot: Robot) -> tuple[float, float] | None:
     return None if found is None else (float(found[1]), 1e-3 * float(found[2]))
 
 
-def write_robot_folder(robot: Robot, folder: Path) -> None:
+def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> None:
     """Write a robot folder: geometry and masses go into the URDF, springs and links into elasticity.toml.
 
     Only what the robot holds differently from its URDF text is edited there. No file is ever half written.
@@ -164,6 +164,8 @@ def write_robot_folder(robot: Robot, folder: Path) -> None:
     Args:
         robot: The robot.
         folder: The folder to write; made if needed.
+        before: The robot as it was before it was measured: its geometry is what the controller goes on believing
+            (controller.urdf) where that of `robot` is another. None: the controller believes what is written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "robot.urdf", _edit_urdf(robot))
@@ -186,6 +188,18 @@ def write_robot_folder(robot: Robot, folder: Path) -> None:
             source = robot.folder / name
             if source.is_file() and source.resolve() != (folder / name).resolve():
                 write_text(folder / name, source.read_text(encoding="utf-8"))
+    if before is not None and not (folder / "controller.urdf").is_file() and _has_moved(robot, before):
+        write_text(folder / "controller.urdf", before.urdf)
+
+
+def _has_moved(robot: Robot, before: Robot) -> bool:
+    """Tell whether a joint of a robot stands or points elsewhere than in the URDF of another."""
+    believed = {joint.name: joint for joint in read_urdf(before.urdf, Path("controller.urdf")).joints}
+    return any(
+        not np.allclose(joint.placement, old.placement, rtol=0, atol=1e-14)
+        or not np.allclose(joint.axis, old.axis, rtol=0, atol=1e-14)
+        for joint in robot.joints[robot.carrying :] if (old := believed.get(joint.name)) is not None
+    )  # fmt: skip
 
 
 def _default_flange(joints: list[Joint]) -> str:
