@@ -36,7 +36,7 @@ NORMALS = np.eye(3)[[2, 0, 1]]
 
 
 @dataclass(frozen=True, eq=False)
-class _Stand:
+class _Meeting:
     """What decides how the arm meets a place: postures and their tips, the instrument and its length, what is near."""
 
     robot: Robot
@@ -93,7 +93,7 @@ def find_touching(
     q, label, names = [], [], list[str]()
     if instrument == PROBE:
         return _probe_anywhere(postures, tip, NORMALS)
-    stand = _Stand(robot, postures, tip, lowest, instrument, length, scene, np.random.default_rng(seed))
+    meeting = _Meeting(robot, postures, tip, lowest, instrument, length, scene, np.random.default_rng(seed))
     offered, chosen = _near(tip, middle), np.empty((0, 3))
     for number in range(places):
         most = 0
@@ -105,7 +105,7 @@ def find_touching(
                 )
             at = _choose_place(offered, chosen, middle)
             centre, offered = offered[at], np.delete(offered, at, axis=0)
-            met = stand.meet(centre, number)
+            met = meeting.meet(centre, number)
             most = max(most, fewest := min(map(len, met)))
             if fewest >= 3:
                 break
