@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.limits import sample_use
-from compplan.job.job import check_job
+from compplan.job.job import check_job, load_job
 from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import read_force_spread
 from compplan.outputs.plan import write_plan
@@ -203,6 +203,14 @@ def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judg
     off = plan.task.position - plan.task.programmed
     assert plan.after.deviation[plan.task.cut] == pytest.approx(off[plan.task.cut], abs=2e-6)
     assert plan.promise is not None and plan.promise.greatest > plan.after.max_deviation
+
+
+def test_the_shipped_job_on_a_rail_is_solved_by_the_program_shorter_and_surer_than_the_graph_alone() -> None:
+    plan = plan_job(load_job(Path(__file__).parents[1] / "examples" / "rail" / "circle.toml"))
+    assert (plan.status, plan.strategy) == ("solved", "nlp"), plan.explain_failures()
+    assert plan.robot.prismatic[0] and plan.task.start is not None
+    assert (found := plan.task.start.bettered) is not None
+    assert found.time[1] <= found.time[0] and found.band[1] < 0.9 * found.band[0]
 
 
 def test_an_eased_run_rings_less_and_knows_where(plan: Plan) -> None:
