@@ -22,7 +22,7 @@ from compplan.plan.motion_limits import measure_use
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import cutting_runs
-from compplan.plan.verdict import set_up_bench
+from compplan.plan.verdict import find_breaches, set_up_bench
 from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.statics.sensitivity import attain_pose
@@ -118,6 +118,23 @@ def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_
     force = np.linalg.norm(ForceLaw(process, stock_top=0.0).predict(path)[:, :3], axis=1)
     assert force[:4] == pytest.approx(0.0, abs=1e-9)  # in the air, down in the air, down into the stock
     assert force[5] == pytest.approx(0.5 * force[4], rel=2e-2)  # half as deep in the end
+
+
+def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the_waypoints(tmp_path):
+    plan = cp.plan_job(three_points(tmp_path, CONSTANT))
+    bench = set_up_bench(plan.task, plan.q, plan.timing, None)
+    move = int(np.flatnonzero(plan.task.cut)[3])
+
+    def say(way):
+        far = np.zeros(len(plan.task) - 1)
+        far[move] = 2.0 * plan.task.move_tolerance[move]
+        between = replace(plan.between, **{way: far})
+        given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
+        return [text for text in find_breaches(*given) if "strays" in text]
+
+    assert not say("spline")
+    for way in ("joint", "cartesian"):
+        assert [text.endswith(f"after waypoint {move}") for text in say(way)] == [True]
 
 
 def test_a_planner_that_is_wrong_is_not_confirmed(tmp_path, monkeypatch):

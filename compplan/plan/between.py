@@ -48,6 +48,11 @@ class Between:
         return np.maximum(np.maximum(self.joint, self.cartesian), self.spline)
 
     @property
+    def driven(self) -> Array:
+        """Greatest distance of the two ways that programs take; the cubic is no written one. Shape (n - 1,). [m]."""
+        return np.maximum(self.joint, self.cartesian)
+
+    @property
     def max_deviation(self) -> float:
         """Greatest distance over the path. [m]."""
         return float(self.most.max(initial=0.0))

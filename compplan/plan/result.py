@@ -150,8 +150,7 @@ class Plan(Shown):
         if self.learned is not None:
             return self.learned
         task = self.task
-        driven = max(float(way.max(initial=0.0)) for way in (self.between.joint, self.between.cartesian))
-        bow = max(driven - self.after.max_deviation, 0.0)
+        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
         scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output

@@ -123,9 +123,9 @@ def find_breaches(
     strays = move >= 0 and judged > task.move_tolerance[move]
     if strays:
         breaches.append(f"the independent check finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
-    if (between.most > task.move_tolerance).any() and not strays:
-        move = int((between.most / task.move_tolerance).argmax())
-        breaches.append(f"between waypoints the tip strays by {_mm(between.most[move])}, after waypoint {move}")
+    if (between.driven > task.move_tolerance).any() and not strays:
+        move = int((between.driven / task.move_tolerance).argmax())
+        breaches.append(f"between waypoints the tip strays by {_mm(between.driven[move])}, after waypoint {move}")
     slower = float((find_slowdown(task, command.q, timing.time)).max())
     ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
     if ratio > ROUNDING:
