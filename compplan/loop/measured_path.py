@@ -47,7 +47,6 @@ BESIDE = 1e-3
 NEIGHBOURS, LINE = 12, 0.02
 #: Square of a normal's part across the path below which it tells nothing of it (assumed: 60 degrees).
 FLAT = 0.25
-ALIGNMENTS = ("datum", "best_fit")
 #: Points of a ball bar whose plane is thinner than this share of their circle say nothing of the centre's height.
 FLAT_PATH = 1e-4
 #: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
