@@ -21,8 +21,8 @@ from compplan.report.style import format_length
 
 #: Words of a status on the first screen.
 STATUSES = {
-    "none": "Nothing is wrong", "unknown": "none of the known effects explains", "calibrated": "was not calibrated",
-    "explained": "Found", "partly_explained": "Found in part",
+    "none": "Nothing is wrong", "unknown": "none of the known effects explains",
+    "calibrated": "The robot was not calibrated", "explained": "Found", "partly_explained": "Found in part",
 }  # fmt: skip
 #: Words for an error that nothing takes up.
 UNTAKEN = ("nothing explains", "none of them explains", "no effect explains it")
@@ -168,7 +168,8 @@ def unexplained_beside_calibration(told: Told) -> Iterator[str]:
     floor = told.table["gap"]["noise_floor_mm"]
     reached = told.table["delivered"][0]["kind"] == "calibrated"
     reached = reached and told.table["delivered"][0]["held_out_rms_mm"] <= FLOORS_LEFT * floor
-    for words in UNTAKEN if reached else ():
+    untaken = UNTAKEN if told.table["verdict"]["status"] == "calibrated" else (*UNTAKEN, "no model explains")
+    for words in untaken if reached else ():
         if words in told.text:
             yield words
     if "calibration takes it up to the noise" in told.page and not reached:

@@ -131,6 +131,15 @@ def test_rivals_and_unexplained_structure_are_said(diagnosed: tuple[Any, Split])
     assert "structure is left that none of them explains" in text
 
 
+def test_what_a_calibration_takes_up_is_not_beyond_all_models(diagnosed: tuple[Any, Split]) -> None:
+    rest = {**diagnosed[1].shares.by_place, UNEXPLAINED: Share(0.1, 0.05, 0.2)}
+    split = replace(diagnosed[1], shares=replace(diagnosed[1].shares, by_place=rest))
+    verdict = {"status": "partly_explained"}
+    assert "no model explains 10" in describe_where(verdict, split)
+    taken = describe_where(verdict, split, taken_up=True)
+    assert "what has no name carries 10" in taken and "no model explains" not in taken
+
+
 def test_without_held_out_rows_no_figure_is_given() -> None:
     assert "no figure" in describe_how_far({"before_rms_mm": 0.5})
 

@@ -108,7 +108,7 @@ def write_diagnosis_page(
     write_page(
         file,
         f"{robot.name}: diagnosis",
-        [describe_where(verdict, split), which, describe_how_far(gap)],
+        [describe_where(verdict, split, taken_up=taken_up), which, describe_how_far(gap)],
         [section for section in sections if section.blocks],
         kind=f"Diagnosis of {_title(diagnosis.fit.problem.campaign)}",
         opening=open_diagnosis(

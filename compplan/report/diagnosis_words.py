@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from compplan.diagnose.answer.where import Split
 
 
-def describe_where(verdict: Mapping[str, Any], split: Split) -> str:
-    """Answer where the gap lies, in a sentence."""
+def describe_where(verdict: Mapping[str, Any], split: Split, *, taken_up: bool = False) -> str:
+    """Answer where the gap lies, in a sentence; `taken_up`: whether a calibration takes up what has no name."""
     shares = split.shares
     gap = f"Where: the nominal model leaves {format_length(split.spread.rms)} rms"
     parts: list[str] = []
@@ -35,7 +35,7 @@ def describe_where(verdict: Mapping[str, Any], split: Split) -> str:
             parts.append(f"{carrier.place} {carries} {format_percent(carrier.share.share)} by {how} ({sure})")
     rest = {
         "small errors everywhere (calibration) carry": (shares.by_place[CALIBRATION], _describe_beside_names(split)),
-        "no model explains": (shares.by_place[UNEXPLAINED], ""),
+        "what has no name carries" if taken_up else "no model explains": (shares.by_place[UNEXPLAINED], ""),
     }
     parts += [f"{what} {format_percent(share.share)} ({_describe_interval(share)}{more})"
               for what, (share, more) in rest.items() if share.share >= 0.02]  # fmt: skip
