@@ -16,6 +16,7 @@ from compplan.cell.reading import read_judge
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.outputs.cell import summarise_cell
+from compplan.outputs.plan import deliver_plan
 from compplan.plan.plan import job_robot, plan_job
 from compplan.program import Program, build_program, check_languages, fanuc_ls, inform, krl
 from compplan.program import rapid as rapid_language
@@ -253,11 +254,12 @@ def circle(robot: str, place: Array, **tables: Any) -> Job:
     }, EXAMPLE / "job.toml")  # fmt: skip
 
 
-def test_a_table_that_is_held_plans_as_the_arm_alone_with_the_part_tilted_and_turned() -> None:
+def test_a_table_that_is_held_plans_as_the_arm_alone_with_the_part_tilted_and_turned(tmp_path: Path) -> None:
     on_plate = np.eye(4)
     on_plate[:3, 3] = (0.05, 0.02, 0.2)
     held = {"hold_deg": {"table_tilt": -20.0, "table_turn": 30.0}}
-    found = plan_job(circle("kuka_kr240_table", on_plate, positioner=held))
+    found = plan_job(circle("kuka_kr240_table", on_plate, positioner=held, output={"programs": ["csv", "krl"]}))
+    assert deliver_plan(found, tmp_path / "out")[0].breaches == ()  # its joint table is read back too
     wanted = plan_job(circle("kuka_kr240", plate_pose(*np.radians([-20.0, 30.0])) @ on_plate))
     assert (found.status, wanted.status) == ("solved", "solved")
     np.testing.assert_allclose(found.q[:, :2], np.radians([[-20.0, 30.0]] * len(found.q)), atol=1e-12)

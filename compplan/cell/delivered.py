@@ -119,7 +119,7 @@ def _read_back(
     files = _find_mains(folder, patterns, main)
     for file in files:
         try:
-            yield file, read_csv(file, names) if read is None else read(file)
+            yield file, read_csv(file, names, counting.external) if read is None else read(file)
         except STRANGE as error:
             yield file, error
     if not files:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -181,16 +182,16 @@ def read_rapid(path: Path) -> list[Move]:
 # --------------------------------------------------------------------------------------------------------------- CSV
 
 
-def read_csv(path: Path, axes: tuple[str, ...]) -> list[Move]:
-    """Read a joint table whose axes have these names, by letters and digits; axes in mm are external ones."""
+def read_csv(path: Path, axes: tuple[str, ...], external: Iterable[bool]) -> list[Move]:
+    """Read a joint table whose axes have these names, by letters and digits; `external` tells which are of no arm."""
     header, *lines = path.read_text().splitlines()
     columns = [re.sub("[^A-Za-z0-9]", "", name) for name in header.split(",")]
     rows = [dict(zip(columns, map(float, line.split(",")), strict=True)) for line in lines]
     plain = [re.sub("[^A-Za-z0-9]", "", name) for name in axes]
-    arm = [f"{name}deg" for name in plain if f"{name}deg" in columns]
-    slides = [f"{name}mm" for name in plain if f"{name}mm" in columns]
-    moves = []
-    for row in rows:
-        joints, external = tuple(row[name] for name in arm), tuple(row[name] for name in slides)
-        moves.append(Move("joint", row["rapid"] == 1.0, joints, external, None, row["feedmms"]))
-    return moves
+    found = [(name + unit, out) for name, out in zip(plain, external, strict=True) for unit in ("deg", "mm")]
+    arm, outer = ([name for name, out in found if name in columns and out == wanted] for wanted in (False, True))
+    return [
+        Move("joint", row["rapid"] == 1.0, tuple(row[name] for name in arm), tuple(row[name] for name in outer), None,
+             row["feedmms"])
+        for row in rows
+    ]  # fmt: skip
