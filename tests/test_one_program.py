@@ -206,7 +206,7 @@ def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judg
     assert plan.promise is not None and plan.promise.greatest > plan.after.max_deviation
 
 
-def test_the_shipped_job_on_a_rail_is_solved_by_the_program_shorter_and_surer_than_the_graph_alone() -> None:
+def test_the_shipped_job_on_a_rail_is_solved_with_its_speed_eased_and_a_narrower_band_than_the_graphs_run() -> None:
     plan = plan_job(load_job(Path(__file__).parents[1] / "examples" / "rail" / "circle.toml"))
     assert (plan.status, plan.strategy) == ("solved", "nlp"), plan.explain_failures()
     assert plan.robot.prismatic[0] and plan.task.start is not None
