@@ -9,10 +9,12 @@ taught folder. No command may end with another status than 0 (`diagnose` may ask
 Every program is then run again and again, clamping and repeatability drawn anew for every part: the table gives the
 median of the true rms across the path under the shop's own force. Bands are held against parts whose force is drawn
 anew by 7 %: the true 95 % point, and the share of tips within.
-`--with sockets` measures plates of two sockets instead, joints alone; `--with probe` measures no poses, and the part
-with a probe along one normal at a time. One shop each, by the commands alone:
+`--with sockets` measures plates of two sockets instead, joints alone; `dial` and `ballbar` what gauges and a bar read;
+`probe` measures no poses, and the part with a probe along one normal at a time. By the commands alone, and beside each
+other:
 
-    for kind in tracker sockets probe; do python -m benchmarks.loop --shops 1 --with $kind --out DIR/$kind; done
+    for kind in tracker sockets dial ballbar; do python -m benchmarks.loop --shops 1 --with $kind --out DIR/$kind; done
+    python -m benchmarks.results instruments
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own
@@ -37,6 +39,7 @@ from benchmarks.loop_page import ROUNDS, Program, describe_shops, write_loop_pag
 from benchmarks.loop_page import Shop as Judged
 from benchmarks.moving.__main__ import read_band
 from benchmarks.shop import (
+    BAR,
     CLAMPED,
     REPEATABILITY,
     ROOT,
@@ -45,23 +48,24 @@ from benchmarks.shop import (
     Shop,
     cut_part,
     draw_shop,
-    measure_poses,
+    fill_log,
     probe_normals,
     probe_part,
-    seat_ball,
 )
 
 FLOOR = float(np.sqrt(3.0) * np.sqrt(TRACKER**2 + REPEATABILITY**2 + CLAMPED[0] ** 2))
 #: Poses; parts that a band is held against, their force drawn anew, and parts of the shop's own force.
 POSES, DRAWS, STEADY = 12, 20, 5
 WEIGHTS, PULL = "0,60", 400.0
-#: Seated balls, and distance of the two sockets of a plate. [m]
-SEATED, PLATE = 36, 0.2
-#: Robots: middle of path A [mm], and the force as a share of that on the KUKA KR 270.
+#: Poses with an instrument that sees no positions, how the product calls it, and with what length. [mm]
+SEATED = 36
+WITH = {"sockets": ("sockets", 200.0), "dial": ("gauge", None), "ballbar": ("ball_bar", 1e3 * BAR)}
+INSTRUMENTS = ("tracker", *WITH, "probe")
+#: Robots: middle of path A [mm], the force as a share of that on the KUKA KR 270, and the language of programs.
 ROBOTS = {
-    "kuka_kr270": ((1700.0, 0.0, 900.0), 1.0), "abb_irb6640_185_280": ((1600.0, 0.0, 800.0), 0.7),
-    "staubli_tx200": ((1300.0, 0.0, 500.0), 0.12), "yaskawa_gp88": ((1300.0, 0.0, 700.0), 0.3),
-    "kawasaki_rs080n": ((1200.0, 0.0, 600.0), 0.25),
+    "kuka_kr270": ((1700.0, 0.0, 900.0), 1.0, "krl"), "abb_irb6640_185_280": ((1600.0, 0.0, 800.0), 0.7, "rapid"),
+    "staubli_tx200": ((1300.0, 0.0, 500.0), 0.12, "val3"), "yaskawa_gp88": ((1300.0, 0.0, 700.0), 0.3, "inform"),
+    "kawasaki_rs080n": ((1200.0, 0.0, 600.0), 0.25, "kawasaki_as"),
 }  # fmt: skip
 FORCE = np.array([440.0, 1370.0, -635.0])
 #: Path B beside A [mm], and the radii of both. [mm]
@@ -86,6 +90,8 @@ max_correction_mm = 20.0
 [noise]
 part_frame_mm = {shift}
 part_frame_deg = {turn}
+[output]
+programs = ["{language}"]
 """
 
 
@@ -105,12 +111,13 @@ def run_product(out: Path, *words: object) -> None:
 
 def write_jobs(work: Path, robot: str, waypoints: int) -> tuple[Path, Path]:
     """Write the jobs of path A and path B."""
-    middle, share = ROBOTS[robot]
+    middle, share, language = ROBOTS[robot]
     files = []
     for name, radius, place in zip("AB", RADII, (middle, np.add(middle, ELSEWHERE).tolist()), strict=True):
         text = JOB.format(
             name=name, robot=robot, radius=radius, waypoints=waypoints, place=list(place),
             force=(share * FORCE).round(1).tolist(), shift=1e3 * CLAMPED[0], turn=float(np.degrees(CLAMPED[1])),
+            language=language,
         )  # fmt: skip
         files.append(work / f"{name}.toml")
         files[-1].write_text(text, encoding="utf-8")
@@ -147,15 +154,15 @@ def measure_robot(shop: Shop, robot: str, job: Path, work: Path, instrument: str
     same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 2]))
     if instrument == "tracker":
         run_product(poses, "campaign", job, "--poses", POSES, *loads, *sigma)
-        if not log.exists():
-            measure_poses(same, poses / "campaign.csv", log)
         told: tuple[object, ...] = ("--register", "base,tool")
     else:
-        run_product(poses, "campaign", job, "--poses", SEATED, "--with", "sockets", "--length-mm", 1e3 * PLATE,
+        name, length = WITH[instrument]
+        run_product(poses, "campaign", job, "--poses", SEATED, "--with", name,
+                    *(() if length is None else ("--length-mm", length)),
                     "--register", "tool", "--weights-kg", WEIGHTS, *sigma)  # fmt: skip
-        if not log.exists():
-            seat_ball(same, poses / "campaign.csv", log, PLATE)
         told = ("--register", "tool", "--instrument", poses / "instrument.toml")
+    if not log.exists():
+        fill_log(same, poses / "campaign.csv", log)
     run_product(work / "diagnosed", "diagnose", log, "--robot", robot, *told, "--assume-ok")
     return work / "diagnosed" / "robot"
 
@@ -185,7 +192,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", choices=ROBOTS, help="One robot for all; else they take turns.")
     parser.add_argument("--waypoints", type=int, default=90)
-    parser.add_argument("--with", dest="instrument", choices=("tracker", "sockets", "probe"), default="tracker")
+    parser.add_argument("--with", dest="instrument", choices=INSTRUMENTS, default="tracker")
     parser.add_argument("--out", type=Path, help="Folder to keep the shops' files in.")
     words = parser.parse_args()
     print(f"noise floor {1e3 * FLOOR:.4f} mm; true rms across / widest band, mm, share held: {', '.join(ROUNDS)}")

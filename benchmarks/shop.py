@@ -12,7 +12,8 @@ joints and loads, and tells what an instrument would tell: a filled log, or poin
 base by the part's own datum (`compplan learn --frame base`). A probe does not know how far along the path a point
 lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm, `--normals` for
 one that touches along one normal at a time. A campaign with sockets is filled in with the joints at which the ball
-sits, its plates as long as instrument.toml beside it says. The shop knows the robot folder's tool, not a job's own.
+sits, its plates as long as instrument.toml beside it says; one with dial gauges or a ball bar with what they read,
+put up by hand. The shop knows the robot folder's tool, not a job's own.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import Array, read_description
@@ -42,8 +44,11 @@ TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
 LEVEL, SCATTER, CLAMPED = 0.15, 0.07, (1e-5, 2e-5)
 #: Where the tracker's frame and its target on the tool are, per axis. [m, rad, m]
 FRAME, TARGET = (3e-3, 2e-3), 1e-3
-#: How far from where it should be a plate of sockets is put up, per axis. [m]
-HAND = 3e-3
+#: How far from where it should be a plate of sockets, a gauge or a bar is put up, per axis [m], and how far a gauge
+#: leans, per axis. [rad]
+HAND, LEAN = 3e-3, 2e-3
+#: Length of the ball bar. [m]
+BAR = 0.3
 #: Everyday errors: lengths [m], directions [rad], zeros [rad], gears [rad], own compliances (share).
 LENGTH, TURN, ZERO, GEAR, SOFT = 2e-5, 1e-5, 1e-5, 1e-5, 0.04
 #: A program whose tip is farther from the path than this is of another robot or tool. [m]
@@ -242,10 +247,46 @@ def seat_ball(shop: Shop, empty: Path, log: Path, plate: float) -> int:
     return len(pose)
 
 
+def read_stands(shop: Shop, empty: Path, log: Path) -> int:
+    """Fill in an empty log of dial gauges or a ball bar; return the number of measured poses.
+
+    A gauge is set to zero by hand near the first pose of its label and leans a little; the bar turns about a centre
+    below the tips, near where all of them are `BAR` away.
+    """
+    rows, q, wrench = read_rows(empty)
+    tip, axes = move(shop, q, wrench, path=False)
+    tip = (tip + axes @ (TARGET * np.random.default_rng([20261122, shop.seed, 4]).standard_normal(3)))[1::2]
+    measured, bar = rows[1::2], "distance_mm" in rows[0]
+    labels = np.array([row["contact"] for row in measured])
+    for name in dict.fromkeys(labels):
+        met = np.flatnonzero(labels == name)
+        middle = _find_centre(tip[met]) if bar else tip[met[0]]
+        away = tip[met] - middle - HAND * shop.random.standard_normal(3)
+        if bar:
+            seen = np.linalg.norm(away, axis=1)
+        else:
+            way = np.array([float(measured[met[0]][f"dir_{axis}"]) for axis in "ijk"])
+            way = way + np.cross(LEAN * shop.random.standard_normal(3), way)
+            seen = away @ (way / np.linalg.norm(way))
+        for k, value in zip(met, seen + TRACKER * shop.random.standard_normal(len(met)), strict=True):
+            measured[k]["distance_mm" if bar else "reading_mm"] = f"{1e3 * value:.5f}"
+    _write_rows(log, rows)
+    return len(measured)
+
+
+def _find_centre(tip: Array) -> Array:
+    """Find the place below some tips, shape (n, 3), from which all are `BAR` away. [m]."""
+    start = tip.mean(axis=0) - [0.0, 0.0, BAR]
+    return np.asarray(least_squares(lambda at: np.linalg.norm(tip - at, axis=1) - BAR, start).x)
+
+
 def fill_log(shop: Shop, empty: Path, log: Path) -> int:
-    """Fill in the empty log of a campaign, positions or sockets; return the number of measured poses."""
-    if "contact" not in read_rows(empty)[0][0]:
+    """Fill in the empty log of a campaign, whatever is to be measured; return the number of measured poses."""
+    head = read_rows(empty)[0][0]
+    if "contact" not in head:
         return measure_poses(shop, empty, log)
+    if "distance_mm" in head or "reading_mm" in head:
+        return read_stands(shop, empty, log)
     lengths = {table["mm"] for table in tomllib.loads(empty.with_name("instrument.toml").read_text())["distance"]}
     return seat_ball(shop, empty, log, 1e-3 * lengths.pop())
 

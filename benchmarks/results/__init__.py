@@ -16,6 +16,7 @@ from benchmarks.results import (
     diagnosis_real,
     executed,
     forces,
+    instruments,
     loop,
     planning,
     posture,
@@ -28,6 +29,7 @@ from benchmarks.results import (
 PAGES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
     for module in (
-        planning, verdict, posture, redundant, executed, forces, speed, diagnosis_drawn, diagnosis_real, loop, bad_input
+        planning, verdict, posture, redundant, executed, forces, speed, diagnosis_drawn, diagnosis_real, loop,
+        instruments, bad_input,
     )
-}
+}  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -26,11 +27,7 @@ SHOPS, FIRST = 40, 0
 def measure(settings: Settings) -> Findings:
     """Run the shops."""
     run_benchmark("benchmarks.loop", "--shops", SHOPS, "--seed", FIRST, "--out", settings.work)
-    tables = json.loads((settings.work / "rounds.json").read_text("utf-8"))
-    shops = [
-        Shop(t["seed"], t["robot"], tuple(t["hidden"]), {k: Program(**p) for k, p in t["programs"].items()})
-        for t in tables
-    ]
+    shops = read_rounds(settings.work / "rounds.json")
     true = 1e3 * np.array([[shop.programs[name].true for name in ROUNDS] for shop in shops])
     rows = [(s.seed, s.robot, *(f"{x:.3f}" for x in t), ", ".join(s.hidden)) for s, t in zip(shops, true, strict=True)]
     middle = [f"{x:.3f}" for x in np.median(true, axis=0)]
@@ -45,6 +42,14 @@ def measure(settings: Settings) -> Findings:
     left = [f"{len(shops)} of {SHOPS} shops: the others were not run, or a command ended with another status than 0."]
     losses = (*left * (len(shops) < SHOPS), *_fall_short(shops))
     return Findings((said, *describe_shops(shops, FLOOR)), (table,), losses)
+
+
+def read_rounds(file: Path) -> list[Shop]:
+    """Read the shops that `benchmarks.loop` wrote."""
+    return [
+        Shop(t["seed"], t["robot"], tuple(t["hidden"]), {k: Program(**p) for k, p in t["programs"].items()})
+        for t in json.loads(file.read_text("utf-8"))
+    ]
 
 
 def _fall_short(shops: list[Shop]) -> list[str]:
