@@ -347,8 +347,8 @@ def _decide(model: LessonModel, gathered: Gathered, rms: float, held: float) -> 
     """Decide whether the step is supported, and say why."""
     if _is_chance(model, gathered):
         return False, (
-            f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than the instrument and the robot's"
-            " repeatability make by chance: the program stays as it is"
+            f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than instrument, repeatability, clamping and"
+            " the force of each part by itself make by chance: the program stays as it is"
         )
     if held >= rms:
         return False, (
@@ -362,7 +362,7 @@ def _decide(model: LessonModel, gathered: Gathered, rms: float, held: float) -> 
 
 
 def _is_chance(model: LessonModel, gathered: Gathered) -> bool:
-    """Tell whether instrument and repeatability alone make what was measured.
+    """Tell whether instrument, repeatability and what a part has of its own alone make what was measured.
 
     Asked are the directions in which the tip may be off by more than they make, all together and each alone: a part
     that is off as a whole would drown among all numbers of a scan. Each question has half the chance of a false yes.
