@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from program_readers import read_krl, read_rapid
 
+from compplan.cell.fitted import PlannedRows, follow_moves
 from compplan.program import Program, build_program, write_program
 from compplan.program.fit import find_circle, fit_moves
 from compplan.robot import load_robot
+from compplan.second.programs.poses import Move
 
 
 def make_program(position: np.ndarray, time: np.ndarray, turn: float = 0.0) -> Program:
@@ -99,6 +101,33 @@ def test_a_short_move_is_not_joined_to_a_long_one_of_another_speed() -> None:
     fitted = fit_moves(make_program(line, np.array([0.0, 0.02, 0.022, 0.042])))  # 50, 100 and 50 mm/s
     assert fitted.rows.tolist() == [0, 1, 2, 3] and fitted.slowed == 1
     assert fitted.program.feed[1:] == pytest.approx([50.0, 50.0, 50.0])  # the short one takes a cycle
+
+
+def test_rows_that_bring_in_a_correction_at_rest_are_one_move_with_a_speed_that_no_language_writes_as_zero() -> None:
+    """Nine rows go 1e-8 mm and turn by 3e-7 rad, then a line begins: 0.000000 m/s would stand in a program."""
+    line = np.column_stack([np.linspace(0.0, 10.0, 41), np.zeros(41), np.zeros(41)])
+    still = np.linspace(0.0, 1e-8, 9)[:, None] * [0.0, 0.0, 1.0]
+    eased = np.cumsum([0.0, 0.06, 0.02, 0.016, 0.015, 0.015, 0.016, 0.02, 0.06])  # no speed is that of the row before
+    time = np.r_[eased, eased[-1] + 0.05 * np.arange(1.0, 41.0)]
+    program = make_program(np.vstack([still, line[1:]]), time, turn=1.8e-6)
+    stays = np.arange(49) <= 8
+    fitted = fit_moves(replace(program, free=stays & (np.arange(49) > 0), exact=np.arange(49) == 8))
+    assert fitted.rows.tolist() == [0, 8, 48]
+    assert fitted.program.feed[1] == pytest.approx(1e-3)
+    assert float(f"{1e-3 * fitted.program.feed[1]:.6f}") > 0.0  # as KRL writes it
+
+
+def test_a_way_back_below_the_rounding_of_written_positions_is_none_and_one_above_it_is_read() -> None:
+    for size, said in ((1e-4, ""), (1e-2, "the path turns back")):
+        x = size * np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0]])
+        turns = np.tile(np.eye(3), (3, 1, 1))
+        no, some = np.zeros(3, bool), np.full(3, 2e-3)
+        rows = PlannedRows(x, turns, np.arange(3.0), no, ~no, some, 0.004)
+        pose = np.eye(4)
+        pose[:3, 3] = x[-1]
+        moves = [Move("line", True, pose=np.eye(4)), Move("line", True, pose=pose)]
+        found = follow_moves(rows, np.array([0, 2]), moves, [np.eye(4)] * 2)
+        assert found == ([f"{said} between rows 0 and 2"] if said else [])
 
 
 def test_speed_stop_and_event_part_moves() -> None:

@@ -217,7 +217,7 @@ def _follow(rows: PlannedRows, a: int, b: int, way: _Way) -> str:
     off, share = way.off, way.share
     if off.max() > rows.tolerance[a + 1 : b + 1].min() + ROUNDING:
         return f"the planned tip is {1e3 * off.max():.3g} um beside the move"
-    if (np.diff(share) < -1e-6).any():
+    if (np.diff(share) < -1e-6).any() and np.ptp(share) * way.length > ROUNDING:
         return "the path turns back"
     turned = Rotation.from_matrix(rows.rotation[a : b + 1])
     around = (turned[0].inv() * turned).as_rotvec(degrees=True)

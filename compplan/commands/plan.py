@@ -106,6 +106,8 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         if plan.promise is not None:
             click.echo(f"true tip within {format_length(plan.promise.whole)} along the whole path, with 95 %")
             click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
+        elif plan.status == "infeasible":
+            click.echo("no 95 % band is stated, waypoints are out of reach")
         if plan.walls:
             greatest = format_length(find_greatest(plan.walls))
             click.echo(f"finished walls: {len(plan.walls)}, up to {greatest} off, the arm corrected")

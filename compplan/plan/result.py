@@ -29,7 +29,7 @@ from compplan.plan.reversals import list_reversals
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
-from compplan.plan.tolerance_verdict import Case, ToleranceVerdict, explain_width, judge_keeping
+from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.promise.band import Promise, promise_path
 from compplan.promise.motion import read_placement, shift_part
@@ -146,8 +146,8 @@ class Plan(Shown):
 
     @cached_property
     def promise(self) -> Promise | None:
-        """The band that holds the true tip with 95 %; None where a robot within it finds no equilibrium."""
-        if self.learned is not None:
+        """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
+        if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
         bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
@@ -215,7 +215,9 @@ class Plan(Shown):
         band, margins, nominal = self.promise, self.margins, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
-        widest = "not known: a robot within the stated widths finds no equilibrium" if band is None else (
+        missing = "not known: a robot within the stated widths finds no equilibrium"
+        missing = NO_BAND if self.status == "infeasible" else missing
+        widest = missing if band is None else (
             f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
             f"model is {self.robot.grade}"
         )  # fmt: skip

@@ -30,6 +30,8 @@ UNREAD = "the path was not read a second time"
 LOOK = "Compare the planned path with the CAM system before the first cut."
 TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
+#: What is said of the band of a compromise.
+NO_BAND = "no 95 % band is stated, waypoints are out of reach"
 #: A band so many times as wide as the uncorrected program is off is explained.
 WIDE = 10.0
 #: What would change the verdict, by the largest cause.
@@ -52,7 +54,7 @@ class Case:
         explained: Why it is not solved, one sentence, "" where it is.
         left: Distance that the plan itself leaves at every waypoint. Shape (n,). [m]
         bending: What bends the arm, cause by cause.
-        promise: The band; None where a robot within what is known finds no equilibrium.
+        promise: The band; None where there is no solution, or a robot within what is known finds no equilibrium.
         inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
         unread: Why the path was not read a second time, "" where it was.
         traced: Whether somebody identified how the drives follow.
@@ -156,6 +158,8 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
     """Judge whether the part may be expected within its tolerance."""
     tolerance, promise = case.task.tolerance, case.promise
     missing = find_missing(case)
+    if case.status == "infeasible":
+        return _no_solution(case)
     if promise is None:
         text = "no robot within what is known finds an equilibrium under this load"
         return _not_known(case, text, MEASURE, None, None)
@@ -210,19 +214,35 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
     off += f" of the cut, most of all {1e3 * length[widest]:.4g} mm along the path"
     if case.task.allowed is not None:
         off += f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)"
-    if case.status == "infeasible":
-        off = f"{len(case.failures)} waypoints are not reached within the limits"
-        off += f" (the first is waypoint {min(case.failures)})" if case.failures else ""
     sentence = f"May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
     sentence += "" if change == LET_COMPENSATE else say_inertia(case)
     if case.status != "solved":
-        stop = "the plan is not confirmed" if case.status == "not_confirmed" else "there is no solution"
-        sentence = f"Do not start: {stop}. {sentence}"
-    sentence += f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
+        sentence = f"Do not start: the plan is not confirmed. {sentence}"
+    sentence += _say_unread(case)
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
         list_left_out(case),
     )  # fmt: skip
+
+
+def _no_solution(case: Case) -> ToleranceVerdict:
+    """Return the verdict of a best compromise: where waypoints are out of reach there is no band to state."""
+    limits = sorted({name for text in case.failures.values() for name in text.split(", ")})
+    cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
+    change = "Move the part (compplan place JOB), or allow more."
+    first = f" (the first is waypoint {min(case.failures)})" if case.failures else ""
+    sentence = (
+        f"Do not start: there is no solution. May not keep {say_tolerance(case.task)}: {len(case.failures)} waypoints "
+        f"are not reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND[0].upper()}{NO_BAND[1:]}."
+        f"{say_inertia(case)}{_say_unread(case)}"
+    )
+    return ToleranceVerdict(
+        MAY_NOT_KEEP, sentence, case.task.tolerance, None, None, (), cause, change, "", list_left_out(case)
+    )
+
+
+def _say_unread(case: Case) -> str:
+    return f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
 
 
 def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
@@ -250,9 +270,6 @@ def find_missing(case: Case) -> tuple[str, str] | None:
 
 def find_cause(case: Case, promise: Promise) -> str:
     """Name what makes the band widest where it is widest."""
-    if case.status == "infeasible":
-        limits = sorted({name for text in case.failures.values() for name in text.split(", ")})
-        return f"limits ({', '.join(limits[:2])})" if limits else "limits"
     left = float(case.left[promise.widest])
     causes = {**promise.causes, "what the plan itself leaves": left}
     return max(causes, key=lambda name: causes[name])
@@ -260,8 +277,6 @@ def find_cause(case: Case, promise: Promise) -> str:
 
 def find_change(case: Case, promise: Promise, cause: str) -> str:
     """Say what would change the verdict."""
-    if case.status == "infeasible":
-        return "Move the part (compplan place JOB), or allow more."
     if cause == "inertia and vibration" and not case.inertia_wanted:
         return LET_COMPENSATE
     if cause in CHANGES:

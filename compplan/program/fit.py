@@ -41,6 +41,10 @@ FEED = 1.01
 SHORT = 2.0
 #: Greatest turn of the tool beside an even one. [rad]
 TURN = float(np.radians(0.01))
+#: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
+NOWHERE, UNTURNED = 5e-4, 3e-5
+#: Least feed that is written: no language rounds it to zero. [mm/s]
+LEAST_FEED = 1e-3
 #: Greatest departure of joints that carry the part from an even motion. [deg or mm]
 CARRIED = 0.02
 #: Time from a rest, or before one, in which the controller speeds up or slows down by itself. [s]
@@ -86,7 +90,7 @@ def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> F
     kept = np.flatnonzero(alone | stops | _mark_ends(program))
     pieces: list[tuple[int, int]] = []
     for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
-        pieces += [(last, LINE)] if alone[last] else track.divide(first, last)
+        pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
     ends = np.array([0, *(end for end, _ in pieces)])
     kind = np.array([LINE, *(kind for _, kind in pieces)])
     return _take_rows(program, track, ends, kind)
@@ -112,6 +116,7 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     moved = cut & (length > 0.0) & (time > 0.0)
     feed = program.feed[ends].copy()
     feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
+    feed[cut] = np.maximum(feed[cut], LEAST_FEED)
     via, bend = np.full((len(ends), 4, 4), np.nan), np.full((len(ends), 2, 3), np.nan)
     via[kind >= 0] = program.tcp[kind[kind >= 0]]
     for k in np.flatnonzero(kind >= 0).tolist():
@@ -183,6 +188,13 @@ class _Track:
             pieces.append(piece)
             at = piece[0]
         return self._lengthen(first, pieces)
+
+    def rests(self, a: int, b: int) -> bool:
+        """Tell whether the tool stays where it is, within rounding, in place and turn, and so does what carries it."""
+        carried = self.carried[a : b + 1]
+        if np.abs(self.x[a : b + 1] - self.x[a]).max() > NOWHERE or np.abs(carried - carried[:1]).max(initial=0.0) > 0:
+            return False
+        return bool(np.linalg.norm(_turn_from(self.turn[a], self.turn[a : b + 1]), axis=1).max() <= UNTURNED)
 
     def _keep_arc(self, at: int, end: int) -> tuple[int, int] | None:
         """Return an arc of the file from a row up to another, or to a half or a third of it, where one fits."""
