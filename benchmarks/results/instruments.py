@@ -28,6 +28,8 @@ LIMITS = (
 SHOPS, FIRST = 3, 1
 #: What is asked: the tip of path A at most so many times as far off as with a tracker.
 ASKED = 1.6
+#: A band is named where it is wider than so many times what the shipped robot's program is off.
+WIDE = 10.0
 ROUNDS = {
     "poses_A": "A, poses", "poses_B": "B, poses", "taught_A": "A, one part", "taught_B": "B, one part of A",
 }  # fmt: skip
@@ -71,6 +73,13 @@ def compare_instruments(work: Path) -> Findings:
             for words, r in zip(ROUNDS.values(), row, strict=True)
             if r > ASKED
         ]
+    losses += [
+        f"Shop {s.seed}, {kind}: the widest 95 % band of {words} is {1e3 * s.programs[name].band:.0f} mm."
+        for kind, shops in played.items()
+        for s in (shops[seed] for seed in seeds)
+        for name, words in ROUNDS.items()
+        if s.programs[name].band > WIDE * s.programs[name.replace("poses", "nominal").replace("taught", "nominal")].true
+    ]
     bare = [_name_bare(kind, [shops[seed] for seed in seeds]) for kind, shops in played.items()]
     if len(seeds) < SHOPS:
         losses.append(f"{len(seeds)} of {SHOPS} shops: the others were not run with all instruments, or failed.")
