@@ -11,9 +11,9 @@ from compplan.files.meshes import load_mesh
 from compplan.job.job import check_job
 from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
-from compplan.posture.clearance import measure_clearance, measure_margin
-from compplan.posture.collision_scene import build_scene
-from compplan.posture.contacts import describe_contact, find_contacts, locate_link_frames
+from compplan.posture.clearance import measure_clearance, measure_margin, sweep_margin
+from compplan.posture.collision_scene import CollisionScene, build_scene
+from compplan.posture.contacts import describe_contact, find_contacts, find_near, locate_link_frames
 from compplan.posture.settings import PostureSettings
 from compplan.posture.start import read_request
 from compplan.report.robot_scene import locate_links
@@ -78,6 +78,61 @@ def test_the_least_clearance_along_a_path_is_found_between_the_samples() -> None
     everywhere = min(exact, min(c.distance for c in find_contacts(ROBOT, scene.solids, q[::40], scene.outside)))
     assert profile.least[1].distance == pytest.approx(everywhere, abs=2e-3)
     assert len(profile.computed) < 700
+
+
+def check_slopes(scene: CollisionScene, q: np.ndarray, far: float) -> int:
+    """Hold the slope of every pair that is near against central differences of its own distance; count the pairs."""
+    count, step = 0, 1e-6
+    for pair in scene.outside:
+        near = find_near(ROBOT, scene.solids, q, pair[None], far=far)
+        for j, unit in enumerate(step * np.eye(6)):
+            ahead, behind = (find_contacts(ROBOT, scene.solids, q[near.posture] + side * unit, pair[None], far=9.0)
+                             for side in (1.0, -1.0))  # fmt: skip
+            moved = [a.distance - b.distance for a, b in zip(ahead, behind, strict=True)]
+            assert near.rate[:, j] == pytest.approx(np.array(moved) / (2 * step), abs=2e-3)
+        count += len(near.posture)
+    return count
+
+
+def test_distances_of_the_several_nearest_pairs_answer_to_the_joints_as_differences_say() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.2).apply_translation([2.4, 0.3, 1.2])
+    scene = build_scene(ROBOT, fixture=ball, self_collision=False)
+    q = REST + 0.3 * np.random.default_rng(0).standard_normal((12, 6))
+    assert check_slopes(scene, q, 0.7) > 12
+    near, nearest = find_near(ROBOT, scene.solids, q, scene.outside, far=3.0), np.full(12, 3.0)
+    np.minimum.at(nearest, near.posture, near.distance)
+    assert nearest == pytest.approx([c.distance for c in find_contacts(ROBOT, scene.solids, q, scene.outside, far=3.0)])
+    assert np.bincount(near.posture).max() <= 6
+
+
+def test_two_pairs_that_are_equally_near_have_each_a_slope_of_their_own() -> None:
+    flange = locate_link_frames(ROBOT, REST)[ROBOT.flange][0][:3, 3]
+    tool = trimesh.creation.icosphere(subdivisions=3, radius=0.3)
+    walls = [trimesh.creation.box((4.0, 0.1, 4.0)) for _ in range(2)]
+    for wall, side in zip(walls, (-0.4, 0.4), strict=True):
+        wall.apply_translation([flange[0], flange[1] + side, flange[2]])
+    scene = build_scene(ROBOT, tool=tool, part=walls[0], fixture=walls[1], self_collision=False)
+    place = {solid.name: k for k, solid in enumerate(scene.solids)}
+    pairs = np.array([[place["tool"], place["part"]], [place["fixture"], place["tool"]]])
+    near = find_near(ROBOT, scene.solids, REST, pairs, far=0.06)
+    both = near.distance.argsort()
+    assert near.distance == pytest.approx([0.05, 0.05], abs=3e-3)
+    slopes = near.rate[both, 0]  # the first axis turns the ball from one wall to the other
+    assert slopes.min() == pytest.approx(-slopes.max(), rel=0.02)
+    assert slopes.max() == pytest.approx(flange[0], rel=0.02)
+
+
+def test_what_is_passed_between_two_stations_is_noticed() -> None:
+    q = np.tile(REST, (3, 1))
+    q[:, 0] = [-1.5, -0.5, 0.5]
+    middle = locate_link_frames(ROBOT, 0.5 * (q[1:2] + q[2:]))[ROBOT.flange][0]
+    post = trimesh.creation.cylinder(0.02, height=0.5).apply_translation(middle[:3, 3])
+    scene = build_scene(ROBOT, fixture=post, self_collision=False)
+    assert measure_margin(scene, q, 0.005).min() > 0.0
+    places, margin = sweep_margin(scene, q, 0.005, np.arange(3.0))
+    assert margin.min() < 0.0 and 1.0 < places[margin.argmin()] < 2.0
+    aside = build_scene(ROBOT, fixture=post.copy().apply_translation([0, 0, 3.0]), self_collision=False)
+    assert sweep_margin(aside, q, 0.005, np.arange(3.0))[1].min() > 0.0
 
 
 def test_the_graph_turns_the_tool_away_from_an_obstacle() -> None:

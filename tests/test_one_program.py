@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+import trimesh
 
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
@@ -27,6 +29,8 @@ from compplan.plan.refine import _judge, list_windows
 from compplan.plan.reversals import describe_reversals, list_reversals
 from compplan.plan.run_meter import RunMeter, lead_radius, spread_tip
 from compplan.plan.timing import cutting_runs, time_command
+from compplan.posture.clearance import measure_margin
+from compplan.posture.collision_scene import build_scene
 from compplan.posture.slides import count_reversals
 from compplan.promise.band import band_radius
 from compplan.statics.sensitivity import attain_pose
@@ -266,6 +270,22 @@ def test_a_price_on_work_makes_the_motors_work_less(spin: Freedom) -> None:
     assert saved.energy < 0.97 * priced.first.energy
     assert saved.energy < sum(part.sum() for part, *_ in priced.work(fast.q, fast.speeds))
     assert free_of_it.first is not None and free_of_it.first.energy == 0.0  # not asked for, not worked out
+
+
+def test_a_post_shapes_the_motion_and_rows_for_it_bring_more_than_refusing_steps(spin: Freedom) -> None:
+    post = trimesh.creation.cylinder(0.04, height=0.3).apply_translation([1.827, 0.284, 1.151])
+    scene, start = build_scene(spin.task.robot, fixture=post, self_collision=False), spin.task.start
+    assert start is not None and start.request is not None
+    prices = Prices(time=0.0, most_band=np.inf, energy=1.0)
+    request = replace(start.request, scene=scene, wanted=5e-3)
+    beside = replace(spin, task=replace(spin.task, start=replace(start, request=request)))
+    free_of_it, program, blind = program_of(spin, prices), program_of(beside, prices), program_of(beside, prices)
+    assert blind.ground.clear is not None
+    no_rows = SimpleNamespace(keeps=blind.ground.clear.keeps, linearise=lambda q, c: (np.zeros(0), c[:0, 0]))
+    blind.ground = replace(blind.ground, clear=cast(Any, no_rows))
+    loose, kept, refused = (solve_program(each) for each in (free_of_it, program, blind))
+    assert measure_margin(scene, loose.q, 5e-3).min() < 0.0 <= measure_margin(scene, kept.q, 5e-3).min()
+    assert kept.energy < 0.99 * refused.energy
 
 
 class FakeChatter:

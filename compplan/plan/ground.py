@@ -8,13 +8,13 @@ from compplan.plan.feed import TorqueRules
 from compplan.plan.freedom import TUBE, Freedom
 from compplan.plan.one_program import Ground, JointProgram, Margin, Point, Prices, TorquesAlong
 from compplan.plan.run_meter import RunMeter, lead_radius
+from compplan.plan.swept import STATIONS, SweptClearance
 from compplan.posture.chatter import ChatterPrice
-from compplan.posture.clearance import measure_margin
 from compplan.posture.start import PostureRequest
 from compplan.robot import Array
 
-#: Stations whose clearance is looked at, and stations whose cut is judged for chatter.
-MARGIN_STATIONS, CHATTER_STATIONS = 60, 16
+#: Stations whose cut is judged for chatter.
+CHATTER_STATIONS = 16
 #: Factor on the depth of a cut by which its share of the limit of chatter is read, and the share that it may come to:
 #: the zero-order solution is not exact, and stations stand apart (assumed); shares that differ by less are one.
 DEEPER, DEEPEST, LEAST_SHARE = 5.0, 0.5, 1e-6
@@ -30,24 +30,20 @@ def state_ground(freedom: Freedom, request: PostureRequest, meter: RunMeter, pri
         prices: What is weighed.
 
     """
-    task, scene, margins = freedom.task, request.scene, []
+    task, scene, clear = freedom.task, request.scene, None
     cut = freedom.rows[task.cut[freedom.rows]]
     if not len(cut):
         return None
     if scene is not None:
-        def clear(q: Array) -> Array:
-            return measure_margin(scene, q, request.wanted)
-
-        at = np.unique(np.linspace(0, len(freedom.rows) - 1, MARGIN_STATIONS).astype(int))
-        margins.append(Margin(at, clear))
-    if request.chatter is not None and (quiet := keep_quiet(freedom, request.chatter)) is not None:
-        margins.append(quiet)
+        at = np.unique(np.linspace(0, len(freedom.rows) - 1, STATIONS).astype(int)).astype(float)
+        clear = SweptClearance(scene, request.wanted, at)
+    quiet = None if request.chatter is None else keep_quiet(freedom, request.chatter)
 
     def torques(q: Array) -> TorquesAlong:
         return TorqueRules(task.robot, q, freedom.wrench).rows
 
     band = lead_radius(task.robot, meter.force, task.q_start[cut], task.wrench[cut]) if prices.counts_band else None
-    return Ground(band, tuple(margins), request.settings.limit_margin, torques if meter.wish.torque else None,
+    return Ground(band, clear, quiet, request.settings.limit_margin, torques if meter.wish.torque else None,
                   torques if prices.energy > 0.0 else None)  # fmt: skip
 
 

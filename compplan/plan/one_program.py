@@ -4,7 +4,7 @@
     over        z(s) = z_graph(s) + splines,   x(s) = (ds/dt)^2,   B
     subject to  F(q(s)) = pose(z(s))                          loaded tip and tool on the path; q eliminated exactly
                 q_min <= q <= q_max,  |lead|, |lean|, |tip off the path| <= limits
-                clearance(q) >= 0,  depth / limit of chatter(q) <= share
+                clearance(q) >= wanted, along the swept arm,  depth / limit of chatter(q) <= share
                 band(q) <= B <= B_most
                 q'^2 x <= v_max^2,  |q'' x + q' x' / 2| <= a_max,  x <= 1    velocity, acceleration, programmed feed
                 |jerk|, |torque| <= limits where there are any
@@ -29,10 +29,11 @@ from scipy.interpolate import CubicSpline
 from compplan.errors import ConvergenceError
 from compplan.plan.fastest_run import TorqueParts, time_cut
 from compplan.plan.freedom import Freedom
+from compplan.plan.swept import SweptClearance
 from compplan.plan.timing import cutting_runs, time_rapids
 from compplan.robot import Array
 
-#: Change of a free coordinate that tells how band and clearance answer. [units]
+#: Change of a free coordinate that tells how band and chatter answer. [units]
 PROBE = 1e-3
 #: Weight of a passed band in the figure that a step is judged by.
 PASSED = 20.0
@@ -82,7 +83,8 @@ class Ground:
     Attributes:
         band: Radius of the 95 % band at joint positions (k, nq) under a wrench (k, 6), None where it does not count.
             Shape (k,). [m]
-        margins: By how much joint positions keep clear [m], and how far their cuts are from chatter.
+        clear: What keeps the arm clear, None where nothing is in the way.
+        quiet: How far cuts are from chatter, or None.
         room: Distance to joint limits that is kept where the start has it. [rad or m]
         torques: Torque rows of the stations from one to another at joint positions, or None.
         work: The same where the work of the motors counts, or None.
@@ -90,7 +92,8 @@ class Ground:
     """
 
     band: Callable[[Array, Array], Array] | None = None
-    margins: tuple[Margin, ...] = ()
+    clear: SweptClearance | None = None
+    quiet: Margin | None = None
     room: float = 0.0
     torques: Callable[[Array], TorquesAlong] | None = None
     work: Callable[[Array], TorquesAlong] | None = None
@@ -162,13 +165,15 @@ class JointProgram:
 
     def evaluate(self, change: Array, near: Array) -> Point | None:
         """Solve the joints, the fastest run and the band of a choice; None where it cannot be followed."""
-        freedom, task = self.freedom, self.freedom.task
+        freedom, task, quiet = self.freedom, self.freedom.task, self.ground.quiet
         values = freedom.values(change)
         q, rate, reached = freedom.pose(near, values)
         lower, upper = self.bounds()
         if not reached.all() or (q < lower - 1e-7).any() or (q > upper + 1e-7).any():
             return None
-        if any(margin.measure(q[margin.at]).min() < 0.0 for margin in self.ground.margins):
+        if self.ground.clear is not None and not self.ground.clear.keeps(q):
+            return None
+        if quiet is not None and quiet.measure(q[quiet.at]).min() < 0.0:
             return None
         try:
             speeds, total = self.time(q)

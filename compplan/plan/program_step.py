@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from compplan.plan.one_program import PROBE, JointProgram, Margin, Point, TimedStretch
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
 from compplan.plan.timing import time_rapids
+from compplan.posture.clearance import EXACT
 from compplan.robot import Array
 
 LOG = logging.getLogger(__name__)
@@ -77,8 +78,11 @@ def propose_step(program: JointProgram, point: Point, size: float) -> Array | No
             rows.add(np.maximum(freedom.most[:, k] - side * point.values[:, k], 0.0), c=side * spread[:, k])
     _add_rapids(program, rows, point, columns)
     _add_band(program, rows, point, spread)
-    for margin in program.ground.margins:
-        _add_margin(program, margin, rows, point, spread)
+    if program.ground.clear is not None:
+        margin, by_c = program.ground.clear.linearise(point.q, columns)
+        rows.add(np.maximum(margin - EXACT, 0.0), c=-by_c)
+    if program.ground.quiet is not None:
+        _add_margin(program, program.ground.quiet, rows, point, spread)
     travel, move = np.diff(spread[marks], axis=0) / freedom.units[:, None], np.diff(point.values[marks], axis=0)
     every = np.arange((len(marks) - 1) * f)
     for sign in (1.0, -1.0):

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.posture.collision_scene import TOUCH, CollisionScene
-from compplan.posture.contacts import FAR, Contact, find_contacts
+from compplan.posture.contacts import FAR, Contact, Near, find_contacts, find_near
 from compplan.robot import Array
 
 #: Evenly spaced waypoints whose distance is computed; others follow where the bound asks for them.
 SAMPLES, FURTHER = 120, 400
 #: How exactly the least distance along a path is found. [m]
 EXACT = 5e-4
+#: Margins beyond this are not told apart, and motion of the arm from one posture to the next that is not halved: what
+#: lies between may come nearer by half of it. [m]
+BEYOND, HIDDEN = 0.05, 4e-3
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,65 @@ def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
         Negative where a posture comes too near. Shape (n,). [m]
 
     """
-    outside = find_contacts(scene.robot, scene.solids, q, scene.outside, far=wanted + 0.05)
-    own = find_contacts(scene.robot, scene.solids, q, scene.own, far=0.05)
+    outside = find_contacts(scene.robot, scene.solids, q, scene.outside, far=wanted + BEYOND)
+    own = find_contacts(scene.robot, scene.solids, q, scene.own, far=BEYOND)
     return np.minimum(_distances(outside) - wanted, _distances(own) - TOUCH)
+
+
+def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
+    """Return by how much the several nearest pairs keep clear, and how that answers to the joints.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wanted: Clearance that is asked for of part and fixture. [m]
+
+    """
+    kinds = ((scene.outside, wanted), (scene.own, TOUCH))
+    found = [find_near(scene.robot, scene.solids, q, pairs, far=limit + BEYOND) for pairs, limit in kinds]
+    margin = [near.distance - limit for near, (_, limit) in zip(found, kinds, strict=True)]
+    return Near(np.concatenate([near.posture for near in found]), np.concatenate(margin),
+                np.concatenate([near.rate for near in found]))  # fmt: skip
+
+
+def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -> tuple[Array, Array]:
+    """Measure margins along a way, joints moving straight from posture to posture, until nothing can hide between them.
+
+    On a motion by s of the arm no margin is below (m_i + m_j - s) / 2 of its ends: where that is negative, and s more
+    than HIDDEN, the posture half way is measured too. The first that comes too near ends the search.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions along the way. Shape (n, nq). [rad or m]
+        wanted: Clearance that is asked for. [m]
+        first: Places to begin with; the ends of the way are added. Shape (j,).
+
+    Returns:
+        Places along the way, postures counted from 0, and the margins there. Shapes (p,). [1, m]
+
+    """
+    rows, last = np.arange(len(q)), len(q) - 1
+    travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
+    places = np.union1d(first, [0.0, last])
+    margin = measure_margin(scene, step_between(q, places), wanted)
+    while margin.min() >= 0.0:
+        moved = np.diff(np.interp(places, rows, travel))
+        (gaps,) = np.nonzero((margin[1:] + margin[:-1] < moved) & (moved > HIDDEN))
+        if not len(gaps):
+            break
+        middle = 0.5 * (places[gaps] + places[gaps + 1])
+        middle = np.where(places[gaps + 1] - places[gaps] > 1.5, np.rint(middle), middle)
+        margin = np.insert(margin, gaps + 1, measure_margin(scene, step_between(q, middle), wanted))
+        places = np.insert(places, gaps + 1, middle)
+    return places, margin
+
+
+def step_between(values: Array, places: Array) -> Array:
+    """Return what n rows are at places along them, straight from row to row. Shape (p, ...)."""
+    before = np.clip(places.astype(int), 0, max(len(values) - 2, 0))
+    after = np.minimum(before + 1, len(values) - 1)
+    share = (places - before).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray((1.0 - share) * values[before] + share * values[after])
 
 
 def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:

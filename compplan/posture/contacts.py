@@ -18,6 +18,9 @@ from compplan.robot import Array, Robot
 
 #: Distances beyond this are not told apart. [m]
 FAR = 0.5
+#: Pairs of a posture whose distances are differentiated at most, and distance from which on their points tell the
+#: normal, Coal below it. [m]
+MOST_PAIRS, APART = 6, 1e-6
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,49 @@ class Contact(NamedTuple):
     distance: float
 
 
+class Near(NamedTuple):
+    """The several nearest pairs of postures, r in all.
+
+    Attributes:
+        posture: Which posture. Shape (r,).
+        distance: Signed distance of the pair. Shape (r,). [m]
+        rate: Its derivative by the joint positions. Shape (r, nq). [m/rad or 1]
+
+    """
+
+    posture: NDArray[np.int_]
+    distance: Array
+    rate: Array
+
+
+class _Gauge:
+    """Coal's distance of a pair, and the points of both solids that are nearest to each other."""
+
+    def __init__(self, solids: Sequence[Solid], frames: dict[str, Array]) -> None:
+        import coal
+
+        self.solids, self.frames, self.distance = solids, frames, coal.distance
+        self.request, self.result = coal.DistanceRequest(), coal.DistanceResult()
+        self.transforms = [coal.Transform3s() for _ in range(2)]
+
+    def measure(self, posture: int, pair: NDArray[np.int_]) -> float:
+        """Return the signed distance of a pair in a posture. [m]."""
+        ends = [self.solids[s] for s in pair]
+        for transform, solid in zip(self.transforms, ends, strict=True):
+            pose = self.frames[solid.link][posture] @ solid.placement if solid.link else solid.placement
+            transform.setRotation(np.ascontiguousarray(pose[:3, :3]))
+            transform.setTranslation(np.ascontiguousarray(pose[:3, 3]))
+        self.result.clear()
+        (first, second), (at, there) = ends, self.transforms
+        return float(self.distance(first.geometry, at, second.geometry, there, self.request, self.result))
+
+    def points(self, distance: float) -> tuple[Array, Array, Array]:
+        """Return the nearest points of the pair measured last, and the normal from the first to the second."""
+        first, second = (np.array(get()) for get in (self.result.getNearestPoint1, self.result.getNearestPoint2))
+        normal = (second - first) / distance if distance > APART else np.array(self.result.normal)
+        return first, second, normal
+
+
 def find_contacts(
     robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float = FAR
 ) -> list[Contact]:
@@ -67,31 +113,76 @@ def find_contacts(
         far: Distances beyond this are not told apart. [m]
 
     """
-    import coal
-
     if not len(q):
         return []
     frames = locate_link_frames(robot, q)
-    bound = _bounds(solids, pairs, frames, len(q))
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    transforms = [coal.Transform3s() for _ in range(2)]
-    contacts = []
+    bound, gauge, contacts = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames), []
     for i in range(len(q)):
         best = Contact("", "", far)
         for k in np.argsort(bound[i]):
             if bound[i, k] >= best.distance:
                 break
-            ends = [solids[s] for s in pairs[k]]
-            for transform, solid in zip(transforms, ends, strict=True):
-                pose = frames[solid.link][i] @ solid.placement if solid.link else solid.placement
-                transform.setRotation(np.ascontiguousarray(pose[:3, :3]))
-                transform.setTranslation(np.ascontiguousarray(pose[:3, 3]))
-            result.clear()
-            distance = coal.distance(ends[0].geometry, transforms[0], ends[1].geometry, transforms[1], request, result)
+            distance = gauge.measure(i, pairs[k])
             if distance < best.distance:
-                best = Contact(ends[0].name, ends[1].name, float(distance))
+                best = Contact(solids[pairs[k][0]].name, solids[pairs[k][1]].name, distance)
         contacts.append(best)
     return contacts
+
+
+def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float) -> Near:
+    """Find the several nearest pairs of every posture, and how their distances answer to the joints.
+
+    d = n . (p_b - p_a),   dd/dq = n . (J_b - J_a),
+
+    p the points nearest to each other, n the normal from a to b, J the Jacobian of such a point fixed to its link.
+
+    Args:
+        robot: The robot.
+        solids: What may touch.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        pairs: Pairs to look at, as indices of solids. Shape (p, 2).
+        far: Pairs beyond this are left out. [m]
+
+    """
+    frames = locate_link_frames(robot, q)
+    bound, gauge = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames)
+    found: list[tuple[int, int, float, tuple[Array, Array, Array]]] = []
+    for i in range(len(q)):
+        nearest: list[tuple[int, int, float, tuple[Array, Array, Array]]] = []
+        for k in np.argsort(bound[i]):
+            most = far if len(nearest) < MOST_PAIRS else nearest[-1][2]
+            if bound[i, k] >= most:
+                break
+            distance = gauge.measure(i, pairs[k])
+            if distance < most:
+                nearest = sorted([*nearest, (i, int(k), distance, gauge.points(distance))], key=lambda each: each[2])
+        found += nearest[:MOST_PAIRS]
+    posture, rate = np.array([each[0] for each in found], int), np.zeros((len(found), robot.nq))
+    links = [[solids[s].link for s in pairs[each[1]]] for each in found]
+    normal = np.array([each[3][2] for each in found]).reshape(-1, 3)
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        point = np.array([each[3][end] for each in found]).reshape(-1, 3)
+        rate += sign * _move_points(robot, frames, posture, [pair[end] for pair in links], point, normal)
+    return Near(posture, np.array([each[2] for each in found]), rate)
+
+
+def _move_points(
+    robot: Robot, frames: dict[str, Array], posture: NDArray[np.int_], links: Sequence[str], point: Array, normal: Array
+) -> Array:
+    """Differentiate the way of points of links along normals by the joint positions. Shape (r, nq). [m/rad or 1]."""
+    rate, names = np.zeros((len(point), robot.nq)), robot.joint_names
+    beyond: list[str] = []
+    for joint in reversed(robot.joints):
+        beyond.append(joint.child)
+        if joint.kind == "fixed":
+            continue
+        pose = (frames[joint.parent] @ joint.placement)[posture]
+        axis = pose[:, :3, :3] @ joint.axis
+        moved = axis if joint.kind == "prismatic" else np.cross(axis, point - pose[:, :3, 3])
+        name, share = (joint.name, 1.0) if joint.mimic is None else (joint.mimic.joint, joint.mimic.multiplier)
+        carried = np.array([link in beyond for link in links], float)
+        rate[:, names.index(name)] += share * carried * np.einsum("rk,rk->r", moved, normal)
+    return rate
 
 
 def describe_contact(contact: Contact) -> str:
