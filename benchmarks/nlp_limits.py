@@ -36,11 +36,13 @@ JOB: dict[str, Any] = {
     "toolpath": {"generator": "circle", "radius_mm": 250.0, "feed_mm_s": 600.0, "waypoints": 60},
     "plan": {"tolerance_mm": 0.5, "inertia": False}, "sampling": {"chord_mm": 0.3},
     "tolerance": {"normal_mm": 0.2, "tangential_mm": 1.0},
-    "posture": {"lead_deg": 2.0, "lean_deg": 2.0, "spin_step_deg": 60.0},
+    "posture": {"lead_deg": 1.0, "lean_deg": 1.0, "spin_step_deg": 60.0},
     "limits": {"velocity_scale": 0.3, "acceleration_scale": 0.5},
 }  # fmt: skip
 #: Effort limits of the job as shares of the robot folder's, so that torque counts, and share of the tolerance.
 EFFORT, TUBE = 0.58, 0.5
+#: Lower end of joint_4, narrowed so that joint range counts, as soft limits of a cell are. [rad]
+SOFT = {"joint_4": -3.72}
 
 
 class Solved(NamedTuple):
@@ -61,7 +63,9 @@ def solve_job() -> Solved:
 
     """
     robot, nominal, options = prepare_job(check_job(JOB, "job.toml"))
-    robot = replace(robot, joints=tuple(replace(each, effort=EFFORT * each.effort) for each in robot.joints))
+    robot = replace(robot, joints=tuple(
+        replace(each, effort=EFFORT * each.effort, lower=SOFT.get(each.name, each.lower)) for each in robot.joints
+    ))  # fmt: skip
     task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
     if task.start is None or task.start.stance is None or task.start.request is None:
         raise RuntimeError("the graph has found no posture for the job")
