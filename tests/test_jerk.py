@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from test_feed import ROBOT, arc_path, make_task, square_path
 
 from benchmarks.limits import sample_use
+from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.jerk_run import RateLimits, shorten_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
@@ -64,6 +66,20 @@ def test_a_run_that_its_jerk_holds_down_touches_a_limit_and_is_shorter_than_one_
     assert 0.99 < max(use.values()) <= 1.001
     stretched = free.time[-1] * measure_smooth_use(task.q_start, free.time, *_limits(task)).max()
     assert free.time[-1] < held.time[-1] < 0.8 * stretched
+
+
+def test_a_run_that_has_to_stand_still_on_its_way_is_timed_within_its_jerk(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop_halfway(*words: Any, **more: Any) -> Any:
+        found = time_cut(*words, **more)
+        found[2][len(found[2]) // 2] = 0.0
+        return found
+
+    task = make_task(arc_path(0.3, 1.2, 120))
+    task = replace(task, jerk_limits=limit_jerk(ROBOT, 1.0, 0.1))
+    monkeypatch.setattr("compplan.plan.timing.time_cut", stop_halfway)
+    held = time_command(task, task.q_start)
+    assert np.isfinite(held.time).all() and (np.diff(held.time) >= 0.0).all()
+    assert measure_smooth_use(task.q_start, held.time, *_limits(task)).max() < 1.001
 
 
 def test_a_straight_move_within_its_jerk_takes_the_time_of_the_closed_form() -> None:

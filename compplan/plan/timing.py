@@ -236,7 +236,9 @@ def _jerk_run(
     best = min((best, *wider), key=lambda each: float(each.time[-1]) * max(excess(each.time), 1.0))
     rates = RateLimits(np.r_[limits[0], 1.0], np.r_[limits[1], most], np.r_[FULL_USE * task.jerk_limits, np.inf],
                        task.smoothing * sum(INERTIA_WINDOWS) if task.inertia else 0.0)
-    runs = best.time, shorten_run(np.column_stack([q, along]), along, best.speed, fastest, rates, slow)
+    runs = [best.time]
+    if fastest[1:-1].all():  # a run that stands still on its way is no run from rest to rest
+        runs.append(shorten_run(np.column_stack([q, along]), along, best.speed, fastest, rates, slow))
     held = [time * max(excess(time) / FULL_USE, 1.0) for time in runs]
     return min(held, key=lambda each: float(each[-1]))
 
