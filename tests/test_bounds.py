@@ -10,6 +10,7 @@ import pytest
 
 from compplan.diagnose.doubt.bounds import MOST_BENT, find_breach, stretched_moment
 from compplan.effects import Effect, attain_scene, command_campaign
+from compplan.effects.payload import carried_payload
 from compplan.known.vary import stage_robot
 from compplan.robot.folder import read_robot_folder
 
@@ -41,6 +42,21 @@ def test_a_payload_hangs_before_the_flange_and_weighs_what_the_arm_carries(fit: 
     assert not ask(fit, "payload", None, mass_kg=8.6, first_moment_kg_m=[0.3, 0.0, 0.9])
     assert "220 mm behind the flange" in ask(fit, "payload", None, mass_kg=8.6, first_moment_kg_m=[0, 0, -8.6 * 0.22])
     assert "41.6 kg on the flange" in ask(fit, "payload", None, mass_kg=41.6, first_moment_kg_m=[0.0, 0.0, 4.0])
+
+
+def test_what_a_lighter_tool_leaves_hangs_before_the_flange(fit: Any) -> None:
+    """5 kg hang 64 mm before the TX200's flange: taken off, 2.5 kg cannot have hung 1.6 m before it."""
+    robot = read_robot_folder(ROBOT.parent / "staubli_tx200")
+    assert carried_payload(robot) == pytest.approx([5.0, 0.0, 0.0, 5.0 * 0.0643])
+    own = SimpleNamespace(
+        problem=SimpleNamespace(robot=robot),
+        at=SimpleNamespace(robot=robot, own_weight_load=np.full((1, 6), np.inf), attained=None),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("compplan.diagnose.doubt.bounds._check_torque", lambda fit, payload: "")
+        assert not ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[0.0, 0.0, -0.25])
+        said = ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[1.3, 0.8, -4.1])
+    assert said.startswith("2.5 kg less on the flange leave 2.5 kg with their centre 1.51e+03 mm behind")
 
 
 def test_a_payload_hangs_on_joints_whose_motors_hold_it(fit: Any) -> None:

@@ -30,18 +30,21 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     wrench = np.stack([payload_wrench(at.robot, at.attained.frames, unit) for unit in np.eye(4)], axis=-1)
     twist, encoder = at.wrench_response(wrench)
     unbound = -np.inf
-    least = (-carried_mass(at.robot), unbound, unbound, unbound)
+    least = (-float(carried_payload(at.robot)[0]), unbound, unbound, unbound)  # no tool weighs less than nothing
     yield Signature(name, None, None, "", KEYS, SCALE, twist, encoder, least=least)
 
 
-def carried_mass(robot: Robot) -> float:
-    """Return the mass that the model hangs on the flange; no tool weighs less than nothing. [kg]"""
-    links, beyond = {robot.flange}, robot.flange == robot.base
+def carried_payload(robot: Robot) -> Array:
+    """Return what the model hangs on the flange: mass, first moments about it in its axes. Shape (4,). [kg, kg m]"""
+    placed = {robot.flange: np.eye(4)}
     for joint in robot.joints:
-        if beyond:
-            links.add(joint.child)
-        beyond = beyond or joint.child == robot.flange
-    return float(sum(body.mass for body in robot.bodies if body.link in links))
+        if joint.parent in placed:
+            placed[joint.child] = placed[joint.parent] @ joint.placement
+    parts = [
+        body.mass * np.append(1.0, (placed[body.link] @ np.append(body.centre, 1.0))[:3])
+        for body in robot.bodies if body.link in placed
+    ]  # fmt: skip
+    return np.sum([np.zeros(4), *parts], axis=0)
 
 
 def payload_values(effect: Effect) -> Array:

@@ -16,7 +16,7 @@ from compplan.effects import Effect
 from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
 from compplan.effects.gravity_sag import JOINTS
 from compplan.effects.link_compliance import SHARE
-from compplan.effects.payload import carried_mass, payload_values
+from compplan.effects.payload import carried_payload, payload_values
 from compplan.effects.scene import payload_wrench
 from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
 from compplan.robot import Array, Robot
@@ -67,18 +67,23 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
 
 
 def _check_payload(fit: Fit, effect: Effect) -> str:
-    robot = fit.problem.robot
-    added, *moment = payload_values(effect)
-    whole, rating = added + carried_mass(robot), read_rating(robot)
+    robot, payload = fit.problem.robot, payload_values(effect)
+    carried, added = carried_payload(robot), float(payload[0])
+    whole, rating = added + carried[0], read_rating(robot)
     if rating is not None and whole > OVER_RATING * rating[0]:
         return f"{whole:.3g} kg on the flange, the arm is sold for {rating[0]:g} kg"
-    arm = float(sum(body.mass for body in robot.bodies)) - carried_mass(robot)
+    arm = float(sum(body.mass for body in robot.bodies)) - carried[0]
     if rating is None and whole > arm:
         return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
-    behind = -float(outward_axis(fit) @ moment)
+    behind = -float(outward_axis(fit) @ payload[1:])
     if added > 0.0 and behind > BEHIND * whole:
         return f"{added:.3g} kg with their centre {1e3 * behind / added:.3g} mm behind the flange, inside the arm"
-    return _check_torque(fit, payload_values(effect))
+    # what is taken off was there: what is left of the tool hangs before the flange, too
+    left = -float(outward_axis(fit) @ (payload + carried)[1:])
+    if added <= 0.0 and left > BEHIND * whole:
+        where = f"{1e3 * left / whole:.3g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
+        return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
+    return _check_torque(fit, payload)
 
 
 def _check_torque(fit: Fit, payload: Array) -> str:
