@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from compplan.diagnose import diagnose_campaign
+from compplan.diagnose.campaign_diagnosis import refuse_open_frames
 from compplan.diagnose.data.channels import estimate_noises
 from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, stage_scene
 from compplan.errors import InputError
@@ -257,6 +258,42 @@ def test_trackers_and_contacts_go_together_in_one_log(robot: Robot, tmp_path: Pa
     frames = fit_registration(campaign, attained.position, attained.rotation, fitted_parts(campaign, ("base", "tool")))
     np.testing.assert_allclose(frames.base, np.eye(4), atol=1e-4)
     np.testing.assert_allclose(frames.places, [[1.0, 0.2, 0.7]], atol=5e-5)
+
+
+def thin_bar_log(robot: Robot, folder: Path, kept: tuple[int, ...]) -> tuple[Path, Path]:
+    """Write a log of a ball bar with so many rows about each of its centres."""
+    log, instrument = bar_log(robot, folder)
+    head, *rows = log.read_text().splitlines()
+    return write_log(log, head, [row for k, row in enumerate(rows) if k % 50 < kept[k // 50]]), instrument
+
+
+def test_places_that_few_rows_stand_at_are_dropped_or_refused_in_one_line(robot: Robot, tmp_path: Path) -> None:
+    """Three distances are what an unknown centre takes; what was not read at a bar is no contact of a socket."""
+    log, instrument = thin_bar_log(robot, tmp_path, (9, 3, 4))
+    head, *rows = log.read_text().splitlines()
+    write_log(log, head, [*rows, rows[0].rpartition(",")[0] + ","])
+    campaign = read_campaign(log, robot, read_instrument(instrument))
+    assert campaign.sights is not None and campaign.sights.names == ("c0", "c2")
+    assert campaign.usable.tolist() == [True] * 9 + [False] * 3 + [True] * 4 + [False]
+    assert campaign.sights.contact[campaign.usable].tolist() == [0] * 9 + [1] * 4
+    assert [note for note in campaign.notes if "contact 'c1' stands in 3 rows, expected at least 4" in note]
+    with pytest.raises(InputError, match="contact 'c0' stands in 2 rows, expected at least 4"):
+        read_campaign(*thin_bar_log(robot, tmp_path, (2, 3, 1))[:1], robot)
+    gauges, _ = gauge_log(robot, tmp_path)
+    head, *rows = gauges.read_text().splitlines()
+    seen = read_campaign(write_log(gauges, head, [*rows[:12], rows[30]]), robot).sights
+    assert seen is not None and seen.names == ("g0",)
+
+
+def test_poses_left_out_are_judged_though_few_rows_fix_where_a_bar_stood(robot: Robot, tmp_path: Path) -> None:
+    """Centres of four rows are open without one of them: 9 mm were once said of a robot that is .3 mm off."""
+    log, instrument = thin_bar_log(robot, tmp_path, (14, 4, 4))
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    with pytest.raises(InputError, match=r"0\.325 mm on all of them and 9\.09 mm on poses left out"):
+        refuse_open_frames(0.325e-3, 9.09e-3, diagnosis.fit.problem.campaign)
+    refuse_open_frames(0.325e-3, 0.5e-3, diagnosis.fit.problem.campaign)
+    # 22 rows, of which three centres and a tool take 12
+    assert diagnosis.gap.held_out_before == pytest.approx(diagnosis.gap.before * np.sqrt(22 / 10), rel=0.5)
 
 
 HEAD = f"run,contact,{JOINTS},dir_i,dir_j,dir_k,reading_mm,distance_mm"

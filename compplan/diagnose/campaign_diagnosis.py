@@ -32,6 +32,9 @@ from compplan.robot import Array, Robot
 
 #: Fewest rows that a campaign needs (theory: twice the values of the frames of base and tool, three to a row).
 FEWEST_ROWS = 2 * len(AXES)
+#: Poses left out are farther off than all by this where some of them alone fix a frame (assumed: what frames take of
+#: few numbers makes less than two).
+OPEN_FRAMES = 5.0
 
 
 def diagnose_campaign(
@@ -104,6 +107,7 @@ def _conclude(
         plain = replace(plain, residual=before[plain.rows])
     good = campaign.usable.copy()
     good[fit.outliers] = False
+    refuse_open_frames(_rms(before[good]), plain.of(good[plain.rows]).rms, campaign)
     state = FitState(problem.fixed, {}, registration, fit.state.use)
     deliveries = deliver_folders(folds, verdict, plain, state, good)
     first = deliveries[0]
@@ -128,6 +132,26 @@ def _conclude(
         residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
         deliveries=deliveries, noise=fit.noises["position"].source,
     )  # fmt: skip
+
+
+def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> None:
+    """Refuse rows that do not tell where instrument, target or contacts are: no folder could be judged by them.
+
+    Args:
+        inside: What the nominal robot leaves of all rows. [m]
+        left_out: What it leaves of poses left out, of which nothing but frames knows. [m]
+        campaign: The rows.
+
+    Raises:
+        InputError: If the poses left out are much farther off.
+    """
+    if left_out > OPEN_FRAMES * inside:
+        raise InputError(
+            f"the rows do not fix where instrument, target and contacts are: the robot as it is leaves"
+            f" {1e3 * inside:.3g} mm on all of them and {1e3 * left_out:.3g} mm on poses left out; measure more poses,"
+            " and more at each contact",
+            file=campaign.file,
+        )
 
 
 def _with_sizes(verdict: Verdict, state: FitState) -> Verdict:

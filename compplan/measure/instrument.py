@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -105,7 +106,10 @@ def read_sights(table: Table, position: Array, instrument: InstrumentFile | None
     reading, distance = table.values.get("reading", nothing), table.values.get("distance", nothing)
     kind = np.where(np.isfinite(distance), DISTANCE, np.where(np.isfinite(reading), READING, POSITION))
     measured = np.asarray(np.isfinite(position).all(axis=1))
-    kind = np.where((kind == POSITION) & (contact >= 0) & ~measured, CONTACT, kind)
+    # a label that is read elsewhere is no socket: its empty rows were not measured
+    empty = (kind == POSITION) & (contact >= 0) & ~measured
+    contact = np.where(empty & np.isin(contact, contact[~empty & (kind != POSITION)]), -1, contact)
+    kind = np.where(empty & (contact >= 0), CONTACT, kind)
     _check_rows(table, kind, contact, reading, measured)
     turn = Rotation.from_rotvec(np.deg2rad(said.instrument.rotation_deg)).as_matrix()
     origin = np.where((kind == READING)[:, None], np.array(said.instrument.position_mm) * 1e-3, 0.0)
@@ -117,6 +121,8 @@ def read_sights(table: Table, position: Array, instrument: InstrumentFile | None
     )  # fmt: skip
     if (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any():
         _check_met_again(table, contact)
+    sights, alone = _drop_lonely(table, sights, [label for one in said.distance for label in one.between], measured)
+    notes += alone
     sights, absent = _add_distances(sights, said.distance)
     if absent:
         notes.append(f"[[distance]] names contacts that the log has not, and does not count there: {', '.join(absent)}")
@@ -161,6 +167,48 @@ def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
     """Refuse contacts that are all met once: nothing is compared with anything."""
     if np.bincount(contact[contact >= 0], minlength=1).max() < 2:
         raise table.error("every contact stands in one row only, expected several poses at one place under one label")
+
+
+def _drop_lonely(
+    table: Table, sights: Sights, tied: Sequence[str], measured: NDArray[np.bool_]
+) -> tuple[Sights, list[str]]:
+    """Drop labels whose rows are so few that the unknown place takes all that they tell, and say so.
+
+    Args:
+        table: The log, for the error.
+        sights: What it says.
+        tied: Labels whose place known distances tell something of.
+        measured: Rows with a position. Shape (n,).
+
+    Raises:
+        InputError: If no row is left that tells anything.
+    """
+    least = np.array([_count_least(sights.take(sights.contact == k)) for k in range(len(sights.names))], int)
+    rows = np.bincount(sights.contact[sights.contact >= 0], minlength=len(least))
+    lonely = (rows < least) & ~np.isin(sights.names, tied)
+    if not lonely.any():
+        return sights, []
+    one = int(np.argmax(lonely))
+    few = f"contact {sights.names[one]!r} stands in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
+    few = f"{few} {least[one]}: as many as its unknown place takes, and one more"
+    out = np.append(lonely, False)[sights.contact]
+    if not (sights.seen & ~out).any() and not measured.any():
+        raise table.error(few, int(np.flatnonzero(sights.contact == one)[0]))
+    others = [sights.names[k] for k in np.flatnonzero(lonely)[1:]]
+    more = f"; nor do those of {', '.join(others)}" if others else ""
+    number = np.append(np.cumsum(~lonely) - 1, -1)
+    sights = sights.without(out)
+    names = tuple(name for name, gone in zip(sights.names, lonely, strict=True) if not gone)
+    return replace(sights, contact=number[sights.contact], names=names), [f"{few}; its rows do not count{more}"]
+
+
+def _count_least(rows: Sights) -> int:
+    """Count the rows that a label needs: one more than its unknown place takes."""
+    if (rows.kind == CONTACT).any():
+        return 2
+    if (rows.kind == DISTANCE).any():
+        return 4
+    return 1 + int(np.linalg.matrix_rank(rows.direction)) if len(rows.kind) else 0
 
 
 def _read_directions(table: Table, kind: NDArray[np.int_]) -> Array:

@@ -25,6 +25,7 @@ from compplan.diagnose.search.search import Claim, Search, search_models
 from compplan.diagnose.search.state import Fit, FitState, advance_state, attain_state, stands
 from compplan.errors import ConvergenceError
 from compplan.measure.campaign import Campaign
+from compplan.measure.registration import CONTACTS
 from compplan.robot import Array
 
 #: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
@@ -198,8 +199,10 @@ class Folds:
         for number, ledger in self.ledgers:
             fitted, state = build(number, ledger)
             if fit.problem.register and stands(fit.problem, state):
-                # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw
-                state = register_again(fitted, state, fit.state.use & (self.fold != number))
+                # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
+                # few rows of a contact may leave its place open without some of them, and all are fitted below anyway
+                own = CONTACTS in fit.problem.register
+                state = register_again(fitted, state, fit.state.use & (own | (self.fold != number)))
             gap = predict_gap(fitted, state)
             if gap is None:
                 gap = np.where(campaign.measured[:, None], campaign.position, np.inf)
