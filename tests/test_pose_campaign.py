@@ -20,8 +20,16 @@ from compplan.known.slopes import ForceSpread, stage_path
 from compplan.loop import contacts
 from compplan.loop.campaign import Shop, add_places, design_campaign, take_frames
 from compplan.loop.candidates import find_postures, list_candidates
-from compplan.loop.contacts import bring_tips, find_touching, sight_candidates
-from compplan.loop.design import Design, choose_measurements, learn_rows, measure_gains, random_choice
+from compplan.loop.contacts import bring_tips, find_touching, list_stands, sight_candidates
+from compplan.loop.design import (
+    Design,
+    choose_measurements,
+    find_idle,
+    first_visits,
+    learn_rows,
+    measure_gains,
+    random_choice,
+)
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.instrument import read_instrument
@@ -265,8 +273,19 @@ def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_th
     design, start = add_places(design, design.start, sights, tip, 12)
     choice = choose_measurements(design, candidates, 30, start)
     assert choice.rms[-1] < 0.9 * choice.rms[0] and (np.diff(choice.rms) <= 1e-12).all()
-    unknown = max(len(sights.names), 1)  # or the tool, where the place is known
+    first = first_visits(candidates)
+    assert len(first) == len(sights.names) * (3 if instrument in ("ball_bar", "sphere") else 1)
+    unknown = max(len(first), 1)  # or the tool, where the place is known
     assert choice.rms[unknown] == pytest.approx(choice.rms[0], rel=2e-3)
+    # a place that is met no more often than it takes is idle; both sockets of a plate are one place
+    if first:
+        idle = find_idle(candidates, np.array([*first, np.flatnonzero(sights.contact == 0)[1]]))
+        assert idle.tolist() == [name.split("/")[0] != "1" for name in sights.names]
+    stands, away = list_stands(instrument, sights, tip), length if instrument in ("ball_bar", "sphere") else 0.0
+    assert [stand.label for stand in stands] == list(sights.names)
+    for number, stand in enumerate(stands):
+        off = np.linalg.norm(tip[sights.contact == number] - stand.place, axis=1)
+        assert np.abs(off - away).max() < (0.3 if instrument == "plane" else 1e-6)
     free = replace(candidates, sights=None)
     plain, _ = make_design(("tool",))
     assert choose_measurements(plain, free, 30).rms[-1] < choice.rms[-1]
@@ -301,7 +320,7 @@ def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, 
              "--weights-kg", "0,60", "--sigma-mm", "0.02", "--out", out]  # fmt: skip
     answer = run_command(words, monkeypatch, capsys)
     assert answer.status == 0, answer.err
-    assert "instrument.toml" in answer.out
+    assert "instrument.toml" in (told := answer.out)
     robot = load_robot("kuka_kr270")
     log = read_campaign(out / "campaign.csv", robot, read_instrument(out / "instrument.toml"))
     assert log.sights is not None and len(log.sights.names) == 6 and len(log.sights.known) == 3
@@ -311,6 +330,11 @@ def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, 
     assert run_command(again, monkeypatch, capsys).status == 0
     first, second = (json.loads((f / "campaign.json").read_text("utf-8")) for f in (out, tmp_path / "next"))
     assert second["promise_mm"]["p95_max_now"] == pytest.approx(first["promise_mm"]["p95_max_after"], rel=0.1)
+    stands = first["stands"]
+    assert sorted(stand["label"] for stand in stands) == sorted(log.sights.names)
+    assert all(f"put up {stand['says']}" in told for stand in stands)
+    assert "Where it stands" in (out / "report.html").read_text("utf-8")
+    assert np.linalg.norm(np.subtract(stands[0]["position_mm"], stands[1]["position_mm"])) == pytest.approx(200, abs=3)
     few = [*words[:3], "8", *words[4:-1], tmp_path / "few"]
     answer = run_command(few, monkeypatch, capsys)
     assert answer.status == 2 and "at least two a place" in answer.err

@@ -77,6 +77,8 @@ def command(
         click.echo(dump_json(summary, indent=2))
         return
     click.echo(summary["says"])
+    for stand in campaign.stands:
+        click.echo(f"put up {stand.says}")
     for note in campaign.notes:
         click.echo(note)
     if len(campaign.touching):

@@ -17,13 +17,22 @@ from compplan.known.assumed import LINK_ELASTICITY, known_uncertainty, list_assu
 from compplan.known.slopes import measure_slopes, read_force_spread, stage_path, take_scene
 from compplan.known.vary import stage_robot
 from compplan.loop.candidates import Candidates, find_postures, list_candidates
-from compplan.loop.contacts import LENGTHS, PLACES, TRACKER, find_touching, see_distances, sight_candidates
-from compplan.loop.design import Choice, Design, choose_measurements, random_choice
+from compplan.loop.contacts import (
+    LENGTHS,
+    PLACES,
+    TRACKER,
+    Stand,
+    find_touching,
+    list_stands,
+    see_distances,
+    sight_candidates,
+)
+from compplan.loop.design import Choice, Design, choose_measurements, find_idle, random_choice
 from compplan.loop.order import order_poses
 from compplan.measure.campaign import Campaign
 from compplan.measure.distance import band_radius
 from compplan.measure.poses.information import learn_rows
-from compplan.measure.sights import Sights
+from compplan.measure.sights import DISTANCE, Sights
 from compplan.plan.plan import Plan
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.promise.band import lead_unknowns, linearise_path, split_covariance
@@ -116,6 +125,11 @@ class PoseCampaign:
         """Return the root mean square band of the parameters alone. [m]"""
         return model_part(self.design, covariance)
 
+    @property
+    def stands(self) -> tuple[Stand, ...]:
+        """Where the instrument stands; none for a tracker, which stands anywhere."""
+        return list_stands(self.shop.instrument, self.poses.sights, self.poses.tip)
+
 
 def design_campaign(
     plan: Plan, shop: Shop, count: int, log: Campaign | None = None,
@@ -156,10 +170,9 @@ def design_campaign(
     candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
     if sights is not None:
         candidates = sight_candidates(candidates, sights)
-        design, start = add_places(design, start, sights, candidates.tip[: len(postures)], count)
     announce("choice")
-    choice = choose_measurements(design, candidates, count, start)
-    notes += _ask_for_load(design, shop, choice.covariance)
+    design, start, candidates, choice, more = _choose(design, start, candidates, count)
+    notes += more + _ask_for_load(design, shop, choice.covariance)
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again = np.r_[order, order[0]]
@@ -194,14 +207,48 @@ def put_up(
     return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids, shop.seed)
 
 
+def _choose(
+    bare: Design, learned: Array, candidates: Candidates, count: int
+) -> tuple[Design, Array, Candidates, Choice, list[str]]:
+    """Choose measurements; places that are met no more often than they take are not put up.
+
+    Args:
+        bare: What is known, without unknown places.
+        learned: Its covariance.
+        candidates: What could be measured.
+        count: How many.
+
+    Returns:
+        Design and covariance with the places, the candidates at them, the choice, and what there is to say.
+    """
+    asked = 0 if candidates.sights is None else len(candidates.sights.names)
+    while True:
+        design, start = bare, learned
+        if candidates.sights is not None:
+            design, start = add_places(bare, learned, candidates.sights, candidates.tip, count)
+        choice = choose_measurements(design, candidates, count, start)
+        if candidates.sights is None or not candidates.sights.names:
+            return design, start, candidates, choice, []
+        idle = find_idle(candidates, choice.rows)
+        if not idle.any() or idle.all():
+            break
+        sights = candidates.sights.drop_contacts(idle)
+        candidates = replace(candidates, sights=sights).take(np.flatnonzero(sights.contact >= 0))
+    left = len(candidates.sights.names)
+    said = f"{left} of {asked} unknown places are worth putting up: more poses at these tell more than any elsewhere"
+    return design, start, candidates, choice, [said] if left < asked else []
+
+
 def add_places(design: Design, start: Array, sights: Sights, tip: Array, count: int) -> tuple[Design, Array]:
     """Add the unknown places of contacts to a design, and what known distances say of them to its covariance.
 
     Raises:
-        InputError: If so many poses are fewer than two a place.
+        InputError: If so many poses are fewer than a place takes and one more.
     """
-    if count < 2 * len(sights.names):
-        message = f"{count} poses at {len(sights.names)} unknown places, expected at least two a place"
+    least = 4 if (sights.kind == DISTANCE).any() else 2
+    if count < least * len(sights.names):
+        number = {2: "two", 4: "four"}[least]
+        message = f"{count} poses at {len(sights.names)} unknown places, expected at least {number} a place"
         raise InputError(f"{message}: more --poses or fewer --places")
     design = replace(design, places=len(sights.names))
     wide = design.start.copy()

@@ -31,6 +31,17 @@ LENGTHS = {BALL_BAR: 0.3, SPHERE: 0.03}
 SIDE, SURE = 0.15, 2e-5
 #: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
 STEPS, NEAR, TURN = 15, 1e-9, 0.2
+#: How an instrument is put up, {at} in the robot's base frame.
+SETUP = {
+    SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
+    GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
+           " farther that way; zero it anywhere and leave it",
+    PLANE: "plane {label} through ({at}) mm, {side} mm wide, its normal along ({along}): align it well, the normal"
+           " counts as exact",
+    SPHERE: "sphere {label} with its centre at ({at}) mm; its radius and that of the tool's ball are {mm} mm together",
+    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: as far as the stand is off,"
+              " the bar's length has to give; write the distance of both balls' centres down, not its change",
+}  # fmt: skip
 #: Normals of planes, ways of dials and plates, place by place.
 NORMALS = np.eye(3)[[2, 0, 1]]
 
@@ -145,6 +156,37 @@ def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
     good = np.linalg.norm(wanted - locate_frames(chain, q).tcp_position, axis=1) < NEAR
     edge = run_up(robot)
     return np.asarray(q[good & ((q > robot.lower + edge) & (q < robot.upper - edge)).all(axis=1)])
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where an instrument is put up: its label, its place in the robot's base frame (3,) [m], and how, in words."""
+
+    label: str
+    place: Array
+    says: str
+
+
+def list_stands(instrument: str, sights: Sights | None, tip: Array) -> tuple[Stand, ...]:
+    """Tell where the instrument of a campaign stands, label by label.
+
+    Args:
+        instrument: One of `INSTRUMENTS`.
+        sights: What it sees in every pose; None for a tracker.
+        tip: Where the tip is in every pose, base frame. Shape (m, 3). [m]
+    """
+    stands, names = [], () if sights is None else sights.names
+    for number, label in enumerate(names):
+        assert sights is not None
+        rows = np.flatnonzero(sights.contact == number)
+        own, value = sights.take(rows), 1e3 * float(sights.value[rows[0]])
+        place = own.start_places(tip[rows])[number] if instrument in LENGTHS else tip[rows].mean(axis=0)
+        says = SETUP[instrument].format(
+            at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label, mm=f"{value:g}",
+            along=", ".join(f"{v:g}" for v in own.direction[0]), side=f"{2e3 * SIDE:.0f}",
+        )  # fmt: skip
+        stands.append(Stand(label, place, says))
+    return tuple(stands)
 
 
 def _near(tip: Array, middle: Array) -> Array:

@@ -22,7 +22,7 @@ from compplan.loop.contacts import see_rows
 from compplan.measure.distance import band_radius
 from compplan.measure.poses.exchange import settle_choice, take_greedily
 from compplan.measure.poses.information import learn_rows, measure_gains, weigh_rows
-from compplan.measure.sights import Sights
+from compplan.measure.sights import DISTANCE, Sights
 from compplan.promise.band import Slopes, split_covariance
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
@@ -161,10 +161,37 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
 
 
 def first_visits(candidates: Candidates) -> list[int]:
-    """Return a first visit of every unknown place: it tells nothing of the arm, each later one does beside it."""
-    if candidates.sights is None or not candidates.sights.names:
-        return []
-    return [int(row) for row in np.unique(candidates.sights.contact, return_index=True)[1]]
+    """Return the first visits of every unknown place: they tell nothing of the arm, each later one does beside them.
+
+    A place takes one visit, the centre of a ball bar or a sphere three, in directions as different as can be.
+    """
+    sights, found = candidates.sights, list[int]()
+    if sights is None:
+        return found
+    away = sights.directions(candidates.tip, sights.start_places(candidates.tip))
+    for contact in range(len(sights.names)):
+        rows = np.flatnonzero(sights.contact == contact)
+        left = away[rows]
+        for _ in range(3 if (sights.kind[rows] == DISTANCE).any() else 1):
+            size = np.nan_to_num(np.linalg.norm(left, axis=1), nan=1.0)
+            taken = int(size.argmax())
+            found.append(int(rows[taken]))
+            left = left - np.outer(left @ left[taken], left[taken]) / max(size[taken] ** 2, 1e-12)
+    return found
+
+
+def find_idle(candidates: Candidates, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Tell which contacts stand at places that are met no more often than the places take. Shape (contacts,).
+
+    Args:
+        candidates: All that could be measured.
+        rows: What was chosen of it.
+    """
+    assert candidates.sights is not None
+    contact, names = candidates.sights.contact, candidates.sights.names
+    plate = np.unique([name.split("/")[0] for name in names], return_inverse=True)[1].reshape(-1)
+    met, taken = (np.bincount(plate[contact[seen]], minlength=len(names)) for seen in (rows, first_visits(candidates)))
+    return np.asarray((met <= taken)[plate])
 
 
 def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:

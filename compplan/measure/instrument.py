@@ -196,10 +196,7 @@ def _drop_lonely(
         raise table.error(few, int(np.flatnonzero(sights.contact == one)[0]))
     others = [sights.names[k] for k in np.flatnonzero(lonely)[1:]]
     more = f"; nor do those of {', '.join(others)}" if others else ""
-    number = np.append(np.cumsum(~lonely) - 1, -1)
-    sights = sights.without(out)
-    names = tuple(name for name, gone in zip(sights.names, lonely, strict=True) if not gone)
-    return replace(sights, contact=number[sights.contact], names=names), [f"{few}; its rows do not count{more}"]
+    return sights.drop_contacts(lonely), [f"{few}; its rows do not count{more}"]
 
 
 def _count_least(rows: Sights) -> int:

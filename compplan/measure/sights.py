@@ -98,6 +98,15 @@ class Sights:
         """Forget what some rows saw. Shape of `rows`: (n,)."""
         return replace(self, kind=np.where(rows, POSITION, self.kind), contact=np.where(rows, -1, self.contact))
 
+    def drop_contacts(self, gone: NDArray[np.bool_]) -> Sights:
+        """Forget contacts, what their rows saw and the distances to them. Shape of `gone`: (contacts,)."""
+        number = np.append(np.cumsum(~gone) - 1, -1)
+        kept = self.without(np.append(gone, False)[self.contact])
+        names = tuple(name for name, out in zip(self.names, gone, strict=True) if not out)
+        both = ~gone[self.known.between].any(axis=1)
+        known = KnownDistances(number[self.known.between[both]], self.known.length[both], self.known.sigma[both])
+        return replace(kept, contact=number[kept.contact], names=names, known=known)
+
     def gap(self, point: Array, places: Array) -> Array:
         """Return seen minus expected as a vector, along the direction where one number was seen; NaN for positions.
 

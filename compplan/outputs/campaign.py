@@ -32,7 +32,8 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "campaign") as part:
         write_log(campaign, part / "campaign.csv")
         if campaign.poses.sights is not None:
-            write_text(part / "instrument.toml", describe_instrument(campaign.poses.sights, campaign.shop.sigma))
+            text = describe_instrument(campaign.poses.sights, campaign.shop.sigma)
+            write_text(part / "instrument.toml", "".join(f"# {stand.says}\n" for stand in campaign.stands) + text)
         write_moves(campaign, part)
         write_campaign_page(campaign, part / "report.html")
         summary = {**summarise_campaign(campaign), "files": [*map(str, list_files(part)), "campaign.json"]}
@@ -99,14 +100,16 @@ def sight_columns(sights: Sights | None, poses: int, known: bool = False) -> dic
 TASKS = {
     "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
     "probe": "touch the face that should be at x_mm y_mm z_mm along dir and write down how far along dir it is off",
+    "gauge": "write the reading of the row's gauge down, which grows along dir",
+    "plane": "touch the row's plane, write the joints down as they are and 0 as reading_mm",
+    "ball_bar": "hang the bar on the row's ball and write the distance of both balls' centres down",
     "sphere": "touch the sphere and write the joints down as they are; distance_mm is both radii together",
 }
 
 
 def describe_task(instrument: str) -> str:
     """Say what is to be done at a pose."""
-    gauge = "write the reading of the row's gauge or bar down; a gauge reads along dir"
-    return "measure" if instrument == "tracker" else TASKS.get(instrument, gauge)
+    return TASKS.get(instrument, "measure")
 
 
 def describe_instrument(sights: Sights, sigma: float) -> str:
@@ -170,6 +173,10 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
         "ways_that_touch": [int(k) + 1 for k in campaign.touching],
         "instrument": shop.instrument,
+        "stands": [
+            {"label": stand.label, "position_mm": (1e3 * stand.place).round(1).tolist(), "says": stand.says}
+            for stand in campaign.stands
+        ],
         "instrument_sigma_mm": shop.sigma * 1e3,
         "weights_kg": list(shop.weights),
         "pull_N": shop.pull,

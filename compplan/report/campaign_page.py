@@ -37,6 +37,7 @@ def write_campaign_page(campaign: PoseCampaign, file: Path) -> None:
             [poses, _table(campaign)],
             "In the order of measuring. Approach each from the stated side, let it settle, then measure.",
         ),
+        *_stands(campaign),
         Section("What remains", [_rest(campaign)], "What would narrow the band most afterwards."),
     ]
     warning = ""
@@ -138,6 +139,15 @@ def _table(campaign: PoseCampaign) -> PageTable:
     columns += [Column("joints come"), Column("weight"), Column("pull", "base axes")]
     columns += [Column(name, "mm", 5) for name in "xyz"]
     return PageTable(columns, rows, "Worth: 1 brings the most. The tip's place is that of the loaded tip.", scroll=24)
+
+
+def _stands(campaign: PoseCampaign) -> list[Section]:
+    rows: list[Row] = [[stand.label, *(float(v) for v in 1e3 * stand.place), stand.says] for stand in campaign.stands]
+    if not rows:
+        return []
+    columns = [Column("label"), *(Column(name, "mm", 4) for name in "xyz"), Column("put up")]
+    lead = "In the robot's base frame; within centimetres is enough where nothing else is said, the rows tell the rest."
+    return [Section("Where it stands", [PageTable(columns, rows)], lead)]
 
 
 def _describe_pull(pull: Array) -> str:
