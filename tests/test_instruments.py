@@ -260,6 +260,15 @@ def test_trackers_and_contacts_go_together_in_one_log(robot: Robot, tmp_path: Pa
     np.testing.assert_allclose(frames.places, [[1.0, 0.2, 0.7]], atol=5e-5)
 
 
+def test_what_gauges_leave_unexplained_counts_along_all_three_axes(robot: Robot, tmp_path: Path) -> None:
+    """Readings scatter by 0.3 mm where the robot is as modelled: 0.3 mm per axis is what the tip may be off."""
+    log, instrument = gauge_log(robot, tmp_path, (), 3e-4)
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    known = diagnosis.deliveries[0].uncertainty
+    assert known.unexplained == pytest.approx(np.sqrt(3.0) * 3e-4, rel=0.15)
+    assert known.calibration < 1.3
+
+
 def thin_bar_log(robot: Robot, folder: Path, kept: tuple[int, ...]) -> tuple[Path, Path]:
     """Write a log of a ball bar with so many rows about each of its centres."""
     log, instrument = bar_log(robot, folder)

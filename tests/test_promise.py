@@ -187,7 +187,7 @@ def test_a_drawn_field_has_its_size_and_forgets_itself_over_its_scale(tmp_path: 
 def test_the_factor_of_twenty_groups_holds_the_worst_of_them() -> None:
     model = np.tile(np.eye(3) * 1e-8, (20, 1, 1))
     error = np.linspace(1e-4, 2e-3, 20)[:, None] * np.array([0.0, 0.6, 0.8])
-    factor, _ = calibrate_band(error, model, np.zeros(20), np.arange(20))  # (20 + 1) .95 asks for all
+    factor, _ = calibrate_band(error, model, np.zeros((20, 3, 3)), np.arange(20))  # (20 + 1) .95 asks for all
     assert band_radius(factor**2 * model)[-1] == pytest.approx(2e-3, rel=1e-3)
 
 
@@ -196,10 +196,10 @@ def test_a_conformal_step_widens_a_model_that_is_too_sure_and_leaves_a_true_one(
     model = np.tile(np.eye(3) * 1e-8, (600, 1, 1))
     error = 1e-4 * random.standard_normal((600, 3))
     alone = np.arange(600)
-    honest, groups = calibrate_band(error, model, np.zeros(600), alone)
+    honest, groups = calibrate_band(error, model, np.zeros((600, 3, 3)), alone)
     assert groups == 600
     assert honest == pytest.approx(1.0, abs=0.08)
-    assert calibrate_band(3.0 * error, model, np.zeros(600), alone)[0] == pytest.approx(3.0 * honest, rel=0.08)
+    assert calibrate_band(3.0 * error, model, np.zeros((600, 3, 3)), alone)[0] == pytest.approx(3.0 * honest, rel=0.08)
     held = np.linalg.norm(3.0 * error, axis=1) <= band_radius(9.0 * model)
     assert held.mean() == pytest.approx(0.95, abs=0.02)
 

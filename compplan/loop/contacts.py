@@ -39,8 +39,8 @@ SETUP = {
     PLANE: "plane {label} through ({at}) mm, {side} mm wide, its normal along ({along}): align it well, the normal"
            " counts as exact",
     SPHERE: "sphere {label} with its centre at ({at}) mm; its radius and that of the tool's ball are {mm} mm together",
-    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: as far as the stand is off,"
-              " the bar's length has to give; write the distance of both balls' centres down, not its change",
+    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: as far as the stand is"
+              " off, the bar's length has to give; write the distance of both balls' centres down, not its change",
 }  # fmt: skip
 #: Normals of planes, ways of dials and plates, place by place.
 NORMALS = np.eye(3)[[2, 0, 1]]

@@ -49,7 +49,7 @@ def calibrate_band(error: Array, model: Array, noise: Array, group: NDArray[np.i
     Args:
         error: Measured minus predicted, of rows that the model never saw. Shape (n, 3). [m]
         model: Covariance that the model states for them. Shape (n, 3, 3). [m^2]
-        noise: Variance of the measurement per axis. Shape (n,). [m^2]
+        noise: Covariance of the measurement. Shape (n, 3, 3). [m^2]
         group: Group of each row, such as its pose. Shape (n,).
 
     Returns:
@@ -61,10 +61,9 @@ def calibrate_band(error: Array, model: Array, noise: Array, group: NDArray[np.i
     index = index.reshape(-1)
     square = np.sum(error**2, axis=1)
     rank = min(int(np.ceil((len(count) + 1) * LEVEL)), len(count))
-    eye = noise[:, None, None] * np.eye(3)
 
     def score(factor: float) -> float:
-        radius = band_radius(factor**2 * model + eye)
+        radius = band_radius(factor**2 * model + noise)
         scores = np.bincount(index, square / np.maximum(radius, 1e-12) ** 2) / count
         return float(np.sort(scores)[rank - 1])
 

@@ -70,12 +70,14 @@ def state_uncertainty(
     noise = channel.sigma[:, 0] ** 2 + channel.noise.stay**2
     model = _model_covariance(fitted, known)
     seen = good[channel.rows]
-    left = held.residual[seen]
-    excess = np.sum(left**2, axis=1) - channel.told[seen] * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
-    unexplained = float(np.sqrt(max(excess.mean(), 0.0))) if len(left) else 0.0
+    left, told, axes = held.residual[seen], channel.told[seen], channel.axes[seen]
+    excess = np.sum(left**2, axis=1) - told * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
+    # one number of a gauge or a bar shows one of three axes
+    unexplained = float(np.sqrt(max(axes.shape[1] * excess.sum() / told.sum(), 0.0))) if len(left) else 0.0
     place = fit.at.point[channel.rows][seen]
     pose = group_poses(campaign)[channel.rows][seen]
-    factor, groups = calibrate_band(left, model[seen] + unexplained**2 / 3.0 * np.eye(3), noise[seen], pose)
+    along = unexplained**2 / axes.shape[1] * axes
+    factor, groups = calibrate_band(left, model[seen] + along, noise[seen][:, None, None] * axes, pose)
     mean = fitted.model.posterior.values(fitted.search.ledger.p)
     others = explain_otherwise(fit, state, mean, rivals or {})
     known, robots = _add_rivals(known, others)

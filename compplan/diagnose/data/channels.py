@@ -67,6 +67,15 @@ class Channel:
         return width
 
     @cached_property
+    def axes(self) -> Array:
+        """Projector on what each row tells: of all c axes, or of its direction. Shape (r, c, c)."""
+        every = np.tile(np.eye(self.residual.shape[1]), (len(self.rows), 1, 1))
+        if self.direction is None:
+            return every
+        along = self.direction[:, :, None] * self.direction[:, None, :]
+        return np.asarray(np.where(np.isfinite(along), along, every))
+
+    @cached_property
     def sigma(self) -> Array:
         """Standard deviation of each row. Shape (r, 1). [m or rad]"""
         return np.asarray(self.noise.sigma * self.noise.spread_of(self.rows)[:, None])
