@@ -90,3 +90,15 @@ def test_a_move_in_which_a_link_turns_is_divided_until_the_path_does_not_go_on_w
     crosses = np.abs(np.diff(plan.q[:, 0] - plan.command.facts["links"][:, 0])) > 0.0
     assert crosses.sum() == 2
     assert plan.between.joint[crosses].max() < 2.0 * plan.task.chord
+
+
+def test_inertia_is_compensated_where_a_cubic_that_no_program_follows_swings_beside_the_play() -> None:
+    """Joint 1 has 1 mrad of play: the cubic swings .17 mm beside its crossing, what is driven 10 um."""
+    robot, place = load_robot("kuka_kr270"), np.eye(4)
+    play = {"effect": "backlash", "joint": "joint_1", "parameters": {"width_rad": 1e-3}}
+    place[:3, 3] = 1.7, 0.0, 0.9
+    path = place_toolpath(generate_circle(0.06, Pace(feed=0.03, waypoints=60)), place)
+    plan = plan_compensation(replace(robot, effects=(play,)), path, PlanOptions(inertia=True))
+    assert plan.status == "solved" and plan.bending.compensated, plan.notes
+    assert plan.between.driven.max() < 0.2 * PlanOptions().tolerance < plan.between.spline.max()
+    assert plan.after.max_deviation < 0.2 * plan.bending.inertia

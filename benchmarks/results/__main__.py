@@ -69,16 +69,19 @@ def write_page(name: str, page: ModuleType, found: Findings, seconds: float, fol
 @click.option("--out", type=click.Path(path_type=Path), default=ROOT / "docs" / "results", help="Folder of the pages.")
 @click.option("--work", type=click.Path(path_type=Path), help="Folder to keep what the benchmarks leave.")
 @click.option("--real", type=click.Path(path_type=Path, exists=True), help="Folder of measured campaigns.")
+@click.option("--shops", type=click.IntRange(min=1), help="Simulated shops of a page that plays some.")
 @click.option("--figaroh-python", type=click.Path(path_type=Path, exists=True), help="Interpreter that has FIGAROH.")
 def main(
-    names: tuple[str, ...], out: Path, work: Path | None, real: Path | None, figaroh_python: Path | None
+    names: tuple[str, ...], out: Path, work: Path | None, real: Path | None, shops: int | None,
+    figaroh_python: Path | None,
 ) -> None:  # fmt: skip
     """Measure and write the pages NAMES (all)."""
     for name in names or PAGES:
         with tempfile.TemporaryDirectory() as folder:
             place = (work or Path(folder)) / name
             place.mkdir(parents=True, exist_ok=True)
-            settings = Settings(place.resolve(), real and real.resolve(), figaroh_python and figaroh_python.absolute())
+            given = real and real.resolve(), figaroh_python and figaroh_python.absolute()
+            settings = Settings(place.resolve(), *given, shops)
             start = time.monotonic()
             try:
                 found = PAGES[name].measure(settings)

@@ -21,11 +21,13 @@ class Settings:
         work: Folder for what the benchmarks leave.
         real: Folder of measured campaigns that are not part of the project, or None.
         figaroh: Interpreter that has FIGAROH, or None.
+        shops: How many simulated shops, or None: as many as a page takes.
     """
 
     work: Path
     real: Path | None = None
     figaroh: Path | None = None
+    shops: int | None = None
 
 
 @dataclass(frozen=True)

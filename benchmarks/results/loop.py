@@ -26,7 +26,8 @@ SHOPS, FIRST = 40, 0
 
 def measure(settings: Settings) -> Findings:
     """Run the shops."""
-    run_benchmark("benchmarks.loop", "--shops", SHOPS, "--seed", FIRST, "--out", settings.work)
+    asked = settings.shops or SHOPS
+    run_benchmark("benchmarks.loop", "--shops", asked, "--seed", FIRST, "--out", settings.work)
     shops = read_rounds(settings.work / "rounds.json")
     true = 1e3 * np.array([[shop.programs[name].true for name in ROUNDS] for shop in shops])
     rows = [(s.seed, s.robot, *(f"{x:.3f}" for x in t), ", ".join(s.hidden)) for s, t in zip(shops, true, strict=True)]
@@ -39,8 +40,8 @@ def measure(settings: Settings) -> Findings:
         f" {named['poses_A']} mm, after one part {named['taught_A']} mm. Path B: nominal {named['nominal_B']} mm, after"
         f" 12 poses {named['poses_B']} mm, after one part of A {named['taught_B']} mm."
     )
-    left = [f"{len(shops)} of {SHOPS} shops: the others were not run, or a command ended with another status than 0."]
-    losses = (*left * (len(shops) < SHOPS), *_fall_short(shops))
+    left = [f"{len(shops)} of {asked} shops: the others were not run, or a command ended with another status than 0."]
+    losses = (*left * (len(shops) < asked), *_fall_short(shops))
     return Findings((said, *describe_shops(shops, FLOOR)), (table,), losses)
 
 

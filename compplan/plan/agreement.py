@@ -101,8 +101,8 @@ def _doubt_inertia(found: Agreement) -> str:
         return f"joint limits are passed by a factor of {found.excess:.3g}"
     if found.change > SETTLED * task.tolerance:
         return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
-    if (found.between.most > task.move_tolerance).any():
-        return f"the tip strays by {1e3 * found.between.max_deviation:.2g} mm between waypoints"
+    if ((driven := found.between.driven) > task.move_tolerance).any():
+        return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
     return ""
 
 
