@@ -269,6 +269,18 @@ def test_what_gauges_leave_unexplained_counts_along_all_three_axes(robot: Robot,
     assert known.calibration < 1.3
 
 
+def test_what_gauges_show_of_small_errors_holds_from_stay_to_stay_but_for_their_noise(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """Zeros of 60 to 100 urad: how much of them is there is known to what one number of 20 um says of it."""
+    small = tuple(replace(e, parameters={"offset_rad": 0.05 * e.parameters["offset_rad"]}) for e in PLANTED)
+    log, instrument = gauge_log(robot, tmp_path, small)
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    held = diagnosis.deliveries[0].visited
+    assert held is not None and held.spread < 0.1
+    assert np.sqrt(np.mean(((held.share - 1.0) / held.deviation) ** 2)) == pytest.approx(1.0, rel=0.15)
+
+
 def thin_bar_log(robot: Robot, folder: Path, kept: tuple[int, ...]) -> tuple[Path, Path]:
     """Write a log of a ball bar with so many rows about each of its centres."""
     log, instrument = bar_log(robot, folder)

@@ -64,12 +64,13 @@ def list_visits(
         return None
     along = np.einsum("ni,ni->n", gap[moves], motion[moves]) / length[moves]
     off = along - length[moves] * float(along @ length[moves] / np.sum(length[moves] ** 2))
-    noise = noise_floor(fit) ** 2 / 3.0 / count[moves]
+    told = float(fit.search.ledger.source[0].told[seen].mean())  # axes of a position, one number of a gauge
+    noise = noise_floor(fit) ** 2 / told / count[moves]
     spread = float(np.sqrt(max(np.sum(off**2 - noise), 0.0) / np.sum(length[moves] ** 2)))
     moves = moves[np.unique(np.linspace(0, len(moves) - 1, SAMPLE).astype(int))]
     at, size = rows[first[moves]], length[moves]
     share = np.einsum("ni,ni->n", gap[moves], motion[moves]) / size**2
-    error = max(float(np.sqrt(np.mean(left**2))), 1e-9)
+    error = max(float(np.sqrt(np.mean(np.sum(left**2, axis=1)) / told)), 1e-9)
     q, wrench = np.nan_to_num(campaign.q[at]), np.nan_to_num(campaign.wrench[at])
     return Visited(parts, q, wrench, share, error / size, spread)
 

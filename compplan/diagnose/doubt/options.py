@@ -145,7 +145,8 @@ def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
     """
     signatures = folds.fit.search.ledger.signatures
     squares = 2.0 * sum(math.log(signatures[claim.signature].tried) for claim in claims)
-    return float(np.sqrt(1.0 + squares / (3 * len(np.unique(folds.pose)))))
+    told = folds.fit.search.ledger.source[0].told.mean()
+    return float(np.sqrt(1.0 + squares / (told * len(np.unique(folds.pose)))))
 
 
 def _solve(ledger: Ledger, prior: Prior, hyper: Hyper) -> tuple[Prior, Posterior]:
