@@ -19,6 +19,7 @@ from compplan.loop.certificate import measure_drift, measure_drives, measure_sti
 from compplan.loop.iso9283 import measure_pose_accuracy
 from compplan.loop.reference import Reference, plan_jobs, plan_references, promise_plan
 from compplan.measure.campaign import Campaign
+from compplan.measure.sights import POSITION, READING, Sights
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.robot import load_robot, write_robot_folder
@@ -45,6 +46,13 @@ def test_accuracy_and_repeatability_are_those_of_the_standard() -> None:
     assert (found.poses, found.again, found.visits.tolist()) == (2, 2, [3, 3])
     assert sorted(found.accuracy * 1e3) == pytest.approx([1.0, 4.0])
     assert sorted(found.repeatability * 1e3) == pytest.approx([0.0, 2 / 3 + 3 * np.sqrt(1 / 3)], abs=1e-9)
+    # of pose b a gauge reads one number: it tells neither
+    kind, up = np.array([POSITION, READING] * 3), np.tile([0.0, 0.0, 1.0], (6, 1))
+    sights = Sights(kind, np.full(6, -1), (), np.zeros((6, 3)), up, log.position[:, 2] + 1e-3)
+    mixed = replace(log, position=np.where((kind == POSITION)[:, None], log.position, np.nan), sights=sights)
+    found = measure_pose_accuracy(robot, mixed, register=())
+    assert found is not None and found.accuracy * 1e3 == pytest.approx([4.0])
+    assert measure_pose_accuracy(robot, mixed.take(np.array([1, 3, 5])), register=()) is None
 
 
 def test_two_visits_a_pose_tell_what_thirty_are_expected_to_give_the_instrument_taken_out() -> None:

@@ -297,6 +297,7 @@ def test_places_that_few_rows_stand_at_are_dropped_or_refused_in_one_line(robot:
     assert campaign.sights is not None and campaign.sights.names == ("c0", "c2")
     assert campaign.usable.tolist() == [True] * 9 + [False] * 3 + [True] * 4 + [False]
     assert campaign.sights.contact[campaign.usable].tolist() == [0] * 9 + [1] * 4
+    assert [note for note in campaign.notes if "one direction a row" in note]
     assert [note for note in campaign.notes if "contact 'c1' stands in 3 rows, expected at least 4" in note]
     with pytest.raises(InputError, match="contact 'c0' stands in 2 rows, expected at least 4"):
         read_campaign(*thin_bar_log(robot, tmp_path, (2, 3, 1))[:1], robot)

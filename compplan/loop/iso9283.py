@@ -91,16 +91,18 @@ class PoseAccuracy:
 
 def measure_pose_accuracy(
     robot: Robot, campaign: Campaign, register: tuple[str, ...] = ("base", "tool")
-) -> PoseAccuracy:
-    """Measure accuracy and repeatability of a robot in a log.
+) -> PoseAccuracy | None:
+    """Measure accuracy and repeatability of a robot in a log; None where no row holds a position at rest.
 
     Args:
         robot: The robot, effects of its folder included.
         campaign: The log.
         register: Frames to fit first.
     """
+    use = campaign.usable & campaign.measured & ~campaign.on_path
+    if not use.any():
+        return None
     predicted = predict_campaign(robot, campaign, register=register, later=False)
-    use = campaign.usable & ~campaign.on_path
     gap = predicted.gap[use]
     load = np.round(campaign.wrench[use][:, :3] / SAME_FORCE).astype(int)
     key = np.column_stack([campaign.pose[use], campaign.target_index[use], load])

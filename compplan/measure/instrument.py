@@ -134,6 +134,11 @@ def read_sights(table: Table, position: Array, instrument: InstrumentFile | None
             "the scale is not known from these rows: contacts alone look the same for an arm of other size, so lengths"
             " stay near the robot folder's; a known [[distance]] between contacts, a reading or a ball bar tells it"
         )
+    if np.isin(sights.kind, (READING, DISTANCE)).any():
+        notes.append(
+            "readings and distances tell one direction a row, and so does what is said of the gap there: in space the"
+            " tip may be 1.7 times as far off; bands count all three directions"
+        )
     level = ASSUMED_SIGMA if sigma is None else sigma * 1e-3
     return SightedRows(sights, np.where(sights.seen, level, np.nan), tuple(notes))
 

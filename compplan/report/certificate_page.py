@@ -52,6 +52,8 @@ def describe_certificate(certificate: Certificate) -> str:
         if reference.promise is not None:
             band = format_length(reference.promise.whole)
             text += f" On the {reference.name} it keeps a tolerance of {band} with 95\u00a0%."
+    if certificate.log and accuracy is None:
+        text += " The log holds no positions: accuracy and repeatability of ISO 9283 are not in it."
     if accuracy is not None and accuracy.again:
         text += f" Its repeatability RP is {format_length(accuracy.pooled)} over {_met_again(accuracy)}."
     if certificate.findings:
