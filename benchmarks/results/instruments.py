@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop import POSES, SEATED, WITH
-from benchmarks.loop_page import Shop
+from benchmarks.loop_page import HELD, Shop
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 from benchmarks.results.loop import read_rounds
 
@@ -86,6 +86,13 @@ def compare_instruments(work: Path, failed: Sequence[str] = ()) -> Findings:
         for s in (shops[seed] for seed in seeds)
         for name, words in ROUNDS.items()
         if s.programs[name].band > WIDE * s.programs[name.replace("poses", "nominal").replace("taught", "nominal")].true
+    ]
+    losses += [
+        f"Shop {s.seed}, {kind}: {s.programs[name].held:.0%} of tips are in the 95 % band of {words}."
+        for kind, shops in played.items()
+        for s in (shops[seed] for seed in seeds)
+        for name, words in ROUNDS.items()
+        if s.programs[name].held < HELD[0]
     ]
     bare = [_name_bare(kind, [shops[seed] for seed in seeds]) for kind, shops in played.items()]
     losses += failed

@@ -22,6 +22,7 @@ from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.files.tables import dump_json
 from compplan.measure.checks import list_notes
+from compplan.measure.creep import find_creep
 from compplan.measure.registration import parse_parts
 from compplan.outputs.diagnosis import deliver_diagnosis
 from compplan.report.diagnosis_words import describe_beside, describe_counting
@@ -71,7 +72,10 @@ def command(
         click.echo(f"assumed to be meant: {question}")
     click.echo(describe_diagnosis(diagnosis))
     click.echo(describe_assessment(diagnosis, assessment))
-    for note in list_notes(diagnosis.fit.problem.campaign.notes):
+    measured = diagnosis.fit.problem.campaign
+    for crept in find_creep(measured.sights, diagnosis.residual_after, measured.usable):
+        click.echo(crept.describe())
+    for note in list_notes(measured.notes):
         click.echo(note)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     click.echo(f"wrote diagnosis.json, report.html, {folders} to {out}")
