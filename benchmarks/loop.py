@@ -128,8 +128,9 @@ def judge_program(shop: Shop, out: Path) -> Program:
     """Run a program on the true robot as often as `DRAWS` says, every part of its own force and clamping."""
     band = read_band(out / "deviation.csv")
     band = band[np.isfinite(band)]
-    same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 5]))
-    steady = [cut_part(same, out, scatter=0.0) for _ in range(STEADY)]
+    chance = [20261122, shop.seed, 5]
+    same, told = (replace(shop, force=level, random=np.random.default_rng(chance)) for level in (shop.force, 1.0))
+    steady, calm = ([cut_part(one, out, scatter=0.0) for _ in range(STEADY)] for one in (same, told))
     cuts = [cut_part(same, out) for _ in range(DRAWS)]
     away = np.array([np.linalg.norm(cut.tip - cut.wanted, axis=1) for cut in cuts])
     band = np.interp(np.linspace(0, 1, away.shape[1]), np.linspace(0, 1, len(band)), band)
@@ -141,7 +142,7 @@ def judge_program(shop: Shop, out: Path) -> Program:
     return Program(
         float(np.median([cut.across for cut in steady])), float(np.median([cut.whole for cut in steady])),
         float(band.max()), float(np.quantile(away, 0.95, axis=0).max()), float((away <= band).mean()),
-        float(np.hypot(FLOOR, own)),
+        float(np.hypot(FLOOR, own)), float(np.median([cut.across for cut in calm])),
     )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ class Program:
         point: What 95 % of the parts keep within where they stray most, 3D. [m]
         held: Share of tips within the band, all parts and places.
         floor: Noise floor, what a part's own force moves in it. [m]
+        calm: True rms across the path as `true`, but under the force that was predicted. [m]
     """
 
     true: float
@@ -41,6 +42,7 @@ class Program:
     point: float
     held: float
     floor: float
+    calm: float
 
 
 @dataclass(frozen=True)

@@ -167,9 +167,17 @@ def fill(empty: Path, file: Path, robot: Robot) -> None:
 def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
     """Compliances make most of the band of a KR 270 that pushes with 1.6 kN; unloaded poses do not see them."""
     plan = plan_job(load_job(small_job))
-    asked, loaded = (design_campaign(plan, shop, 3).notes for shop in (Shop(), Shop((0.0, 60.0))))
+    shops = Shop(register=()), Shop((0.0, 60.0), register=())
+    asked, loaded = (design_campaign(plan, shop, 3).notes for shop in shops)
     assert any("--weights-kg" in note for note in asked)
     assert not any("--weights-kg" in note for note in loaded)
+
+
+def test_poses_for_a_tracker_tell_base_and_tool_from_the_arm_unless_these_are_known() -> None:
+    assert Shop().frames == ("base", "tool")
+    assert Shop(register=()).frames == ()
+    assert Shop(instrument="sockets").frames == ()
+    assert Shop(register=("base", "tool"), instrument="sockets").frames == ("tool",)
 
 
 def test_a_plan_takes_another_robot_than_its_job_names(small_job, tmp_path, monkeypatch) -> None:

@@ -73,4 +73,25 @@ def _fall_short(shops: list[Shop]) -> list[str]:
                     f"Shop {shop.seed}: the band of {name} after one part holds {part.held:.0%} of tips and is"
                     f" {part.band / part.point:.1f} times the true 95 % point at its widest."
                 )
+    return [*said, *_lose_by_poses(shops)]
+
+
+def _lose_by_poses(shops: list[Shop]) -> list[str]:
+    """Say where poses alone left a path farther off than the shipped folder, and where the force alone is why."""
+    said = []
+    for path in "AB":
+        pairs = [(s.seed, s.programs[f"nominal_{path}"], s.programs[f"poses_{path}"]) for s in shops]
+        lost = [(seed, before, after) for seed, before, after in pairs if after.true > WORSE * before.true]
+        if not lost:
+            continue
+        calm = [seed for seed, before, after in lost if after.calm <= WORSE * before.calm]
+        named = ", ".join(str(seed) for seed, _, _ in lost)
+        tail = (
+            f"; under the force that was predicted it is not in {', '.join(map(str, calm))}: there the shipped folder's"
+            " error makes up for part of the force's, which no pose shows"
+        ) * bool(calm)
+        said.append(
+            f"After 12 poses alone path {path} is farther off than with the shipped folder in {len(lost)} of"
+            f" {len(shops)} shops ({named}){tail}."
+        )
     return said

@@ -23,7 +23,8 @@ from compplan.files.tables import dump_json
               help="Force with which the tool can be pulled sideways, along x or y of the base.")  # fmt: skip
 @click.option("--sigma-mm", "sigma", type=click.FloatRange(0.0, 10.0, min_open=True), default=0.03, show_default=True,
               help="Standard deviation of the instrument, per axis.")  # fmt: skip
-@click.option("--register", help="Frames that are unknown: base, tool or base,tool.")
+@click.option("--register", metavar="FRAMES",
+              help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none.")  # fmt: skip
 @click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
               help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known.")  # fmt: skip
 @click.option("--with", "instrument", default="tracker", show_default=True,
@@ -61,8 +62,9 @@ def command(
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
+    frames = None if register is None else () if register == "none" else parse_parts(register)
     shop = Shop(
-        parse_weights(weights), pull, sigma * 1e-3, parse_parts(register), seed, purpose, instrument, places,
+        parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places,
         None if length_mm is None else length_mm * 1e-3,
     )  # fmt: skip
     checked = load_one_job(job, robot)
@@ -85,6 +87,7 @@ def command(
         click.echo(f"the way to pose {', '.join(str(k + 1) for k in campaign.touching)} touches something: go around")
     click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
     more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
+    more += f" and --register {','.join(shop.frames)}" if shop.frames else ""
     click.echo(
         f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
     )

@@ -59,7 +59,8 @@ class Shop:
         weights: Weights that can hang at the tool, 0 for none. [kg]
         pull: Force with which the tool can be pulled sideways, 0 for none. [N]
         sigma: Standard deviation of the instrument per axis. [m]
-        register: Frames that are unknown, of "base" and "tool".
+        register: Frames that are unknown, of "base" and "tool"; None: both of a tracker, which stands anywhere, and
+            none of other instruments.
         seed: Seed of the candidates.
         purpose: What the poses are for: PATH or CALIBRATION.
         instrument: What sees the tip, of `INSTRUMENTS`.
@@ -71,12 +72,19 @@ class Shop:
     weights: tuple[float, ...] = (0.0,)
     pull: float = 0.0
     sigma: float = 3e-5
-    register: tuple[str, ...] = ()
+    register: tuple[str, ...] | None = None
     seed: int = 0
     purpose: str = PATH
     instrument: str = TRACKER
     places: int | None = None
     length: float | None = None
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Return the frames that are unknown: the poses have to tell them from the arm."""
+        if self.register is None:
+            return ("base", "tool") if self.instrument == TRACKER else ()
+        return tuple(part for part in self.register if part != "base" or self.instrument == TRACKER)
 
     @property
     def loaded(self) -> bool:
@@ -151,10 +159,9 @@ def design_campaign(
     announce("the path and what is known")
     solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
     known, scene, rows, notes = _stage_purpose(plan, shop, lowest, solids)
-    frames = tuple(part for part in shop.register if part != "base" or shop.instrument == TRACKER)
     # poses narrow the robot alone: what of the force goes with it counts as apart
     path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows), tie=None)
-    design = Design(known, path, shop.sigma, frames)
+    design = Design(known, path, shop.sigma, shop.frames)
     if shop.purpose == CALIBRATION:
         design = take_frames(design, scene)
     start, used, said = learn_log(design, robot, log)

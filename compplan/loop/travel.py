@@ -195,8 +195,17 @@ def _tell(
         force, shares = learn_force(lesson, spread, told.force, job.process, turn, name, np.array(keep, bool))
         told = told._replace(force=force, shares=shares)
     if told.travel.robot:
-        # the values are about the robot that was planned with, whose parts in doubt had faded there
-        base = fade_alike(robot, task.robot)
-        taught, held = teach_robot(base, known, lesson.values, lesson.covariance, own_tool=own_tool)
+        taught, held = teach_planned(robot, task.robot, known, lesson.values, lesson.covariance, own_tool=own_tool)
         told = told._replace(robot=taught, held=held)
     return told
+
+
+def teach_planned(
+    robot: Robot, planned: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
+) -> tuple[Robot, Array]:
+    """Teach a robot folder what a part says about the robot that was planned with; see `teach_robot`.
+
+    What of its parts in doubt had faded there stays out, and the rest no longer fades: the lesson counts on it.
+    """
+    alike = replace(fade_alike(robot, planned), visited=None)
+    return teach_robot(alike, known, values, covariance, own_tool=own_tool)

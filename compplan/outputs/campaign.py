@@ -180,7 +180,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "instrument_sigma_mm": shop.sigma * 1e3,
         "weights_kg": list(shop.weights),
         "pull_N": shop.pull,
-        "register": list(shop.register),
+        "register": list(shop.frames),
         "notes": list(campaign.notes),
         "made_by": describe_origin(),
     }
