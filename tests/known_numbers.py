@@ -224,7 +224,7 @@ The {count} numbers that the diagnosis holds at the heads of its modules (`compp
 follow from another one by a formula. Of {tried} moves to twice or half the value that were tried, the known campaigns
 (`tests/known_campaigns.py`) see {seen}: an answer, or what it rests on, changes by more than 1 %. A share near one is
 moved by what it lacks of one. The last column names the first campaign that sees a move; a move that is not seen was
-asked of two to ten campaigns of which one might see it, not of all whose diagnosis reads the number.
+asked of every campaign whose diagnosis reads the number.
 
 This page is written by `python tests/known_numbers.py table`; `python tests/known_numbers.py study 900` asks anew for
 900 s of CPU. A unit stands in brackets at the end of the reason; numbers without one are shares, counts or log odds.

@@ -23,7 +23,7 @@ from compplan.plan.freedom import Freedom, find_freedom
 from compplan.plan.ground import drop_least, state_ground
 from compplan.plan.one_program import JointProgram, Prices, build_program
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
-from compplan.plan.program_step import _time_slopes, solve_program
+from compplan.plan.program_step import _time_slopes, propose_step, solve_program
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
 from compplan.plan.refine import _judge, list_windows
 from compplan.plan.reversals import describe_reversals, list_reversals
@@ -120,7 +120,7 @@ def test_a_step_of_two_coefficients_goes_to_the_corner_that_rows_and_size_leave(
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
     assert _judge("fast", 0.8, 3.0, 3.0) == 0.8
     assert _judge("accurate", 1.0, 1.0, 0.9) == 0.95 and _judge("promise", 1.1, 0.5, 0.5) == np.inf
-    assert _judge("promise", 1.0, 0.5, 1.1) == np.inf
+    assert _judge("promise", 1.0, 0.5, 1.1) == 0.5 and _judge("accurate", 1.0, 0.5, 1.1) == 0.8
     assert _judge("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and _judge("", 0.5, 1.01, 0.9) == np.inf
 
 
@@ -162,7 +162,7 @@ def test_its_run_holds_velocity_and_acceleration_at_every_millisecond(plan: Plan
     runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
     use = sample_use(plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits)
     assert use["velocity"] < 1.001 and plan.timing.acceleration_ratio < 1.001
-    assert use["acceleration"] < 1.02  # a spline overshoots where acceleration, free of a limit of the jerk, jumps
+    assert use["acceleration"] < 1.04  # a spline overshoots where acceleration, free of a limit of the jerk, jumps
 
 
 def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
@@ -312,6 +312,20 @@ def test_the_program_keeps_the_cut_at_half_of_its_limit_of_chatter(spin: Freedom
     share = [judge.share(point.q, spin.rows).max() for point in (loose, kept)]
     assert share[0] > 0.75 and share[1] < 0.55  # judged at some stations, between them a little more
     assert kept.change.any()
+
+
+def test_a_first_step_keeps_the_limits_of_a_rail_that_stands() -> None:
+    path, part = {**CIRCLE["toolpath"], "waypoints": 40}, {"position_mm": [1590.0, 2000.0, 600.0]}
+    slow = {"velocity_scale": 0.3, "acceleration_scale": 0.3}
+    job = {**CIRCLE, "robot": "kuka_kr240_rail", "toolpath": path, "part": part, "limits": slow}
+    program = program_of(free(job, lead_deg=5.0, lean_deg=5.0, spin_step_deg=60.0), Prices(most_band=np.inf))
+    first = program.first
+    assert first is not None and np.ptp(first.q[:, 0]) == 0.0
+    for size in (0.6, 0.1):
+        step = propose_step(program, first, size)
+        assert step is not None and np.abs(step[:, -1]).max() > 0.09
+        moved = program.evaluate(first.change + step, first.q)
+        assert moved is not None and moved.time < first.time - 0.05
 
 
 def test_ways_below_the_least_move_of_the_controller_are_given_up(rail: Freedom) -> None:

@@ -29,8 +29,8 @@ QUESTION = (
 METHOD = (
     "`benchmarks/redundant_jobs.py` holds the jobs. *CAM posture*: one configuration, x of the tool as the job has it, "
     "the rail where the arm stands best. *Graph*: the posture of the ladder graph, as repeated mirror gets it. "
-    "*Program*: what `compplan plan` takes with no preset named, *fast* with that preset. Each is timed by the fastest "
-    "run (as TOPP-RA finds it) with the smoothing that plans have, before correction. Cycle: the whole run. "
+    "*Program*: what `compplan plan` takes with no preset named, *promise* and *fast* with these. "
+    "Each is timed by the fastest run (as TOPP-RA finds it) with the smoothing that plans have, before correction. Cycle: the whole run. "
     "Promise: the widest 95 % band, vibration included. Turns: how often the rail and the spin turn back. CPU of the "
     "choice."
 )
@@ -39,7 +39,9 @@ LIMITS = (
     "The jobs were made by the author of the program, with feeds that the joints cannot hold everywhere.",
     "Brute force and random samples stand in `python -m benchmarks.redundant_peers`; MoveIt and PyRoki are not run.",
 )
-WAYS = ("CAM posture", "graph", "program", "fast")
+WAYS = ("CAM posture", "graph", "program", "promise", "fast")
+
+PRESETS = ("promise", "fast")
 
 
 class Row(NamedTuple):
@@ -60,7 +62,7 @@ def measure(settings: Settings) -> Findings:
         for way in WAYS:
             found[name][way] = _plan(name, way, settings)
             print(name, way, found[name][way], flush=True)
-    rows, shorter, narrower, worse, wins, slow = [], [], [], [], [], []
+    rows, shorter, narrower, worse, wins, asked, slow = [], [], [], [], [], [], []
     for name, ways in found.items():
         base = min((row for way in ("CAM posture", "graph") if isinstance(row := ways[way], Row) and
                     row.status == "reached"), key=lambda row: row.cycle, default=None)  # fmt: skip
@@ -73,8 +75,8 @@ def measure(settings: Settings) -> Findings:
         gain, narrow = 1.0 - ours.cycle / graph.cycle, 1.0 - ours.promise / graph.promise
         shorter.append(gain)
         narrower.append(narrow)
-        if (gain >= 0.15 and narrow >= -0.002) or (narrow >= 0.25 and gain >= -0.002):
-            wins.append(name)
+        wins += [name] if _wins(ours, graph) else []
+        asked += [name] if _wins(ours, graph) or _wins(ways["promise"], graph) else []
         if gain < -0.002 or narrow < -0.002:
             worse.append(f"`{name}`: cycle {100 * gain:+.1f} %, promise {100 * narrow:+.1f} % gained beside the graph")
         plain = ways["CAM posture"]
@@ -87,7 +89,9 @@ def measure(settings: Settings) -> Findings:
     return Findings(
         (
             f"{len(wins)} of {len(JOBS)} jobs: at least 15 % shorter at no wider promise, or 25 % narrower at no "
-            f"longer cycle, beside repeated mirror at the graph's posture (aim: 8): {', '.join(wins) or 'none'}.",
+            f"longer cycle, beside repeated mirror at the graph's posture (aim: 8): {', '.join(wins) or 'none'}. "
+            f"With preset `promise` where that does it: {len(asked)}"
+            f"{''.join(f', {name}' for name in asked if name not in wins)}.",
             f"Cycle beside it: {100 * np.median(shorter):.1f} % shorter in the median, {100 * max(shorter):.1f} % at "
             f"most; the promise {100 * np.median(narrower):.1f} % narrower in the median, "
             f"{100 * max(narrower):.1f} % at most.",
@@ -98,8 +102,16 @@ def measure(settings: Settings) -> Findings:
     )
 
 
+def _wins(ours: Row | str, graph: Row) -> bool:
+    """Tell whether a plan is 15 % shorter at no wider promise, or a promise 25 % narrower at no longer cycle."""
+    if isinstance(ours, str) or ours.status != "reached":
+        return False
+    gain, narrow = 1.0 - ours.cycle / graph.cycle, 1.0 - ours.promise / graph.promise
+    return (gain >= 0.15 and narrow >= -0.002) or (narrow >= 0.25 and gain >= -0.002)
+
+
 def _plan(name: str, way: str, settings: Settings) -> Row | str:
-    job = check_job(write_job(name, settings.work, "fast" if way == "fast" else ""), settings.work / "job.toml")
+    job = check_job(write_job(name, settings.work, way if way in PRESETS else ""), settings.work / "job.toml")
     robot, nominal, options = prepare_job(job)
     start = time.process_time()
     try:

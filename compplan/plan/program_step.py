@@ -69,7 +69,7 @@ def propose_step(program: JointProgram, point: Point, size: float) -> Array | No
     rows = StepRows(variables)
     offset = 0
     for run, speed in zip(program.runs, point.speeds, strict=True):
-        _add_run(program, rows, run, speed**2, point.q, columns, offset)
+        _add_run(program, rows, run, speed**2, point.q, columns, offset, size)
         offset += len(run.along)
     lower, upper = program.bounds()
     _add_limits(rows, point.q, columns, lower, upper, size)
@@ -116,9 +116,10 @@ def _time_slopes(along: Array, speed: Array) -> tuple[Array, Array, Array]:
 
 
 def _add_run(
-    program: JointProgram, rows: StepRows, run: TimedStretch, x: Array, q: Array, columns: Array, offset: int
-) -> None:
-    """Add velocity, acceleration, torque and jerk along one run."""
+    program: JointProgram, rows: StepRows, run: TimedStretch, x: Array, q: Array, columns: Array, offset: int,
+    size: float,
+) -> None:  # fmt: skip
+    """Add velocity, acceleration, torque and jerk along one run: what is near a limit, or may pass it in a step."""
     task, part = program.freedom.task, slice(run.first, run.last + 1)
     curve = CubicSpline(run.along, q[part], bc_type="natural")
     moved = CubicSpline(run.along, columns[part], bc_type="natural")
@@ -127,9 +128,14 @@ def _add_run(
     here = offset + np.arange(len(x))
     limit = task.velocity_limits
     used = rate**2 * x[:, None] / limit**2
-    for i, j in [np.nonzero(used > NEAR)]:
-        rows.add(1.0 - used[i, j], c=(2.0 * rate[i, j] * x[i] / limit[j] ** 2)[:, None] * d_rate[i, j],
-                 x=((here[i], rate[i, j] ** 2 / limit[j] ** 2),))  # fmt: skip
+    i, j = np.nonzero(used > NEAR)
+    rows.add(1.0 - used[i, j], c=(2.0 * rate[i, j] * x[i] / limit[j] ** 2)[:, None] * d_rate[i, j],
+             x=((here[i], rate[i, j] ** 2 / limit[j] ** 2),))  # fmt: skip
+    speed = np.sqrt(np.maximum(x, 1e-6))[:, None]
+    for side in (1.0, -1.0):  # a square says nothing of a joint that stands
+        value, by_c = side * rate * speed / limit, side * d_rate * (speed / limit)[:, :, None]
+        i, j = np.nonzero((used <= NEAR) & _reaches(value, by_c, size))
+        rows.add(1.0 - value[i, j], c=by_c[i, j], x=((here[i], (0.5 * value / speed**2)[i, j]),))
     half, grow = 0.5 / np.diff(run.along), np.diff(x)
     u = grow * half
     limit = np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits, 1e4)
@@ -141,10 +147,10 @@ def _add_run(
                 * at[:, None, None]) / limit[:, None]  # fmt: skip
         ahead, behind = (p * half[:, None] + end * b) / limit, ((1 - end) * b - p * half[:, None]) / limit
         pushes.append((value, by_c, ahead, behind))
-        i, j = np.nonzero(np.abs(value) > NEAR)
-        sign = np.sign(value[i, j])
-        rows.add(1.0 - np.abs(value[i, j]), c=sign[:, None] * by_c[i, j],
-                 x=((here[i + 1], sign * ahead[i, j]), (here[i], sign * behind[i, j])))  # fmt: skip
+        for side in (1.0, -1.0):
+            i, j = np.nonzero((side * value > NEAR) | _reaches(side * value, by_c, size))
+            rows.add(1.0 - side * value[i, j], c=side * by_c[i, j],
+                     x=((here[i + 1], side * ahead[i, j]), (here[i], side * behind[i, j])))  # fmt: skip
     if task.jerk_limits is not None:
         _add_jerk(rows, pushes, x, run.along, limit / task.jerk_limits, here)
     if program.ground.torques is not None:
@@ -154,6 +160,11 @@ def _add_run(
         sign = np.sign(torque[i, j]) / most[j]
         rows.add(np.maximum(1.0 - np.abs(torque[i, j]), 0.0), x=(
             (here[i + 1], sign * a[i, j] * half[i]), (here[i], sign * (b[i, j] - a[i, j] * half[i]))))  # fmt: skip
+
+
+def _reaches(value: Array, by_c: Array, size: float) -> NDArray[np.bool_]:
+    """Tell which shares of a limit a step of this size may bring beyond it."""
+    return np.asarray(value + size * np.abs(by_c).sum(axis=2) > 1.0)
 
 
 def _add_jerk(

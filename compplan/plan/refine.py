@@ -41,6 +41,8 @@ WINDOWS, EASED = (1.0, 0.7), 3
 LEAST_GAIN, SAME = 0.01, 1e-3
 #: Joint positions that differ by less are one posture. [rad or m]
 ALIKE = 1e-4
+#: Presets whose band is measured beside that of a plan without a preset, whose graph they may take as long as.
+COMPARED = ("accurate", "promise")
 #: A run whose time is this near to the least that the programmed feed allows has nothing to gain.
 AT_FEED = 1.02
 #: A waypoint is reached where it misses the pose by less. [m and rad]
@@ -119,12 +121,15 @@ def better_start(start: Start, choice: StartChoice) -> Start:
     runs: list[tuple[TimedStart, str, Brought | None]] = [(first, "graph", None)]
     for name, origin in origins.items():
         runs += [(run, name, None) for run in choice.meter.measure(origin)] if origin is not start else []
-        found = propose_start(task if origin is start else choice.meter.state(origin), origin, choice, prices)
-        runs += [(run, name, found[1]) for run in choice.meter.measure(found[0])] if found else []
+        weighed = [prices, PRICES[""]._replace(energy=energy)] if preset in COMPARED else [prices]
+        state = task if origin is start else choice.meter.state(origin)
+        found = [each for own in weighed if (each := propose_start(state, origin, choice, own)) is not None]
+        runs += [(run, name, how) for better, how in found for run in choice.meter.measure(better)]
     if (cut := start.request.chatter) is not None:  # nowhere nearer to chatter than half of the limit, or the graph's
         near = judge_chatter(cut, start.q, 1.0 / DEEPEST) + LEAST_SHARE
         runs = [each for each in runs if (judge_chatter(cut, each[0].start.q, 1.0 / DEEPEST) <= near).all()]
-    taken = _choose_run(preset, first, runs, choice.meter)
+    slowest = max(run.time for run, name, how in runs if how is None and name in ("graph", "plain graph"))
+    taken = _choose_run(preset, first, runs, choice.meter, slowest if preset in COMPARED else first.time)
     if taken is None:
         return start
     run, name, how = taken
@@ -145,9 +150,11 @@ def better_start(start: Start, choice: StartChoice) -> Start:
 
 
 def _find_origins(start: Start, choice: StartChoice, preset: str) -> dict[str, Start]:
-    """Find the starts that the program goes on from, by name: the graph's, the plain one, without a preset the fast."""
+    """Find the starts that the program goes on from, by name: the graph's, the plain one, other presets' postures."""
     others = {"programmed": find_plain(choice.robot, choice.nominal, choice.tool_x, start)}
-    if not preset:
+    if preset in COMPARED:
+        others["plain graph"] = choice.other("accurate")
+    if preset != "fast":
         others["fast"] = choice.other("fast")
     origins = {"graph": start}
     for name, other in others.items():
@@ -159,7 +166,7 @@ def _find_origins(start: Start, choice: StartChoice, preset: str) -> dict[str, S
 
 
 def _choose_run(
-    preset: str, first: TimedStart, runs: list[tuple[TimedStart, str, Brought | None]], meter: RunMeter
+    preset: str, first: TimedStart, runs: list[tuple[TimedStart, str, Brought | None]], meter: RunMeter, most: float,
 ) -> tuple[TimedStart, str, Brought | None] | None:
     """Choose the run that a preset is for, of all runs and of the best ones eased; None where none gains.
 
@@ -168,21 +175,22 @@ def _choose_run(
         first: The graph's run.
         runs: The runs, where each comes from, and what the program did.
         meter: How runs are measured.
+        most: Time that is not passed, unless by `fast`. [s]
 
     """
     def share(run: TimedStart) -> tuple[float, float, float]:
-        return run.time / first.time, run.band / first.band, run.still / first.still
+        return run.time / most, run.band / first.band, run.still / first.still
 
     def value_of(run: TimedStart) -> float:
         own = _judge(preset, *share(run))
         return (own + meter.energy * run.energy / first.energy) / (1.0 + meter.energy) if first.energy > 0.0 else own
 
     runs = list(runs)
-    beside = None if preset == "fast" else first
+    beside = None if preset == "fast" else first._replace(time=most)
     order = sorted(runs, key=lambda entry: share(entry[0])[0] if preset == "fast" else sum(share(entry[0])[:2]))
     for number, (run, name, how) in enumerate(order[:EASED]):
         for window in WINDOWS if number == 0 else WINDOWS[:1]:
-            if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):
+            if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * most):
                 runs += [(eased, name, how) for eased in meter.measure(
                     run.start, window=window, beside=beside, quiet=run.quiet)]  # fmt: skip
     best, least = None, 1.0 - LEAST_GAIN
@@ -207,8 +215,10 @@ def _judge(preset: str, time: float, band: float, still: float) -> float:
     """
     if preset == "fast":
         return time
-    if max(time, band) > 1.0 + SAME or (preset and still > 1.0 + SAME):
+    if max(time, band) > 1.0 + SAME:
         return np.inf
+    if preset == "promise":
+        return band
     return 0.5 * (band + still) if preset else 0.5 * (time + band)
 
 

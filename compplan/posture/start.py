@@ -87,7 +87,8 @@ class Bettered:
         band: Widest 95 % band before and after, nothing corrected. [mm]
         least_time: Time that no way through the graph's grid is under, by the programmed feed and joint velocities
             alone. [s]
-        origin: Where it started: "graph", "fast" (the graph's posture of that preset) or "programmed" (the plain one).
+        origin: Where it started: "graph", "fast" (the graph's posture of that preset), "plain graph" (that of no
+            preset) or "programmed" (the plain one).
         steps: Steps that the program took.
         names: What was free: "spin", "lead", "lean", or extra axes.
         energy: Work of the motors before and after, None where it does not count. [J]
@@ -123,6 +124,7 @@ class Bettered:
         head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
         if not self.steps:
             posture = {"graph": "the graph's posture", "fast": "the posture of preset fast",
+                       "plain graph": "the graph's posture without a preset",
                        "programmed": "one configuration with x of the tool as programmed"}[self.origin]  # fmt: skip
             head = f"Posture and speed are chosen together ({posture})"
         return (f"{head}: run {before:.4g} -> {after:.4g} s "
