@@ -30,7 +30,8 @@ METHOD = (
     "`benchmarks/redundant_jobs.py` holds the jobs. *CAM posture*: one configuration, x of the tool as the job has it, "
     "the rail where the arm stands best. *Graph*: the posture of the ladder graph, as repeated mirror gets it. "
     "*Program*: what `compplan plan` takes with no preset named, *promise* and *fast* with these. "
-    "Each is timed by the fastest run (as TOPP-RA finds it) with the smoothing that plans have, before correction. Cycle: the whole run. "
+    "Each is timed by the fastest run (as TOPP-RA finds it) with the smoothing that plans have, before correction. "
+    "Cycle: the whole run. "
     "Promise: the widest 95 % band, vibration included. Turns: how often the rail and the spin turn back. CPU of the "
     "choice."
 )
