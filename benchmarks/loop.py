@@ -158,9 +158,10 @@ def measure_robot(shop: Shop, robot: str, job: Path, work: Path, instrument: str
         told: tuple[object, ...] = ("--register", "base,tool")
     else:
         name, length = WITH[instrument]
+        # nobody pulls at a ball that has to sit in its socket
         run_product(poses, "campaign", job, "--poses", SEATED, "--with", name,
                     *(() if length is None else ("--length-mm", length)),
-                    "--register", "tool", "--weights-kg", WEIGHTS, *sigma)  # fmt: skip
+                    "--register", "tool", *(loads[:2] if instrument == "sockets" else loads), *sigma)  # fmt: skip
         told = ("--register", "tool", "--instrument", poses / "instrument.toml")
     if not log.exists():
         fill_log(same, poses / "campaign.csv", log)

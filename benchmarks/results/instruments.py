@@ -18,7 +18,8 @@ METHOD = (
     "`python -m benchmarks.loop --shops N --seed 1 --with tracker|sockets|dial|ballbar --out DIR` plays N shops of "
     f"[the loop](loop.md) with each instrument. A tracker sees {POSES} poses, the others {SEATED}; `compplan campaign` "
     "designs each. An independent simulation fills in what they read, with 20 µm of noise. Gauges, bars and plates are "
-    "put up by hand, 3 mm off per axis; a gauge leans by 2 mrad. Then one part of path A teaches, measured alike in "
+    "put up by hand, 3 mm off per axis; a gauge leans by 2 mrad. Weights hang at the tool, and but for sockets it is "
+    "pulled sideways, too. Then one part of path A teaches, measured alike in "
     "all. The figures are true rms deviations across the path; a ratio is to the same shop with the tracker."
 )
 LIMITS = (

@@ -66,7 +66,9 @@ def list_visits(
     off = along - length[moves] * float(along @ length[moves] / np.sum(length[moves] ** 2))
     told = float(fit.search.ledger.source[0].told[seen].mean())  # axes of a position, one number of a gauge
     noise = noise_floor(fit) ** 2 / told / count[moves]
-    spread = float(np.sqrt(max(np.sum(off**2 - noise), 0.0) / np.sum(length[moves] ** 2)))
+    # a gauge sees one of three axes of the motion that the share is of (assumed: as much along each)
+    whole_motion = float(np.sum(length[moves] ** 2)) * left.shape[1] / told
+    spread = float(np.sqrt(max(np.sum(off**2 - noise), 0.0) / whole_motion))
     moves = moves[np.unique(np.linspace(0, len(moves) - 1, SAMPLE).astype(int))]
     at, size = rows[first[moves]], length[moves]
     share = np.einsum("ni,ni->n", gap[moves], motion[moves]) / size**2
