@@ -171,6 +171,10 @@ def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
     asked, loaded = (design_campaign(plan, shop, 3).notes for shop in shops)
     assert any("--weights-kg" in note for note in asked)
     assert not any("--weights-kg" in note for note in loaded)
+    # 1.4 kN sideways is what no weight shows
+    assert any("sideways with up to 1439 N" in note and "--pull-N 400" in note for note in loaded)
+    pulled = design_campaign(plan, Shop((0.0, 60.0), 400.0, register=()), 3).notes
+    assert not any("--pull-N" in note for note in pulled)
 
 
 def test_poses_for_a_tracker_tell_base_and_tool_from_the_arm_unless_these_are_known() -> None:

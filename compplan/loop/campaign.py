@@ -20,6 +20,7 @@ from compplan.loop.candidates import Candidates, find_postures, list_candidates
 from compplan.loop.contacts import (
     LENGTHS,
     PLACES,
+    SOCKETS,
     TRACKER,
     Stand,
     find_touching,
@@ -179,7 +180,7 @@ def design_campaign(
         candidates = sight_candidates(candidates, sights)
     announce("choice")
     design, start, candidates, choice, more = _choose(design, start, candidates, count)
-    notes += more + _ask_for_load(design, shop, choice.covariance)
+    notes += more + _ask_for_load(design, shop, choice.covariance, task.wrench[task.cut, :3])
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again = np.r_[order, order[0]]
@@ -282,10 +283,17 @@ def take_frames(design: Design, scene: Scene) -> Design:
     return replace(design, path=replace(path, model=model.reshape(path.model.shape)))
 
 
-def _ask_for_load(design: Design, shop: Shop, covariance: Array) -> list[str]:
-    """Say what unloaded poses leave, where compliances make most of it."""
+def _ask_for_load(design: Design, shop: Shop, covariance: Array, force: Array) -> list[str]:
+    """Say what unloaded poses leave, where compliances make most of it, and which force of the path none shows. [N]"""
+    aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
     if shop.loaded:
-        return []
+        if shop.pull > 0.0 or shop.purpose != PATH or shop.instrument == SOCKETS or aside <= down:
+            return []
+        return [
+            f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"
+            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); what a log says in doubt counts on a path only where"
+            " forces like its own were measured"
+        ]
     rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
     left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))
     if rest**2 > 0.5 * left**2:
