@@ -43,6 +43,16 @@ def test_a_job_asks_for_the_language_of_the_robots_own_brand_first(name: str, la
     assert (spoken[0] if len(spoken) < len(WRITERS) else "csv") == language
 
 
+def test_two_tools_are_numbered_where_the_folder_has_a_tool_of_its_own(tmp_path: Path, monkeypatch, capsys) -> None:
+    # the table [tool] is a comment then, with comments in it
+    code = "G21 G90 G54\nT1 M6\nG0 X0 Y0 Z5\nG1 Z-1 F600\nG1 X20\nG0 Z5\nT2 M6\nG0 X0 Y5\nG1 Z-1\nG1 X20\nG0 Z5\nM30\n"
+    (tmp_path / "two.nc").write_text(code, encoding="utf-8")
+    two = ["init", tmp_path / "two.toml", "--robot", "staubli_tx200", "--toolpath", "two.nc"]
+    assert run_command(two, monkeypatch, capsys).status == 0
+    tools = tomllib.loads((tmp_path / "two.toml").read_text(encoding="utf-8"))["tool"]
+    assert [tool["number"] for tool in tools] == [1, 2] and tools[1]["position_mm"][2] == 150.0
+
+
 def test_a_table_of_waypoints_brings_its_own_forces_or_none(tmp_path: Path, monkeypatch, capsys) -> None:
     (tmp_path / "path.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s\n0,0,0,0,0,1,20\n10,0,0,0,0,1,20\n")
     file = tmp_path / "part.toml"

@@ -107,10 +107,9 @@ def number_tools(text: str, numbers: Sequence[int]) -> str:
     found = re.search(r"(?m)^(?:# )?\[tool\].*?\n(?=\n)", text, flags=re.DOTALL)
     if found is None or len(numbers) < 2:
         return text
-    keys = found.group().partition("\n")[2].replace("# ", "") if found.group().startswith("# ") else None
+    body = re.sub(r"(?m)^# (?=\w+ = )", "", found.group().partition("\n")[2])
     blocks = []
     for number in numbers:
-        body = found.group().partition("\n")[2] if keys is None else keys
         blocks.append(f"[[tool]]                            # T{number} of the CAM file\nnumber = {number}\n{body}")
     return text[: found.start()] + "\n".join(blocks) + text[found.end() :]
 
