@@ -56,6 +56,17 @@ def test_a_plunge_keeps_the_path_frame_of_the_cut_after_it() -> None:
     assert path_axes(nominal)[1] == pytest.approx(np.eye(3))
 
 
+def test_a_force_beside_the_travel_is_refused_where_all_cuts_plunge() -> None:
+    position = np.array([[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0.1], [0.1, 0, 0]])
+    rapid = np.array([True, False, True, False])
+    holes = Toolpath(position, np.tile([0.0, 0, 1], (4, 1)), np.ones(4), rapid)
+    push = {"model": "constant", "frame": "path", "moment_Nm": [0.0, 0.0, 2.0]}
+    thrust = predict_wrench(ConstantProcess.model_validate(push | {"force_N": [0.0, 0.0, 90.0]}), holes)
+    assert thrust[:, 2] == pytest.approx([0.0, 90.0, 0.0, 90.0])
+    with pytest.raises(InputError, match="no cutting move goes across the tool axis"):
+        predict_wrench(ConstantProcess.model_validate(push | {"force_N": [-10.0, 0.0, 90.0]}), holes)
+
+
 def test_the_wrench_grows_from_zero_after_contact_and_vanishes_in_rapid_moves() -> None:
     nominal = circle(approach=0.02)
     process = ConstantProcess(model="constant", force_N=(0.0, 0.0, 100.0), ramp_mm=50.0, ramp_out_mm=30.0)

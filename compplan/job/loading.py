@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,7 +137,8 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         if from_cam and job.process.stock is not None:
             note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
-    said = describe_process(job.process, nominal, cutting)
+    with _name_job(job):
+        said = describe_process(job.process, nominal, cutting)
     missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.before)
     if missing > 0:
         said = (f"What {missing} operations before this one cut is left in its stock (assumed): no [[tool]] describes "
@@ -143,7 +146,8 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
     note = " ".join([*([note] if note else []), *list_remarks(said)])
     coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
-    wrench = law.predict(nominal)
+    with _name_job(job):
+        wrench = law.predict(nominal)
     _check_load(wrench, job)
     learned = find_learned_force(job)
     if learned is not None and wrench.any():
@@ -151,6 +155,17 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         law = replace(law, learned=learned, note=note)
         _check_load(law.predict(nominal), job)
     return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(said))), law
+
+
+@contextmanager
+def _name_job(job: Job) -> Iterator[None]:
+    """Let what is refused of the job's own keys lead with the job's file, where the force itself knows none."""
+    try:
+        yield
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise InputError(error.message, file=job.file, where=error.where) from None
 
 
 def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTable, Toolpath]]:

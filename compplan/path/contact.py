@@ -20,6 +20,8 @@ from compplan.path.toolpath import Toolpath
 Frame = Literal["part", "base", "tool", "path"]
 #: Share of a move that goes along the tool axis, from which on it lifts the tool off.
 STEEP = 0.71
+#: Share of a move that goes across the tool axis, from which on it has a direction of travel.
+ASIDE = 1e-6
 
 
 class ForceTable(StrictTable):
@@ -63,7 +65,7 @@ def path_axes(nominal: Toolpath) -> Array:
     """
     travel = _travel(nominal)
     across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
-    known = np.linalg.norm(across, axis=1) > 1e-6
+    known = np.linalg.norm(across, axis=1) > ASIDE
     cutting = known & ~nominal.rapid
     chosen = cutting if cutting.any() else known
     if not chosen.any():

@@ -10,7 +10,16 @@ from pydantic import Field
 
 from compplan.errors import InputError, ShapeError
 from compplan.files.tables import Array
-from compplan.path.contact import ForceTable, Frame, PathForceTable, contact_share, path_axes, tool_axes
+from compplan.path.contact import (
+    ASIDE,
+    ForceTable,
+    Frame,
+    PathForceTable,
+    contact_share,
+    path_axes,
+    tool_axes,
+    travel_across,
+)
 from compplan.path.force_models import FORCE_MODELS
 from compplan.path.force_models.columns import ColumnsProcess
 from compplan.path.force_models.constant import ConstantProcess
@@ -62,18 +71,22 @@ def predict_wrench(
         return nominal.wrench
     if isinstance(process, ConstantProcess):
         wrench = np.tile([*process.force_N, *process.moment_Nm], (len(nominal), 1))
+        _check_travel(process.frame, wrench, nominal)
         wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
         if process.during_rapid:
             return wrench
     elif isinstance(process, FileProcess):
         wrench = read_wrench(process, nominal, folder or Path(), rows_at)
+        _check_travel(process.frame, wrench, nominal)
         wrench = _turn(wrench, _axes(process.frame, nominal, rotations, tool_x))
     elif isinstance(process, CuttingTable):
         if cutting is None:
             raise ShapeError(f"process {process.model!r} needs the engagement of its path")
         return _turn(cutting.wrench(nominal), path_axes(nominal))
     elif isinstance(process, PathForceTable):
-        wrench = _turn(process.wrench_along(nominal), path_axes(nominal))
+        wrench = process.wrench_along(nominal)
+        _check_travel("path", wrench, nominal)
+        wrench = _turn(wrench, path_axes(nominal))
     else:
         raise ShapeError(f"the table of force model {process.model!r} is of no kind that has a force")
     return wrench * contact_share(nominal, process.ramp_mm * 1e-3, process.ramp_out_mm * 1e-3)[:, None]
@@ -105,6 +118,29 @@ def _axes(frame: Frame, nominal: Toolpath, R_base_part: Array, tool_x: Array | N
     if frame == "part":
         return R_base_part
     return path_axes(nominal) if frame == "path" else tool_axes(nominal, tool_x)
+
+
+def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
+    """Refuse a force along or beside the travel on a path that only plunges: which way that is, nobody knows.
+
+    Args:
+        frame: Axes that the wrench is given in.
+        wrench: In these axes. Shape (n, 6). [N, N m]
+        nominal: The toolpath.
+
+    Raises:
+        InputError: If no cutting move goes across the tool axis, and the wrench has a part across it.
+
+    """
+    cut = ~nominal.rapid
+    if frame != "path" or not (cut & (np.abs(wrench[:, [0, 1, 3, 4]]).max(axis=1) > 0.0)).any():
+        return
+    if not (cut & (travel_across(nominal) > ASIDE)).any():
+        message = (
+            "the force has a part along or beside the travel, and no cutting move goes across the tool axis: it has no "
+            'direction; for drilling give model = "drill", or a constant force with frame = "part"'
+        )
+        raise InputError(message, where="process")
 
 
 def _turn(wrench: Array, axes: Array) -> Array:

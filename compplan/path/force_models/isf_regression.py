@@ -216,7 +216,7 @@ def find_step_down(nominal: Toolpath) -> float:
     turns = abs(float(np.arctan2(cross, np.einsum("ni,ni->n", step[:-1], step[1:])).sum())) / (2.0 * np.pi)
     if turns < 1.0 or depth.max(initial=0.0) <= 0.0:
         message = "the path does not go round and down, so that its step-down is not known; say step_down_mm"
-        raise InputError(message, file=nominal.source or None, where="process.step_down_mm")
+        raise InputError(message, where="process.step_down_mm")
     return float(depth.max() / turns)
 
 
@@ -251,7 +251,7 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
     known = np.isfinite(angle)
     if not known.any():
         message = "the path has no contour above another, so that its wall angle is not known; say wall_angle_deg"
-        raise InputError(message, file=nominal.source or None, where="process.wall_angle_deg")
+        raise InputError(message, where="process.wall_angle_deg")
     return np.asarray(angle[last_set(known)])
 
 
