@@ -227,6 +227,15 @@ def test_languages_that_move_no_positioner_say_so(language: str) -> None:
         check_languages(read_robot_folder(TABLE), [language], file=Path("job.toml"))
 
 
+@pytest.mark.parametrize(
+    ("name", "language", "said"), [("franka_fr3", "inform", "six rotating"), ("ur10e", "krl", "joints named")]
+)
+def test_a_language_that_a_robot_cannot_have_is_refused_before_the_plan(name: str, language: str, said: str) -> None:
+    with pytest.raises(InputError, match=rf"^job\.toml: output\.programs: .*{said}"):
+        check_languages(load_robot(name), [language], file=Path("job.toml"), any_brand=True)
+    check_languages(load_robot(name), ["csv"], file=Path("job.toml"), any_brand=True)
+
+
 def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_part() -> None:
     robot = read_robot_folder(TABLE)
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))

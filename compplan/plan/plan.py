@@ -143,8 +143,8 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
 
     """
     robot = job_robot(job)
-    if not job.output.any_brand:
-        check_languages(robot, job.output.programs, file=job.file)
+    output = job.output
+    check_languages(robot, output.programs, file=job.file, form=output.form, any_brand=output.any_brand)
     nominal, law = load_path(job)
     span = float(np.ptp(nominal.position, axis=0).max())
     if span > 2.0 * robot.longest_reach:

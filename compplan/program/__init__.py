@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -92,16 +94,21 @@ def list_languages(controller: str) -> list[str]:
     return sorted(spoken, key=lambda name: brands[name] not in own)
 
 
-def check_languages(robot: Robot, languages: Sequence[str], *, file: Path) -> None:
-    """Refuse a job that asks for programs of another brand than the robot's controller.
+def check_languages(
+    robot: Robot, languages: Sequence[str], *, file: Path, form: str = "both", any_brand: bool = False
+) -> None:
+    """Refuse a job that asks for programs that its robot cannot have, before it is planned.
 
     Args:
         robot: The robot.
         languages: The languages of `WRITERS` that the job asks for.
         file: The job file, for the message.
+        form: Which moves the programs shall have, as in `Program`.
+        any_brand: Whether a language of another brand than the robot's controller will do.
 
     Raises:
-        InputError: If it does, or the robot's controller.toml is not what it has to be.
+        InputError: If it is of another brand, has joints or a controller.toml that a language is not written for, or
+            its controller.toml is not what it has to be.
 
     """
     controller = load_controller(robot).name if languages else ""
@@ -111,9 +118,23 @@ def check_languages(robot: Robot, languages: Sequence[str], *, file: Path) -> No
             message = f"{language} programs cannot move what carries the part, choose from {moving}"
             raise InputError(message, file=file, where="output.programs")
         try:
-            check_brand(controller, language)
+            if not any_brand:
+                check_brand(controller, language)
+            if language != "own":  # what it takes, its template says
+                _rehearse(robot, language, form)
         except InputError as error:
+            if error.file is not None:
+                raise
             raise InputError(error.message, file=file, where="output.programs") from None
+
+
+def _rehearse(robot: Robot, language: str, form: str) -> None:
+    """Write two waypoints amid the joint limits, for what a language says of the robot, and throw them away."""
+    low, high = (np.where(np.isfinite(limit), limit, 0.0) for limit in (robot.lower, robot.upper))
+    q = 0.5 * (low + high) + np.array([[0.0], [1e-3]])
+    program = build_program(robot, q, np.full(2, 0.01), np.array([True, False]), name="rehearsal")
+    with TemporaryDirectory() as folder:
+        WRITERS[language].write(replace(program, form=form), Path(folder))
 
 
 def describe_program(program: Program, language: str) -> list[str]:
