@@ -189,3 +189,18 @@ def test_moves_that_turn_the_tool_in_place_are_found_by_their_turn() -> None:
     tips = np.round(position[ends], 3)
     assert find_rows(rows, tips, turn[ends]).tolist() == ends.tolist()
     assert list(find_rows(rows, tips, np.full((6, 3, 3), np.nan))) != ends.tolist()
+
+
+def test_rows_nearer_than_a_written_digit_are_found_in_order() -> None:
+    # two rows .6 um apart, written with three digits: the first one's place lies nearer to the second
+    position = np.array([[0.0, 0.0, 0.0], [-0.08, 0.0, 0.0], [-0.17250, 0.00526, 0.00012], [-0.17311, 0.00531, 0.00011],
+                         [-0.316, 0.026, 0.002]])  # fmt: skip
+    n = len(position)
+    kept = np.zeros(n, bool)
+    kept[[0, -1]] = True
+    turn = np.tile(np.eye(3), (n, 1, 1))
+    rows = PlannedRows(position, turn, np.arange(n) * 0.02, kept, np.zeros(n, bool), np.full(n, 2e-3), 0.012)
+    tips = position.copy()
+    tips[2], tips[3] = [-0.1730, 0.00480, 0.0005], [-0.1730, 0.0058, 0.0005]
+    assert list(find_rows(rows, tips, turn)) == [0, 1, 2, 3, 4]
+    assert "no row beyond 3" in str(find_rows(rows, tips[[0, 1, 2, 3, 3, 4]], turn[[0, 1, 2, 3, 3, 4]]))

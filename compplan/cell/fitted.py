@@ -24,8 +24,8 @@ ALIKE = 3e-5
 TURN = 0.02
 #: Speeds within a move may differ from its feed by this share, and by what feeds with one decimal leave. [1, mm/s]
 FEED, FEED_STEP = 0.012, 0.06
-#: The least feed that a language with one decimal can state. [mm/s]
-CRAWL = 0.1 * (1.0 + 1e-9)
+#: The least feed that every language can state: 1 cm/min in FANUC programs, 0.1 mm/s in INFORM. [mm/s]
+CRAWL = 1.0 / 6.0 * (1.0 + 1e-9)
 #: Rows that are searched at once, and cycles below which a move may join rows of any speed.
 WINDOW, SHORT = 256, 2.0
 #: Time beside a rest in which the controller changes the speed by itself [s], and what counts as its end.
@@ -68,6 +68,8 @@ def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] 
     found, at, n = [], -1, len(rows.position)
     for number, (tip, turn) in enumerate(zip(tips, turns, strict=True)):
         row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip, turn)
+        if row is None and _steps_back(rows, found, tips[number - 1], tip):
+            found[-1], row = at - 1, at
         if row is None:
             return f"move {number} ends where no row beyond {at} was planned"
         at = row
@@ -76,6 +78,24 @@ def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] 
     if len(missed):
         return f"no move ends at row {missed[0]}, {n} are planned"
     return np.array(found)
+
+
+def _steps_back(rows: PlannedRows, found: list[int], before: Array, tip: Array) -> bool:
+    """Tell whether a move ends at the row that the one before it was given, and that one a row earlier.
+
+    Rows that lie nearer to each other than a language rounds change places so.
+
+    Args:
+        rows: What was planned.
+        found: Rows of the moves up to that one.
+        before: Where the move before ends. Shape (3,). [mm]
+        tip: Where the move ends. Shape (3,). [mm]
+
+    """
+    if not found or found[-1] - 1 <= (found[-2] if len(found) > 1 else -1):
+        return False
+    pair = rows.position[[found[-1] - 1, found[-1]]]
+    return bool((np.linalg.norm(pair - np.stack([before, tip]), axis=1) <= 2.0 * ROUNDING).all())
 
 
 def _find_kept(rows: PlannedRows, at: int) -> int | None:
