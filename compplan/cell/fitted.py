@@ -65,7 +65,8 @@ def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] 
         turns: Orientation of the tool there; nan where a program does not say it. Shape (k, 3, 3).
 
     """
-    found, at, n = [], -1, len(rows.position)
+    found: list[int] = []
+    at, n = -1, len(rows.position)
     for number, (tip, turn) in enumerate(zip(tips, turns, strict=True)):
         row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip, turn)
         if row is None and _steps_back(rows, found, tips[number - 1], tip):
