@@ -25,7 +25,7 @@ from compplan.measure.checks import list_notes
 from compplan.measure.creep import find_creep
 from compplan.measure.registration import parse_parts
 from compplan.outputs.diagnosis import deliver_diagnosis
-from compplan.report.diagnosis_words import describe_beside, describe_counting
+from compplan.report.diagnosis_words import describe_beside, describe_counting, tell_luck
 from compplan.report.effect_words import describe_change
 
 
@@ -109,10 +109,11 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
         f"on rows not in the fit {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
-        f"noise floor {gap.noise_floor * 1e3:.3f} mm"
+        f"noise floor {gap.noise_floor * 1e3:.3f} mm{tell_luck(gap.held_out_before, gap.held_out_after)}"
     )
     if len(diagnosis.outliers):
-        lines.append(f"{len(diagnosis.outliers)} rows are reported as outliers")
+        count = len(diagnosis.outliers)
+        lines.append(f"{count} {'row is' if count == 1 else 'rows are'} reported as outlier{'s' * (count > 1)}")
     return "\n".join(lines)
 
 
