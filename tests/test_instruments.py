@@ -16,6 +16,7 @@ from compplan.diagnose.campaign_diagnosis import refuse_open_frames
 from compplan.diagnose.data.channels import estimate_noises
 from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, stage_scene
 from compplan.errors import InputError
+from compplan.known.assumed import known_uncertainty
 from compplan.measure.campaign import Campaign
 from compplan.measure.fit_frames import fit_registration
 from compplan.measure.instrument import read_instrument
@@ -278,6 +279,11 @@ def test_what_gauges_show_of_small_errors_holds_from_stay_to_stay_but_for_their_
     diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
     held = diagnosis.deliveries[0].visited
     assert held is not None and held.spread < 0.1
+    # gauges put up anywhere turn with the arm: the first joint's zero is as unknown as before
+    known = diagnosis.deliveries[0].uncertainty
+    (zero,) = (u for u in known.unknowns if u.effect == "joint_offset" and u.joint == robot.joint_names[0])
+    (before,) = (u for u in known_uncertainty(robot).unknowns if (u.effect, u.joint) == (zero.effect, zero.joint))
+    assert known.calibration * zero.deviation == pytest.approx(before.deviation, rel=1e-6)
     assert np.sqrt(np.mean(((held.share - 1.0) / held.deviation) ** 2)) == pytest.approx(1.0, rel=0.15)
 
 

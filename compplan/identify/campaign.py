@@ -105,7 +105,7 @@ def identify_campaign(
     gap = measure_gap(replace(problem.rows, registration=frames), growth.structure, kept)
     sigma = float(np.median(rows.deviation[:, 0]))
     known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
-    if "base" in chosen.register:
+    if "base" in chosen.register or campaign.adrift:
         known = free_base(robot, known)
     notes += [*said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
     return Identification(

@@ -74,7 +74,7 @@ def moves_base(robot: Robot, unknown: Unknown) -> bool:
 
 
 def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
-    """Give what moves base and arm alike the widths from before a log that a base frame was fitted to.
+    """Give what moves base and arm alike the widths from before a log that a base frame, or all places, are fitted to.
 
     Such a log moves with the base frame and says nothing of them; a part that stands where the job says does.
 
@@ -89,7 +89,7 @@ def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
     for unknown, width in hidden:
         known = _add(known, replace(unknown, deviation=width / known.calibration))
     how = "assumed" if before.uncertainty is None else "as before"
-    said = f"zero and place of {before.actuated[0].name} {how}: the fitted base frame hides them"
+    said = f"zero and place of {before.actuated[0].name} {how}: the frame or places fitted hide them"
     return replace(known, source=f"{known.source}; {said}") if hidden else known
 
 

@@ -155,6 +155,13 @@ class Campaign(Shown):
         return np.asarray(np.isfinite(self.position).all(axis=1))
 
     @cached_property
+    def adrift(self) -> bool:
+        """Tell whether every row was seen from places that nobody knows: as if a base frame was fitted."""
+        if self.sights is None or self.measured.any():
+            return False
+        return bool((self.sights.contact[self.sights.seen] >= 0).all())
+
+    @cached_property
     def load_scale(self) -> float:
         """Largest force of the log, robustly. [N]."""
         force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)

@@ -97,7 +97,8 @@ def state_uncertainty(
         rivals=robots,
     )
     frames = state.registration
-    return stated if frames is None or "base" not in frames.parts else free_base(fit.problem.robot, stated)
+    adrift = frames is not None and ("base" in frames.parts or campaign.adrift)
+    return free_base(fit.problem.robot, stated) if adrift else stated
 
 
 def _with_usual_classes(fit: Fit) -> Fit:
