@@ -56,6 +56,13 @@ def test_a_point_counts_across_the_path_and_with_its_length_along_it_too(tmp_pat
     assert placed.seen == pytest.approx(np.tile([2e-3, 3e-4, -1e-4], (12, 1)), abs=1e-9)
 
 
+def test_points_that_are_pasted_again_count_once(tmp_path: Path) -> None:
+    points = np.column_stack([1500 + np.linspace(20.0, 80.0, 12), np.full(12, 0.3), np.full(12, 499.9)])
+    table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.vstack([points, points[3:]])))
+    once = match_points(table, straight_path(), np.eye(4), in_base=True)
+    assert len(once.length) == 12 and any(note.startswith("9 rows are there twice") for note in once.notes)
+
+
 def test_a_point_just_beyond_an_end_belongs_to_it_and_one_far_beyond_to_nothing(tmp_path: Path) -> None:
     """A part .03 mm longer than the path of 100 mm: its last point is off by (0, .2, 0), not by the .03 mm."""
     s = np.r_[-0.02, np.linspace(20.0, 80.0, 10), 100.03, 103.0]

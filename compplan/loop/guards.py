@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import permutations, product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -32,6 +33,16 @@ SAMPLE = 1000
 POSSIBLE = 4.0
 #: Steps of a best fit, and the points that it is made with (assumed).
 STEPS, FITTED = 40, 20000
+
+
+def find_pasted(table: Table) -> NDArray[np.bool_]:
+    """Tell rows that say in every number what one before says; readings of a probe may agree by rounding. Shape (m,)"""
+    if "reading" in table or "distance" in table:
+        return np.zeros(len(table), bool)
+    values = np.stack([np.nan_to_num(column, nan=np.inf) for column in table.values.values()], axis=1)
+    again = np.ones(len(table), bool)
+    again[np.unique(values, axis=0, return_index=True)[1]] = False
+    return again
 
 
 def sample_cut(nominal: Toolpath) -> tuple[Array, Array, Array]:

@@ -20,7 +20,7 @@ from compplan.files.columns import FileColumn
 from compplan.files.given import is_file_name, open_table
 from compplan.files.scanned import is_scan
 from compplan.files.tables import Table
-from compplan.loop.guards import check_extent, describe_motion, explain_points, fit_rigid, sample_cut
+from compplan.loop.guards import check_extent, describe_motion, explain_points, find_pasted, fit_rigid, sample_cut
 from compplan.loop.scan import SCAN_SIGMA, read_scan
 from compplan.loop.surface import Surface
 from compplan.measure.exports import rename_title
@@ -220,8 +220,12 @@ def match_points(
     if scanned and sigma is None:
         notes.append(f"no standard deviation of the scan is stated (--sigma-mm): {SCAN_SIGMA * 1e3:g} mm is assumed")
     notes += [] if scanned else _describe_left_out(table, good)
+    left_out, again = int((~good).sum()), find_pasted(table)
+    if again.any() and not scanned:
+        notes.append(f"{int(again.sum())} rows are there twice, to the last digit: each counts once.")
+        good = good & ~again
     return MeasuredPath(
-        length[good], deviation[good], counts[good], spread[good], int((~good).sum()), tuple(notes), scanned,
+        length[good], deviation[good], counts[good], spread[good], left_out, tuple(notes), scanned,
         place.motion,
     )  # fmt: skip
 
