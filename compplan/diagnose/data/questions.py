@@ -349,8 +349,9 @@ def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     return Question(
         "jogged poses",
         f"poses of {near[0][2]!r} lie within {_mm(near[-1][0])} (rms) of the nominal robot, those of {far[0][2]!r}"
-        f" {_mm(far[0][0])} off it, gross errors aside, frames fitted to each: were the latter jogged by hand? The"
-        " accurate model of a controller acts in programs only",
+        f" {_mm(far[0][0])} off it, gross errors aside, frames fitted to each: were the latter jogged by hand (the"
+        " accurate model of a controller acts in programs only), or was a load on the tool that the log does not hold"
+        " in N?",
     )
 
 
