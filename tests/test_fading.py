@@ -20,6 +20,7 @@ from compplan.known.vary import stage_robot
 from compplan.loop.travel import teach_planned
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder
+from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown
 from compplan.robot.visited import FILE, Visited, VisitedPart
 
 OFFSET = VisitedPart("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))
@@ -176,3 +177,20 @@ def test_a_diagnosis_says_which_parts_of_its_folder_are_in_doubt(nominal: Robot)
     held = [e for e in found.deliveries[0].state.effects if e.place in {one.place for one in sure}]
     bare, q = keep_share(robot, robot.visited, 0.0), campaign.q[:4]
     assert np.abs(tip(bare, q) - tip(fold_effects(nominal, held), q)).max() < 2e-6
+
+
+def test_a_cause_stays_as_far_as_what_a_campaign_cannot_tell_from_it_moves_the_tip_alike(nominal: Robot) -> None:
+    """A turn of the link about the joint's axis is a rival of its zero that moves the tip by a known share of it."""
+    robot = folder(nominal, np.ones(40), 0.1)
+    unknowns = (
+        Unknown("joint_offset", "joint_2", None, ("offset_rad",), np.array([1e-4])),
+        Unknown("link_geometry", "joint_2", "ry", ("ry_rad",), np.array([1e-4])),
+    )
+    path, still = robot.visited.q[:5], np.zeros((5, 6))
+    told = ((1.0, 0.4, 1.0), (-1.0, 0.4, 0.0), (0.25, 0.4, 0.5), (0.6, 0.4, 0.84), (-1.0, 0.03, 1.0))
+    for there, weight, kept in told:
+        rival = RivalRobot("link_geometry joint_2 ry", "joint_offset joint_2", weight, 2e-3 * np.array([-1.0, there]))
+        known = Uncertainty("measured", "drawn", unknowns, np.eye(2), rivals=(rival,))
+        faded, share = fade_robot(replace(robot, uncertainty=known), path, still)
+        assert share == pytest.approx(kept, abs=0.01)
+        assert fade_robot(faded, path, still)[1] == 1.0  # nothing twice

@@ -9,7 +9,7 @@ At a stay it differs from w by what differs from place to place beyond noise.
 
 A share a of the parts leaves |g - a m|^2 of an error g along their motion m, w = g . m / |m|^2: its mean is least at
 a = E w. That share of the parts stays, from 0 to 1, the mean over the path. The rest is taken out of the robot, and its
-covariance grows by the square of what is taken out.
+covariance grows by the square of what is taken out. Of a cause with rivals no more stays than they allow on the path.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from scipy.spatial.distance import cdist
 
 from compplan.effects import Effect, fold_effects
 from compplan.effects.signature import pack_parameters
+from compplan.known.slopes import measure_slopes, stage_path
+from compplan.known.vary import group_rivals
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
 from compplan.robot.visited import FILE, Visited, VisitedPart, read_visited
@@ -38,6 +40,9 @@ STAYS = 120
 ROWS = 60
 #: Share from which on the parts stay whole (theory: a tenth too much costs a hundredth of their square).
 WHOLE = 0.9
+#: Probability up to which a plan may be worse with a cause than without it, by what the campaign cannot tell from it
+#: (assumed: one plan of twenty).
+WORSE = 0.05
 #: Rounding of the share's covariance. Lengths of less weight than the second number are left out.
 ROUNDING, NO_WEIGHT = 1e-9, 1e-3
 
@@ -55,6 +60,7 @@ def fade_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:
         return robot, 1.0
     rows = np.unique(np.linspace(0, len(q) - 1, ROWS).astype(int))
     share = float(np.mean(trust_parts(robot, visited, q[rows], wrench[rows])))
+    share = min(share, trust_rivals(robot, visited, q[rows], wrench[rows]))
     return (robot, 1.0) if share >= WHOLE else (keep_share(robot, visited, share), share)
 
 
@@ -84,6 +90,41 @@ def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Arra
         means.append(solved[:, 1:].T @ solved[:, 0])
     weight = np.exp(np.array(evidence) - max(evidence))
     return np.clip(weight @ np.array(means) / weight.sum(), 0.0, 1.0)
+
+
+def trust_rivals(robot: Robot, visited: Visited, q: Array, wrench: Array) -> float:
+    """Return the share of causes in doubt that stays by what a campaign cannot tell from them, from 0 to 1.
+
+    With m the motion of the tip by a cause along the path and m + d_k what it is by a rival of weight p_k, the share
+    w_k = 1 + m . d_k / |m|^2 of the cause is there. A share a errs least at a = E w, and more than none from a = 2 w_k
+    on: it is at most twice what is there with probability 1 - `WORSE`.
+    """
+    known = robot.uncertainty
+    if known is None or not known.rivals:
+        return 1.0
+    doubted = {" ".join(part for part in (p.effect, p.joint, p.axis) if part) for p in visited.parts}
+    shifts = np.array([rival.shift for rival in known.rivals])
+    places = [" ".join(part for part in (u.effect, u.joint, u.axis) if part) for u in known.unknowns]
+    of = np.repeat(np.arange(len(places)), [len(u.keys) for u in known.unknowns])
+    used = [n for n in range(len(places)) if shifts[:, of == n].any()]
+    scene, columns = stage_path(robot, q, wrench), np.isin(of, used)
+    slopes = measure_slopes(scene, [known.unknowns[n] for n in used], np.arange(len(q)))
+    shares = [1.0]
+    for own, weights in group_rivals(known):
+        cause = known.rivals[own[0]].instead
+        held = np.where([places[n] == cause for n in of], -shifts[own[0]], 0.0)
+        if cause not in doubted or not held.any():
+            continue
+        motion, other = (slopes @ held[columns]).ravel(), (slopes @ shifts[own][:, columns].T).reshape(-1, len(own))
+        size = float(motion @ motion)
+        there = np.r_[1.0 + motion @ other / size, 1.0] if size > 0.0 else np.ones(len(own) + 1)
+        order = np.argsort(there)
+        least = there[order[np.searchsorted(np.cumsum(weights[order]), WORSE)]]
+        # what was taken out before is not taken out once more
+        now = [p.value for p in visited.parts if " ".join(w for w in (p.effect, p.joint, p.axis) if w) == cause]
+        left = float(np.abs(np.concatenate(now)).max() / np.abs(held).max())
+        shares.append(min(float(there @ weights), 2.0 * float(least)) / max(left, ROUNDING))
+    return min(max(min(shares), 0.0), 1.0)
 
 
 def keep_share(robot: Robot, visited: Visited, share: float) -> Robot:

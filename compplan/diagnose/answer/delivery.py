@@ -130,7 +130,12 @@ def deliver_folders(
     built = [(model, _build(fit, kind, model, held, sure, lawful)) for kind, model, held in chosen]
     delivered = [(_forms(model), delivery) for model, delivery in built if delivery is not None]
     # names are in doubt where they leave something and are not beyond doubt themselves
-    trusted = named if verdict.status == "explained" else beyond
+    rivals = {rival.instead for _, one in delivered for rival in one.uncertainty.rivals}
+    # and where others that the campaign cannot tell from them may move the tip elsewhere in another way
+    trusted = [
+        claim for claim in (named if verdict.status == "explained" else beyond)
+        if " ".join(part for part in fit.search.ledger.signatures[claim.signature].place if part) not in rivals
+    ]  # fmt: skip
     rest = folds.hold_out(trusted, background=False)
     places = {fit.search.ledger.signatures[claim.signature].place for claim in trusted}
     return tuple(

@@ -1,8 +1,9 @@
 """Visits: where a campaign was, and how well the parts of a folder that are in doubt held there.
 
 The parts in doubt are all that a folder holds beside its names: small errors, doubtful causes; and the names too,
-unless they are beyond doubt or nothing is left that they do not explain. With g what the rest of the folder leaves of a
-stay that no fit saw, and m the motion of the tip by the parts, the share w = g . m / |m|^2 of them was there, known to
+unless they are beyond doubt or nothing is left that they do not explain; and every name that has rivals, which the
+campaign cannot tell from it and a path elsewhere may. With g what the rest of the folder leaves of a stay that no fit
+saw, and m the motion of the tip by the parts, the share w = g . m / |m|^2 of them was there, known to
 e / |m|, e^2 the mean square per axis of what the whole folder leaves. From place to place it spreads by s,
 
     s^2 = max(sum |m|^2 (w - w_mean)^2 - sum v, 0) / sum |m|^2, w_mean = sum |m|^2 w / sum |m|^2,
