@@ -6,6 +6,7 @@ not mean it has mixed up a unit, a sign or a place.
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
 import os
@@ -17,6 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from click.testing import CliRunner
 
 from benchmarks.bad_inputs.running import load_commands
@@ -100,7 +102,10 @@ def fold_outputs(out: Path, printed: str) -> Folded:
 
 
 def _gather(value: Any, place: str, into: dict[str, list[float]]) -> None:
-    if isinstance(value, dict):
+    if isinstance(value, dict) and {"bdata", "dtype"} <= value.keys():  # plotly's way to write an array
+        numbers = np.frombuffer(base64.b64decode(value["bdata"]), dtype=value["dtype"]).astype(float)
+        into[place] += numbers[np.isfinite(numbers)].tolist()
+    elif isinstance(value, dict):
         for key, one in value.items():
             if not any(idle in str(key) for idle in IDLE):
                 _gather(one, f"{place}/{key}", into)
