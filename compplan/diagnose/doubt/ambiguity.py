@@ -72,7 +72,7 @@ def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[R
         rival = Rival(other.place, share, (1.0 - share) * energy, len(theirs))
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
-    return sorted(best.values(), key=lambda r: -round(r.share, 9))
+    return sorted(best.values(), key=lambda r: -np.float32(r.share))  # the last digits are noise
 
 
 def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
