@@ -78,10 +78,10 @@ def test_what_held_by_chance_goes_out_and_widens_the_band_by_its_own_motion(nomi
     assert width(faded.uncertainty) - width(robot.uncertainty) == pytest.approx(motion, rel=0.02)
 
 
-def test_the_share_that_stays_leaves_the_least_square_of_errors_like_those_of_the_stays(nominal: Robot) -> None:
-    """Shares that scatter from place to place about half: about half of the parts stay, and nothing twice."""
+def test_the_share_that_stays_is_the_expected_one_and_seldom_worse_than_none(nominal: Robot) -> None:
+    """What held alike stays as far as it held; what differs from place to place stays less, and nothing twice."""
     random = np.random.default_rng(8)
-    for middle, spread, kept in ((0.5, 0.3, 0.5), (1.0, 0.5, 1.0), (0.0, 0.5, 0.0)):
+    for middle, spread, kept in ((0.5, 0.1, 0.5), (1.0, 0.3, 1.0), (1.0, 0.5, 0.35), (0.5, 0.5, 0.0)):
         robot = folder(nominal, middle + spread * random.standard_normal(40), 0.1)
         robot = replace(robot, visited=replace(robot.visited, spread=spread))
         path, still = robot.visited.q[:5], np.zeros((5, 6))

@@ -8,8 +8,10 @@ alike everywhere reaches far, what held by chance hardly reaches the next pose, 
 At a stay it differs from w by what differs from place to place beyond noise.
 
 A share a of the parts leaves |g - a m|^2 of an error g along their motion m, w = g . m / |m|^2: its mean is least at
-a = E w. That share of the parts stays, from 0 to 1, the mean over the path. The rest is taken out of the robot, and its
-covariance grows by the square of what is taken out. Of a cause with rivals no more stays than they allow on the path.
+a = E w, and it is more than without them where w is below a / 2. Of the parts stays E w, and no more than what is worse
+than none in one case of twenty: a = min(E w, 2 w_05), from 0 to 1, the mean over the path; w spreads there by what
+differs from stay to stay beyond noise, too, since a path may lie all in one place. The rest is taken out of the robot,
+and its covariance grows by the square of what is taken out. Of a cause with rivals no more stays than they allow.
 """
 
 from __future__ import annotations
@@ -40,9 +42,9 @@ STAYS = 120
 ROWS = 60
 #: Share from which on the parts stay whole (theory: a tenth too much costs a hundredth of their square).
 WHOLE = 0.9
-#: Probability up to which a plan may be worse with a cause than without it, by what the campaign cannot tell from it
-#: (assumed: one plan of twenty).
-WORSE = 0.05
+#: Probability up to which a plan may be worse with what is in doubt than without it (assumed: one plan of twenty), and
+#: that quantile in standard deviations (theory).
+WORSE, SAFE = 0.05, 1.645
 #: Rounding of the share's covariance. Lengths of less weight than the second number are left out.
 ROUNDING, NO_WEIGHT = 1e-9, 1e-3
 
@@ -65,7 +67,7 @@ def fade_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:
 
 
 def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Array:
-    """Return the share of the parts in doubt that is expected, from 0 to 1. Shape (n,)."""
+    """Return the share of the parts in doubt that is expected, and seldom worse than none, from 0 to 1. Shape (n,)."""
     few = np.unique(np.linspace(0, len(visited.q) - 1, STAYS).astype(int))
     chain = build_chain(robot)
     place, there = (locate_frames(chain, at).tcp_position for at in (visited.q[few], q))
@@ -78,7 +80,7 @@ def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Arra
         for to, of, size in ((there, place, spread), (wrench[:, :3], force, largest))
     ]
     noise = np.diag(visited.deviation[few] ** 2 + visited.spread**2 + ROUNDING)
-    evidence, means = [], []
+    evidence, means, squares = [], [], []
     for lengths in product(PLACES, FORCES):
         own, reached = (
             np.exp(-0.5 * sum(part / size**2 for part, size in zip(parts, lengths, strict=True)))
@@ -88,8 +90,13 @@ def trust_parts(robot: Robot, visited: Visited, q: Array, wrench: Array) -> Arra
         solved = np.linalg.solve(root, np.column_stack([visited.share[few], reached.T]))
         evidence.append(-0.5 * solved[:, 0] @ solved[:, 0] - np.log(np.diag(root)).sum())
         means.append(solved[:, 1:].T @ solved[:, 0])
+        squares.append(1.0 - np.sum(solved[:, 1:] ** 2, axis=0) + means[-1] ** 2)
     weight = np.exp(np.array(evidence) - max(evidence))
-    return np.clip(weight @ np.array(means) / weight.sum(), 0.0, 1.0)
+    weight /= weight.sum()
+    mean = weight @ np.array(means)
+    deviation = np.sqrt(np.maximum(weight @ np.array(squares) - mean**2, 0.0))
+    safe = 2.0 * (mean - SAFE * np.hypot(deviation, visited.spread))
+    return np.clip(np.minimum(mean, safe), 0.0, 1.0)
 
 
 def trust_rivals(robot: Robot, visited: Visited, q: Array, wrench: Array) -> float:
