@@ -125,6 +125,6 @@ def test_an_x_along_the_tool_axis_is_refused_or_said_to_mean_nothing(free, tmp_p
 
 
 def test_the_angle_that_counts_as_along_is_a_degree() -> None:
-    from compplan.plan.plan import SIDE
+    from compplan.path.contact import SIDE
 
     assert pytest.approx(np.sin(np.pi / 180)) == SIDE

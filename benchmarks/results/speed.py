@@ -24,7 +24,7 @@ LIMITS = (
 )
 JOBS = ("circle_10mm", "isf_cone", "isf_cone_50k")
 #: Aims: processor time of a job, user and system [s]; memory of the longest [GB].
-AIMS, MEMORY = {"circle_10mm": 2.5, "isf_cone_50k": 25.0, "two_rails": 6.0}, 1.1
+AIMS, MEMORY = {"circle_10mm": 2.5, "isf_cone_50k": 18.0, "two_rails": 6.0}, 0.8
 #: A second rail under the shipped arm on a rail, and a job for it: a wave of so many points.
 CROSS_RAIL = """  <joint name="joint_1" type="prismatic">
     <parent link="base_link"/><child link="link_1"/><axis xyz="1 0 0"/>

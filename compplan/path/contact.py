@@ -6,12 +6,14 @@ y = z x x, the left-hand side for somebody who looks down the tool axis along th
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from compplan.errors import InputError
 from compplan.files.tables import Array
 from compplan.files.tomlfile import StrictTable
 from compplan.path.toolpath import Toolpath
@@ -22,6 +24,8 @@ Frame = Literal["part", "base", "tool", "path"]
 STEEP = 0.71
 #: Share of a move that goes across the tool axis, from which on it has a direction of travel.
 ASIDE = 1e-6
+#: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
+SIDE = float(np.sin(np.radians(1.0)))
 
 
 class ForceTable(StrictTable):
@@ -113,6 +117,28 @@ def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
     x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 1e-6, x, spare)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> None:
+    """Refuse an x of the TCP frame that points along the tool axis: a tool that may not rotate cannot have it.
+
+    Args:
+        nominal: The path, base frame.
+        tool_x: Where x of the TCP frame points, base axes. Shape (3,).
+        file: File to name in messages.
+
+    Raises:
+        InputError: If x points along the tool axis at a waypoint.
+
+    """
+    wanted = tool_x / np.linalg.norm(tool_x)
+    along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
+    if len(along):
+        message = (
+            f"points along the tool axis at {len(along)} of {len(nominal)} waypoints, the first is {along[0]}: x of "
+            "the TCP frame cannot; name a direction across the axis, or let rotate_about_tool_axis be true"
+        )
+        raise InputError(message, file=file, where="plan.tool_x" if file else None)
 
 
 def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:

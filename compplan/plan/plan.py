@@ -17,7 +17,7 @@ from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.known.fading import fade_robot
 from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread
-from compplan.path.contact import tool_axes
+from compplan.path.contact import check_tool_x, tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.approach import plan_approach, plan_retract
@@ -53,9 +53,6 @@ from compplan.promise.band import band_radius
 from compplan.promise.posture_errors import posture_errors
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
-
-#: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
-SIDE = float(np.sin(np.radians(1.0)))
 
 
 @dataclass(frozen=True)
@@ -252,7 +249,8 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
     """
     nominal = check_toolpath(nominal, file=file)
-    _check_tool_x(nominal, options, file)
+    if not options.spin_free:
+        check_tool_x(nominal, np.asarray(options.tool_x, float), file)
     rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
     chain = build_chain(robot)
     equations = count_equations(chain, spin_free=options.spin_free)
@@ -362,18 +360,6 @@ def job_robot(job: Job) -> Robot:
         return robot if job.tool is None else job.tool.mount(robot)
     except InputError as error:
         raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
-
-
-def _check_tool_x(nominal: Toolpath, options: PlanOptions, file: Path | None) -> None:
-    """Refuse an x of the TCP frame that points along the tool axis, where the tool may not rotate about that axis."""
-    wanted = np.asarray(options.tool_x, float) / np.linalg.norm(options.tool_x)
-    along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
-    if len(along) and not options.spin_free:
-        message = (
-            f"points along the tool axis at {len(along)} of {len(nominal)} waypoints, the first is {along[0]}: x of "
-            "the TCP frame cannot; name a direction across the axis, or let rotate_about_tool_axis be true"
-        )
-        raise InputError(message, file=file, where="plan.tool_x" if file else None)
 
 
 def read_options(job: Job, robot: Robot) -> PlanOptions:

@@ -352,8 +352,10 @@ def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
 def _turn_from(start: Array, turns: Array) -> Array:
     """Return rotation vectors from one orientation to others, both quaternions. Shape (4,), (n, 4) -> (n, 3) [rad]."""
     w, vector = start[0], -start[1:]
+    (x, y, z), (a, b, c) = vector, turns[:, 1:].T
     real = w * turns[:, 0] - turns[:, 1:] @ vector
-    imaginary = w * turns[:, 1:] + turns[:, :1] * vector + np.cross(vector, turns[:, 1:])
+    across = np.column_stack([y * c - z * b, z * a - x * c, x * b - y * a])
+    imaginary = w * turns[:, 1:] + turns[:, :1] * vector + across
     imaginary = np.where(real[:, None] < 0.0, -imaginary, imaginary)
     size = np.linalg.norm(imaginary, axis=1)
     angle = 2.0 * np.arctan2(size, np.abs(real))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.files.tables import Array
+from compplan.program.counting import locate_link
 from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot
 
@@ -62,3 +63,18 @@ def flange_turn(robot: Robot) -> Array:
     """
     found = locate_pendant(robot)
     return np.eye(4) if found is None else found.pose
+
+
+def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
+    """Return mass [kg] and centre [m] of what is mounted on the flange, flange frame; None where nobody states it."""
+    links = [robot.base, *(joint.child for joint in robot.joints)]
+    beyond = links[links.index(robot.flange) :]
+    rest = np.zeros((1, robot.nq))
+    flange = locate_link(robot, rest, robot.flange)[0]
+    mass, moment = 0.0, np.zeros(3)
+    for body in robot.bodies:
+        if body.link in beyond:
+            seen = np.linalg.inv(flange) @ locate_link(robot, rest, body.link)[0]
+            mass += body.mass
+            moment += body.mass * (seen[:3, :3] @ body.centre + seen[:3, 3])
+    return (mass, moment / mass) if mass > 0.0 else (None, moment)

@@ -24,7 +24,7 @@ from compplan.program.counting import (
     rates_to_controller,
     to_controller,
 )
-from compplan.program.frames import flange_turn
+from compplan.program.frames import flange_turn, weigh_tool
 from compplan.program.machine import Wiring
 from compplan.program.post import Post
 from compplan.program.text import clean_text
@@ -300,21 +300,6 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
         "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
         "bent": find_bend(believed, q), "known": controller.known, "controller": controller.name,
     }  # fmt: skip
-
-
-def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
-    """Return mass [kg] and centre [m] of what is mounted on the flange, flange frame; None where nobody states it."""
-    links = [robot.base, *(joint.child for joint in robot.joints)]
-    beyond = links[links.index(robot.flange) :]
-    rest = np.zeros((1, robot.nq))
-    flange = locate_link(robot, rest, robot.flange)[0]
-    mass, moment = 0.0, np.zeros(3)
-    for body in robot.bodies:
-        if body.link in beyond:
-            seen = np.linalg.inv(flange) @ locate_link(robot, rest, body.link)[0]
-            mass += body.mass
-            moment += body.mass * (seen[:3, :3] @ body.centre + seen[:3, 3])
-    return (mass, moment / mass) if mass > 0.0 else (None, moment)
 
 
 def split_parts(count: int, most: int) -> list[slice]:
