@@ -343,7 +343,8 @@ def test_backlash_on_a_path_waits_at_reversals_and_is_named(robot: Robot) -> Non
 
 
 def test_a_form_picked_from_more_alternatives_than_fit_a_word_of_memory_counts_their_chance() -> None:
-    ledger = SimpleNamespace(signatures=[SimpleNamespace(tried=10**40)])
+    source = [SimpleNamespace(told=np.full(100, 3.0))]
+    ledger = SimpleNamespace(signatures=[SimpleNamespace(tried=10**40)], source=source)
     folds = SimpleNamespace(fit=SimpleNamespace(search=SimpleNamespace(ledger=ledger)), pose=np.arange(100))
     chance = rate_chance(folds, [Claim(0, 1.0)])  # type: ignore[arg-type]
     assert chance == pytest.approx(np.sqrt(1.0 + 2.0 * 40.0 * np.log(10.0) / 300))

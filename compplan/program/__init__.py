@@ -134,7 +134,7 @@ def _rehearse(robot: Robot, language: str, form: str) -> None:
     q = 0.5 * (low + high) + np.array([[0.0], [1e-3]])
     program = build_program(robot, q, np.full(2, 0.01), np.array([True, False]), name="rehearsal")
     with TemporaryDirectory() as folder:
-        WRITERS[language].write(replace(program, form=form), Path(folder))
+        WRITERS[language].write(replace(program, form=form), Path(folder), None)
 
 
 def describe_program(program: Program, language: str) -> list[str]:
