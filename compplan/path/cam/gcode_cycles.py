@@ -115,7 +115,7 @@ def _run_hole(code: float, target: Point, axis: int, path: PathWriter, expand: b
     path.rapid(at(level))
     if expand:
         path.rapid(at(clear))
-        path.note_start()
+        path.begin_cut()
         if path.start_cut(at(bottom)):
             _cut_hole(code, at, clear, bottom, path)
             if code in FEED_BACK:

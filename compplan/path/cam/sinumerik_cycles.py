@@ -104,7 +104,7 @@ class SinumerikCycleReader(SinumerikMoveReader):
             if lead and speed:
                 return lead * speed / 60.0, lead * abs(back or speed) / 60.0
         if called == "CYCLE85" and numbers[6]:
-            return numbers[6] * k / 60.0, (numbers[7] or numbers[6]) * k / 60.0
+            return numbers[6] * self.feed_scale / 60.0, (numbers[7] or numbers[6]) * self.feed_scale / 60.0
         feed = self.speed(0.0)
         return feed, feed
 

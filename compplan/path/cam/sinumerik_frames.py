@@ -34,6 +34,8 @@ class SinumerikFrameReader(FollowedReader):
     def __init__(self, file: Path, options: CamTable) -> None:
         super().__init__(file, options)
         self.scale = INCH if options.unit == "inch" else 1.0
+        #: Millimetres of a unit of F: G700 and G710 set it, G70 and G71 leave it as the control's basic system has it.
+        self.feed_scale = self.scale
         self.units: list[str] = []
         self.numbers: dict[tuple[str, tuple[float, ...]], float] = {}
         self.variables: set[str] = set()
@@ -164,9 +166,15 @@ class SinumerikFrameReader(FollowedReader):
                 "not known; write a program for each work offset"
             )
 
-    def set_unit(self, scale: float) -> None:
-        """Take millimetres or inches."""
+    def set_unit(self, scale: float, *, feeds: bool) -> None:
+        """Take millimetres or inches for lengths, and for feeds where the code sets those too."""
         self.scale = scale
+        if feeds:
+            self.feed_scale = scale
+        elif scale != self.feed_scale:
+            basic = "mm" if self.feed_scale == 1.0 else "inch"
+            self.log.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken from "
+                          "--unit, else mm)", self.line)  # fmt: skip
         word = "inch" if scale != 1.0 else "mm"
         if word not in self.units:
             self.units.append(word)
@@ -181,7 +189,7 @@ class SinumerikFrameReader(FollowedReader):
         if feed is None:
             self.log.note("cutting moves before any feed F have none", self.line)
             return 0.0
-        return feed * self.scale / 60.0
+        return feed * self.feed_scale / 60.0
 
     def start_machine(self, words: Words) -> None:
         """Let happen what a block switches before its move."""
