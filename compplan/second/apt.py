@@ -343,7 +343,7 @@ def _cut_records(text: str) -> Iterator[tuple[int, str]]:
         kept = ""
 
 
-def read_apt(text: str, *, unit: str | None = None, sense: str = "auto", expand: bool = True) -> Reading:
+def read_apt(text: str, *, unit: str | None = None, sense: str = "auto", expand: bool = True, start: list[float] | None = None) -> Reading:
     """Read an APT or CL file; where it states no unit, that of its feeds tells it.
 
     Raises:
@@ -355,6 +355,7 @@ def read_apt(text: str, *, unit: str | None = None, sense: str = "auto", expand:
         unit is None and "UNITS" not in capital and re.search(r"FEDRAT\s*/[^$\n]*\bIP[MR]\b", capital) is not None
     )
     reader = AptReader(scale=INCH if inches else 1.0, sense=sense, expand=expand)
+    reader.at = start
     try:
         return reader.run(text)
     except (ValueError, IndexError, OverflowError) as error:

@@ -205,7 +205,10 @@ class KrlPath:
         self.path.lead(pose, self.feed, rapid=word == "PTP")
 
 
-def read_krl_path(text: str, *, folder: Path | None = None, name: str = "", points: str | None = None) -> Reading:
+def read_krl_path(
+    text: str, *, folder: Path | None = None, name: str = "", points: str | None = None,
+    start: list[float] | None = None,
+) -> Reading:  # fmt: skip
     """Read a KRL program as a path.
 
     Args:
@@ -218,7 +221,7 @@ def read_krl_path(text: str, *, folder: Path | None = None, name: str = "", poin
         CannotTellError: If something in it is not known here.
 
     """
-    path = RobotPath(points)
+    path = RobotPath(points, start)
     try:
         KrlPath(folder, path).read(text, name)
     except (ValueError, KeyError, IndexError) as error:

@@ -171,7 +171,9 @@ class Course:
             self.untold.clear()
             self.lost.clear()
             self.position, self.away = start, False
-            self.log.place(self.frame.apply(start))
+            point = self.frame.apply(start)
+            self.height = point[2]
+            self.log.place(point)
 
     def _reach(self, target: Point, named: Iterable[int]) -> None:
         self.position = target

@@ -13,6 +13,7 @@ from compplan.path.cam.gcode_codes import MOST_TURNS, TURN_STEP
 from compplan.path.cam.gcode_corners import GcodeCorner, cut_corner
 from compplan.path.cam.gcode_cycles import run_cycle
 from compplan.path.cam.gcode_state import PLANE_AXES, PLANE_NORMALS, State
+from compplan.path.cam.gcode_text import FARTHEST_WITHOUT_POINT
 from compplan.path.cam.gcode_tilt import TiltReader
 from compplan.path.cam.gcode_words import CORNER_WORDS
 from compplan.path.cam.options import CamTable
@@ -51,7 +52,7 @@ class MotionReader(TiltReader):
         """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
         state, feed = self.state, found.group(4)
         point = read_place(found, state.position, state.scale, (state.zero(0), state.zero(1), state.zero(2)))
-        if point is None or (feed is not None and float(feed) <= 0.0):
+        if point is None or (feed is not None and float(feed) <= 0.0) or max(map(abs, point)) >= FARTHEST_WITHOUT_POINT:
             return False
         if feed is not None:
             state.set_feed(float(feed))

@@ -147,7 +147,7 @@ class PathWriter:
             if self.log.waypoints:
                 self.rapid(start)
             else:
-                state.position, self._broken = start, False
+                state.position, self.height, self._broken = start, start[2], False
                 self.log.place(self.map(start))
         state.moved = True
 
