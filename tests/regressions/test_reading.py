@@ -141,8 +141,8 @@ def test_a_rapid_move_to_a_place_makes_it_known(reader: Reader) -> None:
 def test_travel_of_a_printer_leads_to_the_first_known_place(reader: Reader) -> None:
     head = "M104 S200\nG28\nG92 E0\nG1 Z2 F3000\nG1 X10 Y20 F5000\n"
     assert reader.follow(f"{head}G1 X60 E5 F1000\n", ".gcode") == [(10.0, 20.0, 2.0, True), (60.0, 20.0, 2.0, False)]
-    said = reader.refuse("M104 S200\nG28\nG1 Z2 F3000\nG1 X60 E5 F1000\n", ".gcode")
-    assert ":4: a cut begins where X Y of the tool is not known" in said
+    said = reader.refuse(f"{head}G1 X60 E5 F1000\nG28 X\nG1 X9 E6\n", ".gcode")
+    assert ":8: a cut begins where X Y Z of the tool is not known" in said
 
 
 @pytest.mark.parametrize("line", [

@@ -24,7 +24,7 @@ ROTARY = (*"ABC", "A3", "B3", "C3")
 #: Words that make a straight move.
 STRAIGHT = frozenset(("X", "Y", "Z", *ROTARY))
 CORNERS = frozenset(CORNER_WORDS.values())
-TRAVEL = "moves of a printer without extrusion are travel until X Y Z are known: the path begins where they are"
+TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 
 
 class OffCircleError(InputError):
@@ -141,7 +141,7 @@ class MotionReader(TiltReader):
     def _cut(self, values: dict[str, float], corner: tuple[str, float] | None) -> None:
         """Cut straight."""
         state, path = self.state, self.path
-        if self.printer and "E" not in values and path.is_start_unknown():
+        if self.printer and path.is_start_unknown() and ("E" not in values or not self.log.waypoints):
             self.log.note(TRAVEL, self.line)
             path.rapid(state.target(values, range(3)))
             return
