@@ -56,7 +56,7 @@ def test_inches_scale_lengths_and_feeds(read) -> None:
 def test_a_unit_that_is_not_stated_is_asked_for(read) -> None:
     assert ends(read("G0 X0 Y0 Z0\nG1 X1 F60\n", unit="inch"))[-1] == [25.4, 0, 0]
     assert ends(read("G0 X0 Y0 Z0\nG1 X1 F60\n", unit="mm"))[-1] == [1, 0, 0]
-    with pytest.raises(InputError, match="part.nc:2: no unit of length is stated"):
+    with pytest.raises(InputError, match=r"part\.nc:2: no unit of length is stated"):
         read("G0 X0 Y0 Z0\nG1 X1 F60\n")
 
 

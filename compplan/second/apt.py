@@ -343,7 +343,9 @@ def _cut_records(text: str) -> Iterator[tuple[int, str]]:
         kept = ""
 
 
-def read_apt(text: str, *, unit: str | None = None, sense: str = "auto", expand: bool = True, start: list[float] | None = None) -> Reading:
+def read_apt(
+    text: str, *, unit: str | None = None, sense: str = "auto", expand: bool = True, start: list[float] | None = None
+) -> Reading:
     """Read an APT or CL file; where it states no unit, that of its feeds tells it.
 
     Raises:

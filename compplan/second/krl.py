@@ -216,6 +216,7 @@ def read_krl_path(
         folder: Folder that its data file and the programs that it calls lie in.
         name: Its name, without ending.
         points: Axis of the TCP frame that points out of the tool.
+        start: Where cuts begin whose start the file leaves open. [mm]
 
     Raises:
         CannotTellError: If something in it is not known here.

@@ -190,6 +190,7 @@ def read_rapid_path(text: str, *, points: str | None = None, start: list[float] 
     Args:
         text: The module.
         points: Axis of the TCP frame that points out of the tool.
+        start: Where cuts begin whose start the file leaves open. [mm]
 
     Raises:
         CannotTellError: If something in it is not known here.

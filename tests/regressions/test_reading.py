@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -140,14 +141,15 @@ def test_a_rapid_move_to_a_place_makes_it_known(reader: Reader) -> None:
 
 def test_travel_of_a_printer_leads_to_the_first_known_place(reader: Reader) -> None:
     head = "M104 S200\nG28\nG92 E0\nG1 Z2 F3000\nG1 X10 Y20 F5000\n"
-    assert reader.follow(f"{head}G1 X60 E5 F1000\n", ".gcode") == [(10.0, 20.0, 2.0, True), (60.0, 20.0, 2.0, False)]
+    way = reader.follow(f"{head}G1 X60 E5 F1000\n", ".gcode")
+    assert way == [(10.0, 20.0, 2.0, True), (60.0, 20.0, 2.0, False)]
     said = reader.refuse(f"{head}G1 X60 E5 F1000\nG28 X\nG1 X9 E6\n", ".gcode")
     assert ":8: a cut begins where X Y Z of the tool is not known" in said
 
 
 @pytest.mark.parametrize("line", [
-    "o1 while [#1 lt 3]", "o1 if [#1 gt 3]", "o1 else", "o1 endif", "o1 repeat [3]", "N5 o1 do", "o<cut> call", "o1 break",
-    "o100 sub", "o1 endwhile", "o[#1] call",
+    "o1 while [#1 lt 3]", "o1 if [#1 gt 3]", "o1 else", "o1 endif", "o1 repeat [3]", "N5 o1 do", "o<cut> call",
+    "o1 break", "o100 sub", "o1 endwhile", "o[#1] call",
 ])  # fmt: skip
 def test_words_of_the_flow_are_never_passed_over(line: str, reader: Reader) -> None:
     said = reader.refuse(f"G21 G90\n#1=0\nG0 X0 Y0 Z5\n{line}\nG1 X9 F100\n", ".ngc")
@@ -214,7 +216,7 @@ def test_repeats_and_turns_by_l_are_refused(line: str, reader: Reader) -> None:
 
 def test_turns_of_an_arc_by_p_are_cut(reader: Reader) -> None:
     rows, _ = reader.read("G21 G90\nG0 X0 Y0 Z5\nG1 Z0 F100\nG2 X0 Y0 I5 Z-4 P2\n", ".nc")
-    assert sum(a["x_mm"] < 9.99 <= b["x_mm"] for a, b in zip(rows, rows[1:], strict=False)) == 2
+    assert sum(a["x_mm"] < 9.99 <= b["x_mm"] for a, b in pairwise(rows)) == 2
 
 
 @pytest.mark.parametrize(("text", "ending", "line"), [

@@ -226,7 +226,7 @@ class _AptReader(ArcReader):
         if self.unit or self.options.unit:
             return
         if inch and self.log.waypoints:
-            raise self.error("a feed in inches follows points whose unit is not stated; state it with --unit ([cam] unit)")
+            raise self.error("a feed in inches follows points whose unit is not stated; state it with --unit")
         self.unit = "inch" if inch else "mm"
         self.scale = INCH if inch else 1.0
         self.log.note(f"no unit is stated before the first feed: {self.unit} is taken from it", self.line)
@@ -268,8 +268,8 @@ class _AptReader(ArcReader):
             return
         self.frames.add(tuple(self._numbers(minor)))
         if len(self.frames) > 1 and major == "MSYS":
-            raise self.error("MSYS changes on the way: points of several machine coordinate systems are not joined; write "
-                             "one file a system, or all points in one")  # fmt: skip
+            raise self.error("MSYS changes on the way: points of several machine coordinate systems are not joined; "
+                             "write one file a system, or all points in one")  # fmt: skip
         if len(self.frames) > 1:
             self.log.note(f"{major} changes on the way: all coordinates are taken in one frame", self.line)
 

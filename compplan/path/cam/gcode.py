@@ -25,9 +25,9 @@ from compplan.path.cam.gcode_codes import (
 from compplan.path.cam.gcode_machine import ENDS, PLACING, end_machine, owns_words, start_machine, stop_machine
 from compplan.path.cam.gcode_moves import MotionReader, OffCircleError
 from compplan.path.cam.gcode_state import PLANE_AXES, State
+from compplan.path.cam.gcode_text import LENGTHS
 from compplan.path.cam.lines import split_lines
 from compplan.path.cam.moves import CamFile
-from compplan.path.cam.gcode_text import LENGTHS
 from compplan.path.cam.options import CamTable, ask_compensation
 from compplan.path.cam.start import refuse_unit
 
@@ -144,8 +144,8 @@ class _GcodeReader(MotionReader):
                 return False
             self._check_machine(machine, values)
         if "E" in values and not self.printer and 187.0 not in codes:
-            raise self.error(f"word E{values['E']:g} is read in files of printers only (M104, M109); elsewhere it may move "
-                             "an axis or shift the frame; post-process without it")  # fmt: skip
+            raise self.error(f"word E{values['E']:g} is read in files of printers only (M104, M109); elsewhere it may "
+                             "move an axis or shift the frame; post-process without it")  # fmt: skip
         self.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
         if not self.state.unit_stated and values:
             self._ask_for_unit(codes, values)
@@ -264,7 +264,8 @@ class _GcodeReader(MotionReader):
     def _set_unit(self, code: float, values: dict[str, float]) -> None:
         if code in (70.0, 71.0) and values.keys() & set("PQUWIJL"):
             raise self.error(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
-        if code in (20.0, 70.0) and not self.state.unit_stated and self.options.unit is None and self.state.offsets.origins:
+        unscaled = not self.state.unit_stated and self.options.unit is None and self.state.offsets.origins
+        if code in (20.0, 70.0) and unscaled:
             raise self.error("inches are stated after G10 has set work offsets; state the unit before them")
         self.state.set_unit(25.4 if code in (20.0, 70.0) else 1.0)
 

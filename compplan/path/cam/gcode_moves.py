@@ -109,7 +109,7 @@ class MotionReader(TiltReader):
     def _leave_upwards(self, values: dict[str, float]) -> None:
         """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
         if self.state.motion != 0.0:
-            raise self.error("a cut to Z with the tool's length cancelled (H0, G49): where the tip then is is not known")
+            raise self.error("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
         self.log.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part",
                       self.line)  # fmt: skip
         self.path.retreat()

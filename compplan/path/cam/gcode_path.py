@@ -13,7 +13,6 @@ from compplan.path.cam.options import CamTable
 from compplan.path.cam.start import find_start
 
 
-
 class PathWriter:
     """Write moves down.
 
@@ -67,7 +66,7 @@ class PathWriter:
         self.placement, self.height = placement, None
 
     def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
-        """Leave moves out from here on; a cut among them is refused, a rapid one noted, if there is a sentence for it."""
+        """Leave moves out from here on; refuse a cut among them and note a rapid one where there is a text for it."""
         self.muted[reason] = refusal
         self.left_notes[reason] = note
 

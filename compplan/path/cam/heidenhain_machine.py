@@ -20,7 +20,8 @@ REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation 
 
 TOOL = re.compile(r"TOOL\s+CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
 TOOL_DEF = re.compile(
-    rf"TOOL\s+DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$"
+    rf"TOOL\s+DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*"
+    rf"(?:F\s*{VALUE})?\s*$"
 )
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 
@@ -32,7 +33,7 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
         super().__init__(file, options)
         self.tool_feed: float | None = None
         self.per_turn = self.spatial = self.calls = False
-        #: Whether the program is of an old control, which holds its tools' lengths, and whether its feed is rapid there.
+        #: Whether the program states lengths of tools, as those of old controls do, and whether its feed is rapid there.
         self.old = self.fast = False
         self.radii: dict[str, float] = {}
         self.tool = ""

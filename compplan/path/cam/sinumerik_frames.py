@@ -173,8 +173,8 @@ class SinumerikFrameReader(FollowedReader):
             self.feed_scale = scale
         elif scale != self.feed_scale:
             basic = "mm" if self.feed_scale == 1.0 else "inch"
-            self.log.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken from "
-                          "--unit, else mm)", self.line)  # fmt: skip
+            self.log.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
+                          "from --unit, else mm)", self.line)  # fmt: skip
         word = "inch" if scale != 1.0 else "mm"
         if word not in self.units:
             self.units.append(word)
