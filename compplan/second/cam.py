@@ -121,11 +121,12 @@ def pick_operation(reading: Reading, number: int) -> Reading:
 
 def read_gcode(text: str, options: dict[str, Any]) -> Reading:
     """Read G-code."""
+    printer = bool(_PRINTER.search(text))
     reader = GCode(
         inch=options.get("unit") == "inch", centres=options.get("arc_centres") or "incremental",
         expand=options.get("cycles", "expand") == "expand", rotary=options.get("rotary"),
         rotary_axes=options.get("rotary_axes"), tracking=bool(options.get("tip_control")), wcs=options.get("wcs"),
-        printer=bool(_PRINTER.search(text)), machine=DrivenMachine(start=options.get("from_mm")),
+        printer=printer, machine=DrivenMachine(start=None if printer else options.get("from_mm")),
     )  # fmt: skip
     try:
         return reader.run(text)

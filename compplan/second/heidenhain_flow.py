@@ -36,6 +36,7 @@ class HeidenhainFlow:
             if not kept:
                 first, part = number, re.sub(r"^\d+\s*(?=\D|$)", "", part)
                 part = "" if re.match(r"\(|FLUTE LEN", part) else re.sub(r"^CYCLE ", "CYCL ", part)
+            part = re.sub(r"\s*\([^()]*\)$", "", part) if re.match(r"L[PN]?\s", part) else part
             kept = f"{kept} {part}".strip() if kept else part
             if not carried:
                 if kept:

@@ -33,7 +33,7 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
         super().__init__(file, options)
         self.tool_feed: float | None = None
         self.per_turn = self.spatial = self.calls = False
-        #: Whether the program states lengths of tools, as those of old controls do, and whether its feed is rapid there.
+        #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
         self.old = self.fast = False
         self.radii: dict[str, float] = {}
         self.tool = ""
