@@ -233,6 +233,29 @@ def test_a_file_without_a_unit_is_asked_for_it(text: str, ending: str, line: int
     assert inch == pytest.approx(25.4 * small)
 
 
+@pytest.mark.parametrize(("text", "ending", "line"), [
+    ("G90\nG0 X0 Y0 Z0\nCYCLE81(5,0,1,-10)\nM30\n", ".mpf", 3), ("G90\nTRANS X10\nG0 X0 Y0 Z0\nM30\n", ".mpf", 2),
+    ("G90\nG0 X0 Y0 Z0\nG81 R2 Z-5 F100\nM30\n", ".nc", 3), ("FROM/0,0,9\nFEDRAT/9,IPM\nGOTO/0,0,1\n", ".apt", 2),
+])  # fmt: skip
+def test_lengths_of_cycles_and_frames_have_a_unit(text: str, ending: str, line: int, reader: Reader) -> None:
+    said = reader.refuse(text, ending)
+    assert f":{line}: " in said
+    assert "--unit" in said
+
+
+def test_holes_begin_at_places_that_the_program_states(reader: Reader) -> None:
+    home = "G21 G90\nG0 X0 Y0{}\nG28 G91 Z0\nG90\n"
+    way = reader.follow(f"{home.format('')}G81 X9 R2 Z-5 F100\nX20\nG80\nM30\n", ".nc")
+    assert way == [
+        (0.0, 0.0, 2.0, True), (9.0, 0.0, 2.0, True), (9.0, 0.0, -5.0, False), (9.0, 0.0, 2.0, True),
+        (20.0, 0.0, 2.0, True), (20.0, 0.0, -5.0, False), (20.0, 0.0, 2.0, True),
+    ]  # fmt: skip
+    said = reader.refuse(f"{home.format('')}G81 X9 Z-5 F100\nM30\n", ".nc")
+    assert ":5: a drilling cycle begins where the height of the tool is not known" in said
+    said = reader.refuse("G21 G90\nG0 X0 Z9\nG81 X9 R2 Z-5 F100\nM30\n", ".nc")
+    assert ":3: a cut begins where Y of the tool is not known" in said
+
+
 def test_a_unit_after_lengths_comes_too_late(reader: Reader) -> None:
     assert ":2: no unit of length" in reader.refuse("G90\nG0 X1 Y0 Z5\nG21\nG1 X9 F100\n", ".nc")
 

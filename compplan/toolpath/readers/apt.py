@@ -225,7 +225,7 @@ class _AptReader(ArcReader):
         """Take the unit of lengths from that of the feed where none is stated."""
         if self.unit or self.options.unit:
             return
-        if inch and self.log.waypoints:
+        if inch and (self.placed or self.log.waypoints):
             raise self.error("a feed in inches follows points whose unit is not stated; state it with --unit")
         self.unit = "inch" if inch else "mm"
         self.scale = INCH if inch else 1.0

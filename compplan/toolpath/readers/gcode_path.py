@@ -150,6 +150,15 @@ class PathWriter:
                 self.log.place(self.map(start))
         state.moved = True
 
+    def check_place(self, axes: Iterable[int]) -> None:
+        """Refuse a hole while a coordinate of the tool that its block does not state is not known."""
+        unknown = set(axes).intersection(self.state.list_unknown())
+        if unknown and not self.muted:
+            try:
+                find_start(self.state.position, unknown, None, self.reason)
+            except InputError as fault:
+                raise self.fail(fault.message) from None
+
     def is_start_unknown(self) -> bool:
         """Return whether a cut from here would begin at an unknown place."""
         return not self.muted and bool(self.state.list_unknown())

@@ -72,6 +72,7 @@ class SinumerikCycleReader(SinumerikMoveReader):
         DPR, where it is not 0, is the depth below RFP in place of DP.
         """
         self.contour.refuse_open()
+        self.ask_for_unit(numbers[:5])
         k = self.scale
         rtp, rfp, sdis, dp, dpr = (None if number is None else number * k for number in numbers[:5])
         if rtp is None or (dp is None and not dpr):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from compplan.toolpath.readers.arcs import Point
@@ -12,6 +13,7 @@ from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.gcode_machine import STARTING, STOPPING, stop_machine
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.sinumerik_words import GRAMMAR, Words
+from compplan.toolpath.readers.start import refuse_unit
 
 AXES = "XYZ"
 INCH = 25.4
@@ -94,6 +96,7 @@ class SinumerikFrameReader(FollowedReader):
             raise self.error(f"{word} with {sorted(unknown)[0]} is not read, expected X Y Z")
         numbers = [values.get(letter, 0.0) for letter in AXES]
         kind = word.removeprefix("A")
+        self.ask_for_unit(numbers if kind == "TRANS" else ())
         if kind == "TRANS":
             step = shift(*(number * self.scale for number in numbers))
         elif kind == "ROT":
@@ -178,6 +181,11 @@ class SinumerikFrameReader(FollowedReader):
         word = "inch" if scale != 1.0 else "mm"
         if word not in self.units:
             self.units.append(word)
+
+    def ask_for_unit(self, lengths: Iterable[float | None]) -> None:
+        """Refuse lengths that are not 0 before the program or the user states their unit."""
+        if not self.units and self.options.unit is None and any(lengths):
+            raise refuse_unit("G70, G71, G700 or G710; the control's own setting is not in the file")
 
     def speed(self, length: float) -> float:
         """Return the feed of a move of this length [mm] in mm/s, 0 where none is known."""

@@ -14,7 +14,6 @@ from compplan.toolpath.readers.plain import read_place
 from compplan.toolpath.readers.robot_moves import find_arc
 from compplan.toolpath.readers.sinumerik_frames import AXES, ELSEWHERE, INCH, NORMALS, PLANES, SinumerikFrameReader
 from compplan.toolpath.readers.sinumerik_words import Words
-from compplan.toolpath.readers.start import refuse_unit
 from compplan.toolpath.readers.turning import LETTERS
 
 CENTRES, MIDDLES, DIRECTIONS = ("I", "J", "K"), ("I1", "J1", "K1"), ("A3", "B3", "C3")
@@ -206,8 +205,7 @@ class SinumerikMoveReader(SinumerikFrameReader):
         return (point[0], point[1], point[2]), tuple(named)
 
     def _move(self, words: Words) -> None:
-        if not self.units and self.options.unit is None and any(words.values.get(name) for name in LENGTHS):
-            raise refuse_unit("G70, G71, G700 or G710; the control's own setting is not in the file")
+        self.ask_for_unit(words.values.get(name) for name in LENGTHS)
         if self.motion != 0.0:
             self.begin_cut()
         target, named = self.target(words)
