@@ -41,7 +41,6 @@ COMMANDS = (
     "predict",
     "campaign",
     "learn",
-    "certificate",
     "calibration",
     "convert",
     "post",
