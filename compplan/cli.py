@@ -52,7 +52,6 @@ COMMANDS = (
     "view",
     "init",
     "doctor",
-    "completion",
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.options import complete_robots
 from compplan.files.tables import dump_json
 from compplan.files.transaction import check_folder
 from compplan.outputs.calibration import write_calibrated, write_controller_file

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from compplan.commands.completion import robot_instead
+from compplan.commands.options import robot_instead
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 from compplan.job.names import STRATEGIES

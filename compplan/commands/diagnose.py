@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options, registered_parts, settle_questions
+from compplan.commands.options import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.diagnose import Diagnosis, Finding, diagnose_campaign

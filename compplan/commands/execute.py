@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.options import complete_robots
 from compplan.commands.places import OUT_TABLE
 from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import tomli_w
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.options import complete_robots
 from compplan.commands.progress import show_progress
 from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.files.tables import write_text

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.commands.completion import complete_robots, posture_kept
+from compplan.commands.options import complete_robots, posture_kept
 from compplan.commands.places import OUT_FOLDER
 from compplan.files.tables import dump_json
 

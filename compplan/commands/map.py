@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.commands.completion import complete_robots
+from compplan.commands.options import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.commands.progress import show_progress
 from compplan.effects import robot_effects

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from compplan.commands.completion import posture_kept, robot_instead
 from compplan.commands.operations import carry_out_all
+from compplan.commands.options import posture_kept, robot_instead
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import CompplanError, InfeasibleError
 from compplan.files.tables import dump_json

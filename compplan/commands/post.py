@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from compplan.commands.cam_options import keep_stated, take_cam_options
-from compplan.commands.completion import complete_robots
+from compplan.commands.options import complete_robots
 from compplan.commands.places import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.files.tomlfile import check_table, read_named_table

@@ -8,8 +8,8 @@ import click
 import numpy as np
 
 from compplan.cell.predict import predict_campaign, write_prediction
-from compplan.commands.completion import complete_robots
 from compplan.commands.measured import load_measured, measured_options
+from compplan.commands.options import complete_robots
 from compplan.commands.places import OUT_TABLE
 from compplan.files.origin import describe_origin
 from compplan.files.tables import dump_json

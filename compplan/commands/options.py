@@ -1,25 +1,9 @@
-"""`compplan completion`: a script that lets the shell complete commands, options, files and robots."""
+"""Options that several commands share, and the completion of robot names by the shell."""
 
 from __future__ import annotations
 
 import click
-from click.shell_completion import CompletionItem, get_completion_class
-
-#: Shells that scripts are written for.
-SHELLS = ("bash", "zsh", "fish")
-
-
-@click.command("completion")
-@click.argument("shell", type=click.Choice(SHELLS))
-def command(shell: str) -> None:
-    """Print a script for SHELL; after it is loaded, the tab key completes commands, options, files and robots.
-
-    Example: compplan completion bash >> ~/.bashrc
-    """
-    group = click.get_current_context().find_root().command
-    scripts = get_completion_class(shell)
-    assert scripts is not None
-    click.echo(scripts(group, {}, "compplan", "_COMPPLAN_COMPLETE").source())
+from click.shell_completion import CompletionItem
 
 
 def complete_robots(context: click.Context, option: click.Parameter, begun: str) -> list[CompletionItem]:
