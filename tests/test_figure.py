@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from compplan.report import figure as go
-from compplan.report.reach_section import _fill_band
+from compplan.reporting import figure as go
+from compplan.reporting.reach_section import _fill_band
 from compplan.robot.solids import triangulate_box, triangulate_rod
 
 

@@ -11,13 +11,13 @@ from commandline import run_command
 from executed_emulator import Cell, emulate, write_log, write_program, zigzag
 from scipy.ndimage import uniform_filter1d
 
-from compplan.executed.align import find_nearest, measure_way, place_rows
-from compplan.executed.geometry import Path as Laid
-from compplan.executed.log import clean_log, read_log
-from compplan.executed.run import execute_program
-from compplan.outputs.executed import share_causes
-from compplan.program.counting import load_controller, to_controller
-from compplan.program.servo import MotionTable, read_motion, tabulate_motion
+from compplan.controllers.motion.align import find_nearest, measure_way, place_rows
+from compplan.controllers.motion.geometry import Path as Laid
+from compplan.controllers.motion.log import clean_log, read_log
+from compplan.controllers.motion.run import execute_program
+from compplan.controllers.writers.counting import load_controller, to_controller
+from compplan.controllers.writers.servo import MotionTable, read_motion, tabulate_motion
+from compplan.reporting.writers.executed import share_causes
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -41,7 +41,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         words = ["trace", l1, l2, "--program", p1, "--program", p2, "--robot", "ur10", "--out", folder / "out"]
         patch.setattr("sys.argv", ["compplan", *map(str, words)])
-        from compplan.cli import main
+        from compplan.cli.application import main
 
         with pytest.raises(SystemExit) as leaving:
             main()

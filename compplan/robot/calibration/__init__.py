@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
-from compplan.files.plugins import Registry
+from compplan.io.plugins import Registry
 from compplan.robot import Robot
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.tables import is_plain
+from compplan.io.tables import is_plain
 
 
 def read_numbers(words: str, count: int, name: str, file: Path, line: int) -> list[float]:
