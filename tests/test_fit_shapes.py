@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from script_readers import read_sinumerik
 from test_fit import circle, make_program
 
+from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.writers import Program, write_program
 from compplan.controllers.writers.fit import fit_moves
-from compplan.simulation.fitted import PlannedRows, find_rows, follow_moves
 from compplan.toolpath.readers import CamTable, read_cam
 from compplan.toolpath.toolpath import resample_toolpath
 

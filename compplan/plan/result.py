@@ -65,7 +65,6 @@ class Plan(Shown):
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
-        unread: Why the path was not read a second time, "" where it was or there is no file.
 
     """
 
@@ -88,7 +87,6 @@ class Plan(Shown):
     notes: tuple[str, ...] = ()
     job: Job | None = None
     learned: Promise | None = None
-    unread: str = ""
 
     @property
     def robot(self) -> Robot:
@@ -175,7 +173,7 @@ class Plan(Shown):
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         case = Case(
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
-            self.promise, self.job is None or self.job.plan.inertia, self.unread,
+            self.promise, self.job is None or self.job.plan.inertia,
             self.executed is not None and self.executed.known,
         )  # fmt: skip
         found = judge_keeping(case)

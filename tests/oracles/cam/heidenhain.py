@@ -6,11 +6,11 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from compplan.second.corners import cut_corner
-from compplan.second.expressions import evaluate
-from compplan.second.heidenhain_flow import HeidenhainFlow
-from compplan.second.machine import PLANES, UNIT, DrivenMachine, multiply, turn_about
-from compplan.second.moves import LINE, RAPID, CannotTellError, Reading
+from oracles.cam.corners import cut_corner
+from oracles.cam.expressions import evaluate
+from oracles.cam.heidenhain_flow import HeidenhainFlow
+from oracles.cam.machine import PLANES, UNIT, DrivenMachine, multiply, turn_about
+from oracles.cam.moves import LINE, RAPID, CannotTellError, Reading
 
 _VALUE = r"([-+]?\s*(?:\d+\.?\d*|\.\d+|Q[LR]?\d+))"
 _WORD = re.compile(rf"(I?(?:X|Y|Z|A|B|C)|I?PR|I?PA|R|CCA|LEN)\s*{_VALUE}")

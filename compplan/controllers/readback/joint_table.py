@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.readback.robot import JointTable
 from compplan.robot import Array
-from compplan.second.robot import JointTable
 
 #: Columns of joints.csv beside time and joints.
 WANTED = ("x_mm", "y_mm", "z_mm", "i", "j", "k", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.poses import Move
+from compplan.controllers.readback.posture import PostureWord
 from compplan.robot import Array
-from compplan.second.posture import PostureWord
 
 #: A joint this near to where its turn changes may be told either way. [deg]
 NEAR = 1e-3

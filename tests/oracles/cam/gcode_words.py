@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from compplan.second.expressions import evaluate
-from compplan.second.moves import CannotTellError
+from oracles.cam.expressions import evaluate
+from oracles.cam.moves import CannotTellError
 
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from compplan.second.expressions import evaluate
-from compplan.second.gcode_words import Words, cut_words, is_named, strip_comments
-from compplan.second.moves import CannotTellError
+from oracles.cam.expressions import evaluate
+from oracles.cam.gcode_words import Words, cut_words, is_named, strip_comments
+from oracles.cam.moves import CannotTellError
 
 #: Blocks that are carried out at most, before a loop is taken for endless.
 MOST_BLOCKS = 5_000_000

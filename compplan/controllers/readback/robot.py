@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.second.moves import Array
+from compplan.robot import Array
 
 
 @dataclass(frozen=True)

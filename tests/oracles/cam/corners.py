@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from compplan.second.machine import DrivenMachine
-from compplan.second.moves import ARC, LINE, CannotTellError
+from oracles.cam.machine import DrivenMachine
+from oracles.cam.moves import ARC, LINE, CannotTellError
 
 
 def cut_corner(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from compplan.second.moves import CannotTellError
+from oracles.cam.moves import CannotTellError
 
 
 @dataclass

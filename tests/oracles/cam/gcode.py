@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from compplan.second.corners import cut_corner
-from compplan.second.gcode_flow import KNOWN, MOVING_M, SILENT, Flow
-from compplan.second.gcode_words import Words
-from compplan.second.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
-from compplan.second.moves import NAN, CannotTellError, Reading
-from compplan.second.offsets import WorkOffsets
-from compplan.second.rotary import point_tool
+from oracles.cam.corners import cut_corner
+from oracles.cam.gcode_flow import KNOWN, MOVING_M, SILENT, Flow
+from oracles.cam.gcode_words import Words
+from oracles.cam.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
+from oracles.cam.moves import NAN, CannotTellError, Reading
+from oracles.cam.offsets import WorkOffsets
+from oracles.cam.rotary import point_tool
 
 CYCLES = {73, 74, 76, 81, 82, 83, 84, 85, 86, 88, 89}
 PECKS, FED_OUT = {73, 83}, {74, 84, 85, 89}

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.second.moves import Array
+from compplan.robot import Array
 
 #: Words this near to their threshold may be told either way. [deg or mm]
 DOUBTFUL = 1e-2

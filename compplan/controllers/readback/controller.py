@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.second.moves import Array
+from compplan.robot import Array
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from compplan.second.apt import read_apt
-from compplan.second.gcode import GCode
-from compplan.second.heidenhain import read_heidenhain
-from compplan.second.krl import read_krl_path
-from compplan.second.moves import RAPID, CannotTellError, Reading
-from compplan.second.rapid import read_rapid_path
-from compplan.second.sinumerik import read_sinumerik_program
+from oracles.cam.apt import read_apt
+from oracles.cam.gcode import GCode
+from oracles.cam.heidenhain import read_heidenhain
+from oracles.cam.krl import read_krl_path
+from oracles.cam.moves import RAPID, CannotTellError, Reading
+from oracles.cam.rapid import read_rapid_path
+from oracles.cam.sinumerik import read_sinumerik_program
 
 #: Languages besides G-code, by what stands in their files, and by endings.
 OTHERS = {

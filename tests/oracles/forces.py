@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.readback.frames import read_part
 from compplan.robot import Array
-from compplan.simulation.frames import read_part
 
 #: Models that are not read a second time: the wrench is the recorded one, checked by simulations of its own instead.
 RECORDED = {

@@ -6,10 +6,10 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from compplan.second.corners import cut_corner
-from compplan.second.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
-from compplan.second.moves import LINE, RAPID, CannotTellError, Reading
-from compplan.second.sinumerik_flow import SinumerikFlow
+from oracles.cam.corners import cut_corner
+from oracles.cam.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
+from oracles.cam.moves import LINE, RAPID, CannotTellError, Reading
+from oracles.cam.sinumerik_flow import SinumerikFlow
 
 #: Words that stand alone and move nothing that is read here.
 SILENT = {
