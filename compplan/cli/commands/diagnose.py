@@ -67,7 +67,7 @@ def command(
     parts = registered_parts(register, campaign)
     with show_progress() as progress:
         progress("questions")
-        asked = settle_questions(robot, campaign, parts, assume_ok)
+        asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table, assessment = deliver_diagnosis(diagnosis, out, progress)
     if as_json:
