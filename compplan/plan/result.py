@@ -10,7 +10,7 @@ import numpy as np
 
 from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError
-from compplan.files.notes import list_stops
+from compplan.files.notes import Stop, list_stops
 from compplan.files.origin import describe_origin
 from compplan.files.quantities import format_length, format_number, format_set_length
 from compplan.files.shown import Curve, Curves, Shown
@@ -188,6 +188,11 @@ class Plan(Shown):
             return self.strategy
         return "repeated mirror, no joint is free" if self.command.facts.get("plain") else "nonlinear program"
 
+    @property
+    def reasons(self) -> tuple[Stop, ...]:
+        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
+
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
@@ -330,8 +335,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
         "judge": plan.judge,
-        "notes": list(plan.notes),
-        "stops": list_stops(plan.notes),
+        "notes": [*plan.reasons, *plan.notes],
+        "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
     }
     if plan.task.start is not None and plan.task.start.stance is not None:
@@ -347,6 +352,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
+    if plan.status != "solved":
         summary["failure"] = plan.explain_failures()
     return summary
 

@@ -40,12 +40,12 @@ def plan(
     """
     from compplan.commands.verbs.given_job import make_job
     from compplan.job.operations import settle_job
-    from compplan.outputs.plan import note_programs, write_plan
+    from compplan.outputs.plan import deliver_plan, note_programs
     from compplan.plan.plan import plan_job
 
     result = note_programs(plan_job(settle_job(make_job(job, robot, tables)), progress=progress))
     if out is not None:
-        write_plan(result, out)
+        result, _ = deliver_plan(result, out)
     return result
 
 

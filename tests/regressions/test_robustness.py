@@ -1,0 +1,81 @@
+"""Inputs that once ended in an internal fault, a hang, a wrong refusal or an answer without a reason."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import compplan as cp
+from tests.commandline import run_command
+
+ROOT = Path(__file__).parents[2]
+JOB = """schema = 1
+name = "job"
+robot = "{robot}"
+toolpath = {toolpath}
+[part]
+position_mm = [1700.0, 0.0, 900.0]
+[process]
+model = "constant"
+force_N = [0.0, 0.0, -100.0]
+frame = "base"
+[plan]
+strategy = "none"
+rotate_about_tool_axis = false
+tolerance_mm = {tolerance}
+{more}
+"""
+CIRCLE = '{ generator = "circle", radius_mm = 10.0, feed_mm_s = 10.0, waypoints = 20 }'
+
+
+def write_job(
+    folder: Path, *, robot: str = "kuka_kr270", toolpath: str = CIRCLE, tolerance: float = 10.0, more: str = ""
+) -> Path:
+    file = folder / "job.toml"
+    file.write_text(JOB.format(robot=robot, toolpath=toolpath, tolerance=tolerance, more=more))
+    return file
+
+
+# ---- reading back, reasons and next steps
+
+
+def test_a_joint_table_of_a_robot_without_controller_toml_is_confirmed(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "robots" / "kuka_kr270", tmp_path / "arm")
+    (tmp_path / "arm" / "controller.toml").unlink()
+    job = write_job(tmp_path, robot="arm", more='[output]\nprograms = ["csv"]')
+    cp.plan(job, out=tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert written["status"] == "solved", written["verdict"]["sentence"]
+
+
+@pytest.mark.parametrize("spacing", ["step_mm = 2.0", "waypoints = 90", "rate_hz = 5.0"])
+@pytest.mark.parametrize("pace", ["feed_mm_s = 10.0", "duration_s = 60.0"])
+def test_a_z_level_cone_is_read_a_second_time(spacing: str, pace: str, tmp_path: Path) -> None:
+    cone = 'generator = "isf_cone", diameter_mm = 60.0, depth_mm = 3.0, wall_angle_deg = 60.0, pitch_mm = 1.0'
+    path = f'{{ {cone}, path = "z_level", approach_mm = 5.0, {pace}, {spacing} }}'
+    plan = cp.plan(write_job(tmp_path, toolpath=path))
+    assert plan.status == "solved", plan.explain_failures()
+    assert plan.unread == "" and plan.verdict.word == "keeps"
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 10.0])
+def test_a_plan_that_is_not_confirmed_says_why_and_what_is_next(
+    tolerance: float, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    (tmp_path / "part.nc").write_text(
+        "G21 G90 G54\nG0 X0 Y0 Z20\nM3 S1000\nG1 Z0 F600\nG1 X20\nG0 Z20\nG81 X30 Y10 Z-5 R2 F100\nG80\nG0 Z20\nM30\n"
+    )
+    job = write_job(tmp_path, toolpath='"part.nc"', tolerance=tolerance, more='[cam]\ncycles = "skip"')
+    done = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    written = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert done.status == 3 and written["status"] == "not_confirmed"
+    reason = "holes of the file are not cut"
+    assert reason in written["failure"] and any(reason in note for note in written["notes"])
+    assert any(reason in note for note in written["stops"])
+    assert reason in done.out and reason in done.err
+    for told in (done.out, written["verdict"]["sentence"], written["verdict"]["change"]):
+        assert "campaign" not in told and "Measure the robot" not in told, told
