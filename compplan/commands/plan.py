@@ -31,7 +31,7 @@ NEXT = {
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @robot_instead
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -79,3 +79,62 @@ def test_a_plan_that_is_not_confirmed_says_why_and_what_is_next(
     assert reason in done.out and reason in done.err
     for told in (done.out, written["verdict"]["sentence"], written["verdict"]["change"]):
         assert "campaign" not in told and "Measure the robot" not in told, told
+
+
+# ---- one rule for all commands
+
+
+def test_to_frame_without_pandas_names_the_extra(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    plan = cp.plan(write_job(tmp_path))
+    with pytest.raises(cp.InputError, match=r"compplan\[frames\]"):
+        plan.to_frame()
+
+
+@pytest.mark.parametrize("verb", ["plan", "compare"])
+def test_a_path_without_a_part_frame_is_refused_in_python_as_on_the_command_line(
+    verb: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    (tmp_path / "part.nc").write_text("G21 G90 G54\nG0 X0 Y0 Z20\nG1 Z0 F600\nG1 X20\nM30\n")
+    for source in (tmp_path / "part.nc", {"position_mm": [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]], "feed_mm_s": 20.0}):
+        with pytest.raises(cp.InputError, match="part frame"):
+            getattr(cp, verb)(source, robot="kuka_kr270")
+    words = ["post", tmp_path / "part.nc", "--robot", "kuka_kr270", "--program", "krl", "--out", tmp_path / "out"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and "--part" in done.err
+
+
+FOLDERS = {
+    "compare": "job.toml", "map": "kuka_kr270 --points 2", "identify": "log.csv --robot kuka_kr270",
+    "forces": "job.toml", "plan": "job.toml", "post": "part.nc --robot kuka_kr270 --part 1700,0,900 --program krl",
+    "diagnose": "log.csv --robot kuka_kr270", "place": "job.toml", "reproduce": "dumas2011",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", sorted(FOLDERS))
+def test_every_command_that_writes_a_folder_writes_to_out(command: str, monkeypatch, capsys) -> None:
+    help_text = run_command([command, "--help"], monkeypatch, capsys).out
+    assert "default: out" in " ".join(help_text.split()), help_text
+
+
+def test_a_plan_without_out_is_written_to_out(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run_command(["plan", write_job(tmp_path)], monkeypatch, capsys)
+    assert done.status == 0 and (tmp_path / "out" / "plan.json").is_file(), done.err
+
+
+def test_an_unknown_robot_is_refused_with_the_same_words_everywhere(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_job(tmp_path)
+    (tmp_path / "log.csv").write_text("q1_deg\n0\n")
+    (tmp_path / "part.nc").write_text("G21 G0 X0 Y0 Z0\nG1 X1 F60\n")
+    lines = [
+        "plan job.toml --robot nope", "post part.nc --robot nope --part 1,0,0 --program krl", "map nope",
+        "predict log.csv --robot nope --out p.csv", "diagnose log.csv --robot nope", "doctor nope",
+    ]  # fmt: skip
+    told = {run_command(line.split(), monkeypatch, capsys).err for line in lines}
+    with pytest.raises(cp.InputError) as refused:
+        cp.plan(write_job(tmp_path), robot="nope")
+    with pytest.raises(cp.InputError) as posted:
+        cp.post("part.nc", robot="nope", part=[1.0, 0.0, 0.0], program="krl")
+    assert told == {f"error: {refused.value}\n"} and str(posted.value) == str(refused.value)

@@ -31,7 +31,7 @@ rotate_about_tool_axis = false
 tolerance_mm = 10.0
 [output]
 """
-#: What a template must not do: reach a file through an object, climb from a value to its class, change what it is given.
+#: What a template must not do: reach a file through an object, climb to a class, change what it is given.
 HOSTILE = [
     '{{ cell.template.parent.joinpath("PWN").write_text("x") }}',
     '{{ cell["template"].parent.joinpath("PWN").write_text("x") }}',
