@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -138,3 +140,49 @@ def test_an_unknown_robot_is_refused_with_the_same_words_everywhere(tmp_path: Pa
     with pytest.raises(cp.InputError) as posted:
         cp.post("part.nc", robot="nope", part=[1.0, 0.0, 0.0], program="krl")
     assert told == {f"error: {refused.value}\n"} and str(posted.value) == str(refused.value)
+
+
+# ---- faults that paths, robots and signals led to
+
+
+@pytest.mark.parametrize("strategy", ["none", "nlp"])
+def test_a_path_that_turns_back_each_millimetre_is_planned(strategy: str) -> None:
+    there_and_back = {"x_mm": [0.0, 1.0] * 15, "y_mm": 0.0, "z_mm": 0.0, "feed_mm_s": 20.0}
+    plan = cp.plan(there_and_back, robot="kuka_kr270", part=(1700, 0, 900), plan={"strategy": strategy})
+    assert plan.status == "solved", plan.explain_failures()
+
+
+@pytest.mark.parametrize("flange", ["base_link", "link_3"])
+def test_a_flange_above_the_joints_is_refused(flange: str, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "robots" / "kuka_kr270", tmp_path / "arm")
+    file = tmp_path / "arm" / "elasticity.toml"
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("flange")]
+    at = next(number for number, line in enumerate(lines) if line.startswith("tcp"))
+    file.write_text("\n".join([*lines[: at + 1], f'flange = "{flange}"', *lines[at + 1 :]]) + "\n")
+    with pytest.raises(cp.InputError, match="elasticity.toml: flange: .*joint_6"):
+        cp.load_robot(tmp_path / "arm")
+
+
+#: Sends SIGTERM to this process while a module is imported; the import fails by it, as those of compiled modules do.
+TERMINATED = """
+import os, signal, sys, time
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "trimesh" or name == "pinocchio":
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(1.0)
+            except SystemExit:
+                raise ImportError("initialization failed") from None
+sys.meta_path.insert(0, Finder())
+from compplan.cli import main
+main(["map", "kuka_kr270", "--points", "2"])
+"""
+
+
+def test_a_signal_during_imports_ends_the_run_without_an_internal_fault(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", TERMINATED], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 143 and done.stderr == "", done.stderr
