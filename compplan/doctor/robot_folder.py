@@ -12,9 +12,10 @@ from compplan.doctor.remarks import Remark
 from compplan.effects import robot_effects
 from compplan.program.counting import load_controller
 from compplan.robot import Array, Robot
-from compplan.robot.folder import read_rating
+from compplan.robot.description import find_mesh
 from compplan.robot.mounting import name_axis, outward_axis
-from compplan.robot.shapes import describe_shapes, find_mesh, read_bodies
+from compplan.robot.rating import read_rating
+from compplan.robot.shapes import describe_shapes, read_bodies
 from compplan.robot.soft_limits import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
@@ -52,7 +53,7 @@ def _describe(robot: Robot) -> Remark:
     if rating is None:
         size = f"its links end to end measure {robot.longest_reach:.2f} m, it reaches less"
     else:
-        size = f"payload {rating[0]:g} kg, reach {rating[1]:.2f} m as its maker says (SOURCE.md)"
+        size = f"payload {rating.payload:g} kg, reach {rating.reach:.2f} m as its maker says (SOURCE.md)"
     tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
     return Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")
 

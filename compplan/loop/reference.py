@@ -16,8 +16,8 @@ from compplan.plan.plan import PlanOptions, plan_compensation, plan_job
 from compplan.plan.result import Plan
 from compplan.promise.band import Promise, promise_path
 from compplan.robot import Array, Robot
-from compplan.robot.folder import read_rating
 from compplan.robot.model import STANDARD_GRAVITY
+from compplan.robot.rating import read_rating
 
 #: Centres that are tried, as shares of the longest reach: along x, and up (assumed).
 PLACES = ((0.60, 0.30), (0.50, 0.30), (0.50, 0.15), (0.60, 0.10), (0.45, 0.45), (0.40, 0.25))
@@ -55,7 +55,7 @@ def plan_references(robot: Robot) -> list[Reference]:
     The force is the weight of the rated payload, downwards, or an assumed one where no rating is known.
     """
     rating = read_rating(robot)
-    down = FORCE * robot.longest_reach if rating is None else STANDARD_GRAVITY * rating[0]
+    down = FORCE * robot.longest_reach if rating is None else STANDARD_GRAVITY * rating.payload
     large = max(ROUND, round(RADIUS * robot.longest_reach / ROUND) * ROUND)
     found = []
     for radius in (large, SMALLER * large):

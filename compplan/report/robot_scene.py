@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from compplan.errors import ShapeError
 from compplan.report import figure as go
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
 from compplan.robot.primitives import triangulate_box, triangulate_cylinder, triangulate_rod
-from compplan.robot.shapes import find_mesh, read_form, read_origin
+from compplan.robot.shapes import read_form, read_origin
 from compplan.robot.solids import as_mesh, read_colour
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
