@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from compplan.program.counting import load_controller
+from compplan.controllers.writers.counting import load_controller
 from compplan.robot import load_robot, robot_folders
-from compplan.robot.rating import read_rating
 from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.rating import read_rating
 
 PAGE = Path(__file__).with_name("robots.md")
 TITLES = ("folder", "payload", "reach", "joints", "tool leaves along", "springs", "grade", "controller")
@@ -21,7 +21,8 @@ def write_table() -> str:
         robot = load_robot(name)
         rating = read_rating(robot)
         facts = (
-            name, "-" if rating is None else f"{rating.payload:g} kg", "-" if rating is None else f"{rating.reach:.2f} m", robot.nq,
+            name, "-" if rating is None else f"{rating.payload:g} kg",
+            "-" if rating is None else f"{rating.reach:.2f} m", robot.nq,
             f"{name_axis(outward_axis(robot))} of `flange`", len(robot.springs), robot.grade,
             load_controller(robot).name,
         )  # fmt: skip

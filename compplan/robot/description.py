@@ -12,8 +12,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from compplan.errors import InputError
-from compplan.files.tables import read_text
-from compplan.files.xmlfile import parse_xml
+from compplan.io.tables import read_text
+from compplan.io.xmlfile import parse_xml
 
 #: Levels above a file at which a package is looked for: package/urdf/file in a repository of packages needs three.
 LEVELS = 6
