@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -171,6 +172,8 @@ def build_skeleton(
         stated = tcp if had else ""
     elasticity, springs, fault = _write_elasticity(urdf, joints, tcp, parent, file, rating)
     gaps, written = _write_controller(urdf, joints, parent, axis if turned else None, stated, controller)
+    if fault:  # inertia would use them even without gravity
+        text = re.sub(r"<inertial\b.*?</inertial>\s*", "", text, flags=re.DOTALL)
     texts = {"robot.urdf": text, "elasticity.toml": elasticity, "controller.toml": written}
     if rating is not None:
         texts["SOURCE.md"] = _SOURCE.format(file=file.name, rating=rating.text)
@@ -190,10 +193,9 @@ def _write_elasticity(
     ruled = rating is not None and len(arm) == 6 and all(joint.kind != "prismatic" for joint in arm)
     ruled = ruled and all(joint.kind == "prismatic" for joint in moving[:-6])
     name, weight = file.name.replace("\\", "/").replace('"', "'"), "gravity = [0.0, 0.0, -9.81]"
-    masses = f"URDF: {name}" if mass else "none in the URDF"
+    masses = f"left out: {fault}" if fault else f"URDF: {name}" if mass else "none in the URDF"
     if fault or not mass:
-        weight = f"{f'# {weight}':<36}# m/s^2, base frame; {fault or 'no link of the URDF has a mass'}"
-        masses += f"; left out: {fault}" if fault else ""
+        weight = f"{f'# {weight}':<36}# m/s^2, base frame; no link has a mass"
     else:
         weight = f"{weight:<36}# m/s^2, base frame; left out: weight is no load"
     unstated = [joint.name for joint in moving if not np.isfinite(joint.effort)]

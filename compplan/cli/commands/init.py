@@ -274,7 +274,7 @@ def _describe_robot(made: Skeleton, controller: str | None) -> Iterator[str]:
     else:
         yield "springs: none, the robot is rigid; --payload and --reach estimate those of six rotating joints"
     if made.mass_fault:
-        yield f"masses: {made.mass_fault}; weight is left out of the model, correct the URDF and set gravity"
+        yield f"masses: {made.mass_fault}; the masses are left out, correct the URDF and run init again"
     if made.missing:
         yield f"meshes: {len(made.meshes)} copied, {len(made.missing)} not found ({made.missing[0]})"
     if made.gaps:
