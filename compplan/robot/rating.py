@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.robot.model import Array, Robot
+from compplan.robot.model import Array, Body, Joint, Robot
 
 #: Twist of each joint under the moment of the payload at full reach: geometric means of three measured arms
 #: (docs/robots.md, checked by tests/test_robot_library.py); wrist below LIGHT: Fanuc M-10iA (Singh 2021). [rad]
@@ -17,8 +18,8 @@ TWIST_LIGHT = np.array([2.0, 1.5, 1.9, 7.7, 3.6, 4.6]) * 1e-3
 LIGHT, CLASS_PAYLOAD, CLASS_REACH = 50.0, 80.0, (2.0, 3.6)
 #: Arms weigh at most this many payloads, or as much as the heaviest shipped arm of that payload or less.
 MOST_PAYLOADS = 8.0
-#: Payload and mass of the shipped arms that are heavier than all arms of less payload. [kg]
-HEAVIEST = ((3.0, 18.0), (5.0, 22.0), (7.0, 114.0), (8.0, 250.0), (50.0, 560.0), (80.0, 620.0), (88.0, 650.0),
+#: Payload and mass, rounded up, of the shipped arms that are heavier than all arms of less payload. [kg]
+HEAVIEST = ((3.0, 18.0), (5.0, 22.0), (7.0, 115.0), (8.0, 250.0), (50.0, 560.0), (80.0, 620.0), (88.0, 650.0),
             (150.0, 2550.0))  # fmt: skip
 #: Relative difference of the URDF's masses from a stated own weight that is taken for true (assumed).
 DIFFERENCE = 0.3
@@ -70,14 +71,27 @@ def read_rating(robot: Robot) -> Rating | None:
     return Rating(float(found[1]), 1e-3 * float(found[2]), own)
 
 
+def sum_arm_mass(joints: Sequence[Joint], bodies: Sequence[Body]) -> float:
+    """Return the mass of an arm without what its rail stands on. [kg]
+
+    Args:
+        joints: The chain from the base.
+        bodies: The bodies of its links.
+    """
+    first = next((k for k, joint in enumerate(joints) if joint.kind == "revolute"), 0)
+    slides = [k for k in range(first) if joints[k].kind == "prismatic"]
+    below = {joints[0].parent, *(joint.child for joint in joints[: slides[-1]])} if slides else set()
+    return float(sum(body.mass for body in bodies if body.link not in below))
+
+
 def check_mass(mass: float, rating: Rating | None) -> str:
-    """Say why the mass of all links cannot be true; "" where it can.
+    """Say why the mass of an arm cannot be true; "" where it can.
 
     A stated own weight decides. Otherwise an arm weighs at most 8 payloads, or as much as the heaviest shipped arm of
     that payload or less; without a payload, as much as the heaviest shipped arm.
 
     Args:
-        mass: Sum of the links' masses. [kg]
+        mass: As `sum_arm_mass` returns it. [kg]
         rating: What the maker states, or None.
     """
     if rating is not None and rating.mass is not None:

@@ -13,7 +13,7 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.robot.brands import CONTROLLERS, Proposal, propose_counting
 from compplan.robot.description import find_mesh_files, read_description
 from compplan.robot.model import Array, Joint
-from compplan.robot.rating import Rating, check_mass
+from compplan.robot.rating import Rating, check_mass, sum_arm_mass
 from compplan.robot.urdf import Urdf, read_urdf
 
 _HEAD = """\
@@ -187,7 +187,7 @@ def _write_elasticity(
 ) -> tuple[str, int, str]:
     """Write elasticity.toml; return it, the number of springs and why masses are left out."""
     moving = [joint for joint in joints if joint.actuated]
-    mass = sum(body.mass for body in urdf.bodies([joints[0].parent, *(joint.child for joint in joints)]))
+    mass = sum_arm_mass(joints, urdf.bodies([joints[0].parent, *(joint.child for joint in joints)]))
     fault = check_mass(mass, rating)
     arm = moving[-6:]
     ruled = rating is not None and len(arm) == 6 and all(joint.kind != "prismatic" for joint in arm)

@@ -21,7 +21,16 @@ from compplan.controllers.writers.post import read_post
 from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.io.tables import write_text
 from compplan.io.transaction import replace_folder
-from compplan.job.text import mount_tool, number_tools, set_force, set_place, shorten_job, write_job_text
+from compplan.job.called_tools import ANY_FEED, describe_assumed, read_called_tools
+from compplan.job.text import (
+    choose_process,
+    mount_tool,
+    number_tools,
+    set_force,
+    set_place,
+    shorten_job,
+    write_job_text,
+)
 from compplan.measurement.skeleton import write_log_text
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
@@ -31,10 +40,6 @@ from compplan.toolpath.readers import find_reader, list_suffixes
 from compplan.toolpath.readers.lines import read_bounded
 from compplan.toolpath.reading import read_toolpath
 
-#: Keys of a force model that stay out until somebody wants them.
-OPTIONAL = ("# required", "# stock_top_mm")
-#: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
-ANY_FEED = 0.01
 #: Pitch of the example cone that shows what force the arm bears. [mm]
 FEW_TURNS_MM = 5.0
 
@@ -133,7 +138,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
         raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
-    text, place = write_job_text(), ""
+    text, place, assumed = write_job_text(), "", ""
     robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
     if robot is not None:
         text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', str(robot_name))} ", 1)
@@ -143,8 +148,13 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         _check_toolpath(file.parent / toolpath)
         line = _line("toolpath", toolpath) + "\n\n"
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
-        text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
-        text = number_tools(text, _called_tools(file.parent / toolpath))
+        text = choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
+        if not toolpath.lower().endswith(".csv"):
+            try:
+                tools = read_called_tools(file.parent / toolpath)
+                text, assumed = number_tools(text, tools), describe_assumed(tools)
+            except CompplanError as error:
+                assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
     if robot is not None:
         with show_progress() as announce:
             announce("place of the part")
@@ -153,21 +163,9 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
                 announce("force that the arm bears")
                 text = ease_force(text, file)
     write_text(file, shorten_job(text) if short else text)
-    if place:
-        click.echo(place)
+    for sentence in filter(None, (place, assumed)):
+        click.echo(sentence)
     click.echo(f"wrote {file}; next: compplan plan {file} --out out")
-
-
-def _choose_process(text: str, model: str) -> str:
-    """Let a force model that suits the toolpath stand in place of sheet forming: its lines, and no other model's."""
-    head, process, rest = re.split(r"(?<=\n)(\[process\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
-    lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
-    first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
-    last = next(k for k, line in enumerate(lines) if k > first and line.startswith("# model = "))
-    own = [line.removeprefix("# ") for line in lines[first:last] if not line.startswith(OPTIONAL)]
-    left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
-    note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
-    return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
 
 
 def place_part(text: str, file: Path) -> tuple[str, str]:
@@ -225,20 +223,6 @@ def _check_toolpath(path: Path) -> None:
         read_toolpath(path, feed=ANY_FEED)
     elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
-
-
-def _called_tools(path: Path) -> list[int]:
-    """Return the T numbers that a CAM file cuts with; none where it is not read as it stands."""
-    from compplan.toolpath.operations import split_operations
-    from compplan.toolpath.readers.options import CamTable
-
-    if path.suffix.lower() == ".csv":
-        return []
-    try:
-        operations = split_operations(read_toolpath(path, cam=CamTable(cycles="expand"), feed=ANY_FEED))
-    except CompplanError:
-        return []
-    return list(dict.fromkeys(operation.number for operation in operations))
 
 
 def _init_robot(

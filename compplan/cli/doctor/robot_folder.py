@@ -14,7 +14,7 @@ from compplan.effects import robot_effects
 from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
 from compplan.robot.mounting import name_axis, outward_axis
-from compplan.robot.rating import check_mass, read_rating
+from compplan.robot.rating import check_mass, read_rating, sum_arm_mass
 from compplan.robot.shapes import describe_shapes, read_bodies
 from compplan.robot.soft_limits import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
@@ -105,7 +105,7 @@ def _look_at_weights(robot: Robot) -> Iterator[Remark]:
         why = f" ({source})" if (source := robot.sources.get("masses", "")).startswith("left out") else ""
         yield Remark("note", "masses", f"no link has a mass{why}: weight and inertia bend nothing")
         return
-    if fault := check_mass(mass, rating):
+    if fault := check_mass(sum_arm_mass(robot.joints[robot.carrying :], robot.bodies), rating):
         yield Remark("odd", "masses", fault, "weight and inertia use them: correct robot.urdf")
     else:
         yield Remark("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
