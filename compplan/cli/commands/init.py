@@ -99,6 +99,8 @@ def command(
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
         if (payload is None) != (reach is None) or (mass is not None and payload is None):
             raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
+        if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
+            raise InputError("--payload, --reach and --mass: nan is no number")
         rating = None if payload is None or reach is None else Rating(payload, reach, mass)
         _init_robot(Path(words[1]), tcp, tool_axis, controller, rating, out)
     elif words[:1] == ("template",):
