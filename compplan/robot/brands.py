@@ -120,7 +120,7 @@ def propose_counting(brand: Brand, joints: Sequence[Joint], flange: str) -> Prop
     slides = [joint.kind == "prismatic" for joint in moving]
     rail = count - 6
     if rail < 0 or any(slides[rail:]) or not all(slides[:rail]) or any(joint.mimic is not None for joint in joints):
-        proposal.missing.append("signs, zeros and configuration words: they are derived for six rotating axes alone")
+        proposal.missing.append("signs, zeros and configuration words: only arms with six rotating axes are supported")
         return proposal
     proposal.joint_names = [*(f"E{k}" for k in range(1, rail + 1)), *brand.joint_names]
     if brand.senses is None:
