@@ -203,4 +203,4 @@ def test_rows_nearer_than_a_written_digit_are_found_in_order() -> None:
     tips = position.copy()
     tips[2], tips[3] = [-0.1730, 0.00480, 0.0005], [-0.1730, 0.0058, 0.0005]
     assert list(find_rows(rows, tips, turn)) == [0, 1, 2, 3, 4]
-    assert "no row beyond 3" in str(find_rows(rows, tips[[0, 1, 2, 3, 3, 4]], turn[[0, 1, 2, 3, 3, 4]]))
+    assert "waypoint 3 " in str(find_rows(rows, tips[[0, 1, 2, 3, 3, 4]], turn[[0, 1, 2, 3, 3, 4]]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import ConvergenceError
-from compplan.io.notes import list_stops
+from compplan.io.notes import Stop, list_stops
 from compplan.io.origin import describe_origin
 from compplan.io.quantities import format_length, format_number, format_set_length
 from compplan.io.shown import Curve, Curves, Shown
@@ -186,6 +186,11 @@ class Plan(Shown):
             return self.strategy
         return "repeated mirror, no joint is free" if self.command.facts.get("plain") else "nonlinear program"
 
+    @property
+    def reasons(self) -> tuple[Stop, ...]:
+        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
+
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
         if not self.command.failures:
@@ -328,8 +333,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
         "judge": plan.judge,
-        "notes": list(plan.notes),
-        "stops": list_stops(plan.notes),
+        "notes": [*plan.reasons, *plan.notes],
+        "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
     }
     if plan.task.start is not None and plan.task.start.stance is not None:
@@ -345,6 +350,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
+    if plan.status != "solved":
         summary["failure"] = plan.explain_failures()
     return summary
 

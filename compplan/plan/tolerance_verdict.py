@@ -27,6 +27,11 @@ LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
+#: The next step where a check disagrees with the plan or its files.
+SETTLE = (
+    "Do not run the programs. Change what is named here in the job or the robot folder; if neither explains it, "
+    "report both as a defect."
+)
 #: What is said of the band of a compromise.
 NO_BAND = "no 95 % band is stated, waypoints are out of reach"
 #: A band so many times as wide as the uncorrected program is off is explained.
@@ -175,7 +180,7 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
             KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
         )
     if not beyond.any() and case.status == "not_confirmed":
-        return _not_known(case, "the plan is not confirmed", f"{case.explained}.", promise, share)
+        return _not_known(case, f"the plan is {case.explained}", SETTLE, promise, share)
     return _may_not_keep(case, promise, beyond, share)
 
 
@@ -212,7 +217,9 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
     sentence = f"May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
     sentence += "" if change == LET_COMPENSATE else say_inertia(case)
     if case.status != "solved":
-        sentence = f"Do not start: the plan is not confirmed. {sentence}"
+        change = SETTLE
+        head = f"Do not start: the plan is {case.explained}. {SETTLE}"
+        sentence = f"{head} May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}."
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
         list_left_out(case),

@@ -192,13 +192,13 @@ def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
         return []
     task, cutting = driven.task, driven.cutting
     q = task.q_links
+    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
     rows = find_inside(driven.time, cutting)
+    rows = rows[~rests[rows]]
     if not len(rows):
         return []
     push = np.linalg.norm(fit_parabolas(q, driven.time, rows)[1], axis=1)
     rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
-    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
-    rows = rows[~rests[rows]]
     loads = load_springs(driven.moving, q, driven.time, cutting, rests, rows)
     most = float(np.linalg.norm(shift_tip(driven.moving, q[rows], loads[rows]), axis=1).max())
     if abs(most - bending.at_once) <= INERTIA_LEAST + INERTIA_SHARE * max(most, bending.at_once):

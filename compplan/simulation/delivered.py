@@ -122,11 +122,10 @@ def _read_back(
 ) -> Iterator[tuple[Path, list[Move] | BaseException]]:
     """Return the programs of a language and their moves, or what kept them from being read."""
     patterns, read = FORMS[language]
-    names = counting.names or tuple(f"A{k + 1}" for k in range(len(counting.zero)))
     files = _find_mains(folder, patterns, main)
     for file in files:
         try:
-            yield file, read_csv(file, names, counting.external) if read is None else read(file)
+            yield file, read_csv(file, counting.names, counting.external) if read is None else read(file)
         except STRANGE as error:
             yield file, error
     if not files:

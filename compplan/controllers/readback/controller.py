@@ -23,7 +23,7 @@ class ReadCounting:
         matrix: diag(sign) + coupling. Shape (nq, nq).
         zero: Shape (nq,). [deg or mm]
         external: Which joints the controller calls external axes. Shape (nq,).
-        names: The controller's names of the joints.
+        names: The controller's names of the joints; J1, J2, .. where controller.toml states none.
 
     """
 
@@ -56,4 +56,5 @@ def read_counting(folder: Path, outer: tuple[bool, ...]) -> ReadCounting:
     matrix = np.diag(sign) + np.array(table.get("coupling", np.zeros((nq, nq))), float)
     named = np.array([bool(re.fullmatch(r"E\d+", name.upper())) for name in names] or [False] * nq, bool)
     external = named if named.any() else np.array(outer, bool)
+    names = names or tuple(f"J{number}" for number in range(1, nq + 1))
     return ReadCounting(matrix, np.array(table.get("zero_deg", [0.0] * nq), float), external, names)

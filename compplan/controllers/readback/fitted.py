@@ -72,7 +72,10 @@ def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] 
         if row is None and _steps_back(rows, found, tips[number - 1], tip):
             found[-1], row = at - 1, at
         if row is None:
-            return f"move {number} ends where no row beyond {at} was planned"
+            return (
+                f"move {number} ends beside the planned path behind waypoint {at} (the way there included): the wrist "
+                "may be near a singularity; write joint moves ([output] form = \"joint\") or move the part"
+            )
         at = row
         found.append(at)
     missed = np.setdiff1d(np.flatnonzero(rows.kept), found)

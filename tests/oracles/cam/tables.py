@@ -71,14 +71,13 @@ def read_generator(table: Mapping[str, Any]) -> tuple[Reading, float]:
         start, end, centre, normal, sweep, least = _spiral(table)
     elif kind == "isf_cone" and table.get("path", "helical") == "helical":
         start, end, centre, normal, sweep, least = _cone(table)
+    elif kind == "isf_cone" and table["path"] == "z_level":
+        return _read_levels(table, axis, lift)
     else:
         raise CannotTellError(f"the generator {kind!r} {table.get('path', '')}".rstrip())
     flat0, flat1 = math.dist(start[:2], centre[:2]), math.dist(end[:2], centre[:2])
     mean = 0.5 * (flat0 + flat1) if kind != "circle" else float(table["radius_mm"])
-    length = abs(sweep) * mean
-    feed = float(table.get("feed_mm_s") or length / float(table.get("duration_s") or math.inf))
-    step = table.get("step_mm") or (feed / table["rate_hz"] if table.get("rate_hz") else None)
-    step = float(step) if step else 1.2 * length / max(float(table["waypoints"]) - 1.0, 1.0)
+    feed, step = _read_pace(table, abs(sweep) * mean)
     if any(lift):
         record.move(RAPID, [s + u for s, u in zip(start, lift, strict=True)], 0.0, axis)
     record.move(RAPID, start, 0.0, axis)
@@ -86,6 +85,34 @@ def read_generator(table: Mapping[str, Any]) -> tuple[Reading, float]:
     if any(lift):
         record.move(RAPID, [s + u for s, u in zip(end, lift, strict=True)], 0.0, axis)
     return record.finish(), 1.2e-3 * step * step / (8.0 * least) + 1e-7
+
+
+def _read_pace(table: Mapping[str, Any], length: float) -> tuple[float, float]:
+    """Return the feed of a path of a length [mm] and the distance of its waypoints. [mm/s], [mm]"""
+    feed = float(table.get("feed_mm_s") or length / float(table.get("duration_s") or math.inf))
+    step = table.get("step_mm") or (feed / table["rate_hz"] if table.get("rate_hz") else None)
+    return feed, float(step) if step else 1.2 * length / max(float(table["waypoints"]) - 1.0, 1.0)
+
+
+def _read_levels(table: Mapping[str, Any], axis: tuple[float, ...], lift: list[float]) -> tuple[Reading, float]:
+    """Return the moves of a cone of circles at constant depth, joined by steps down its wall at angle 0."""
+    radius, depth = 0.5 * float(table["diameter_mm"]), float(table["depth_mm"])
+    levels = max(1, round(depth / float(table["pitch_mm"])))
+    down = depth / levels
+    inward = down / math.tan(math.radians(table["wall_angle_deg"]))
+    radii = [radius - inward * level for level in range(1, levels + 1)]
+    feed, step = _read_pace(table, levels * math.hypot(down, inward) + 2.0 * math.pi * sum(radii))
+    record = Recorder()
+    if any(lift):
+        record.move(RAPID, [radius + lift[0], lift[1], lift[2]], 0.0, axis)
+    record.move(RAPID, [radius, 0.0, 0.0], 0.0, axis)
+    for level, around in enumerate(radii, start=1):
+        start = [around, 0.0, -down * level]
+        record.move(LINE, start, feed, axis)
+        record.move(ARC, start, feed, axis, centre=(0.0, 0.0, start[2]), sweep=2.0 * math.pi)
+    if any(lift):
+        record.move(RAPID, [radii[-1] + lift[0], lift[1], lift[2] - depth], 0.0, axis)
+    return record.finish(), 1.2e-3 * step * step / (8.0 * radii[-1]) + 1e-7
 
 
 Shape = tuple[list[float], list[float], list[float], list[float], float, float]
