@@ -12,9 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from compplan.cell.inertia import stand_stiff
 from compplan.cell.judge import Judge, build_judge, judge_pose
 from compplan.effects.attained import attain_with_effects
+from compplan.known.touch_off import rest_robot, see_position, see_rotation
+from compplan.program.counting import believed_robot
 from compplan.robot import Array, Robot
+from compplan.robot.pose import fit_displacement
 
 #: The cell in which the planner's model is the truth.
 AS_MODELLED = "as modelled"
@@ -33,16 +37,19 @@ class Cell:
         name: What it is called in tables; says in what it differs from the planner's model.
         robot: The robot that stands in it, with its tool.
         judge: That robot as a Pinocchio model.
+        displacement: From the part frame that a touch with this robot found to where the part stands; None where the
+            frame is absolute. Shape (4, 4). [m]
 
     """
 
     name: str
     robot: Robot
     judge: Judge
+    displacement: Array | None = None
 
 
 class CellRun(NamedTuple):
-    """Where the loaded tool went; n waypoints, base frame.
+    """Where the loaded tool went, relative to the part frame as it was found; n waypoints, base axes.
 
     Attributes:
         position: Attained tip. Shape (n, 3). [m]
@@ -78,11 +85,38 @@ def run_cell(
         bias: Load of inertia on each elastic coordinate, none if left out. Shape (n, s). [N m or N]
 
     """
+    position, rotation = _attain(cell, q, wrench, step_time, bias)
+    if cell.displacement is None:
+        return CellRun(position, rotation)
+    return CellRun(see_position(position, cell.displacement), see_rotation(rotation, cell.displacement))
+
+
+def touch_cell(cell: Cell, q: Array, believed: Judge | None = None) -> Cell:
+    """Return the cell in which the part was found by touching it with the cell's robot.
+
+    Args:
+        cell: The cell.
+        q: Joint positions at the touched points. Shape (k, nq). [rad or m]
+        believed: The geometry that the controller believes; left out: that of the cell's robot model.
+
+    """
+    if believed is None:
+        robot = believed_robot(cell.robot)
+        believed = cell.judge if robot is cell.robot else build_judge(robot)
+    shown = stand_stiff(believed, q)[0]
+    resting = replace(cell, robot=rest_robot(cell.robot), displacement=None)
+    loaded = _attain(resting, q, np.zeros((len(q), 6)), None, None)[0]
+    return replace(cell, displacement=fit_displacement(shown, loaded))
+
+
+def _attain(
+    cell: Cell, q: Array, wrench: Array, step_time: Array | None, bias: Array | None
+) -> tuple[Array, Array]:
     position, rotation, _ = judge_pose(cell.judge, q, wrench, TOLERANCE, bias)
     if not cell.robot.effects:
-        return CellRun(position, rotation)
+        return position, rotation
     steps = np.ones(len(q) - 1) if step_time is None else step_time
     with_effects = attain_with_effects(cell.robot, q, wrench, steps)
     without = attain_with_effects(replace(cell.robot, effects=()), q, wrench, steps)
     turn = Rotation.from_matrix(with_effects[1] @ np.swapaxes(without[1], 1, 2)).as_matrix()
-    return CellRun(position + with_effects[0] - without[0], turn @ rotation)
+    return position + with_effects[0] - without[0], turn @ rotation

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell
+from compplan.cell.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell, touch_cell
 from compplan.cell.coupling import Settled, settle_coupled
 from compplan.cell.judge import tip_compliance
 from compplan.plan.coupling import (
@@ -159,6 +159,7 @@ def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
 
     """
     cell = build_cell(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
+    cell = find_part(task, cell)
     rows = np.flatnonzero(task.compensated)
     if task.robot.effects:
         position = run_cell(cell, q, task.wrench, task.step_time).position[rows]
@@ -182,6 +183,11 @@ def _run_mismatch(task: PlanTask, q: Array, cell: Cell, rows: NDArray[np.int_]) 
     return settled.run.position
 
 
+def find_part(task: PlanTask, cell: Cell) -> Cell:
+    """Return a cell whose robot has found the part by touching it, where the task says so."""
+    return cell if task.touched is None or cell.displacement is not None else touch_cell(cell, task.touched.q)
+
+
 def evaluate_run(
     task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None, bias: Array | None = None,
     stiffness: Array | None = None,
@@ -198,6 +204,7 @@ def evaluate_run(
 
     """
     load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
+    cell = find_part(task, cell)
 
     def attain(acting: Array) -> CellRun:
         return run_cell(cell, q, acting, task.step_time, more)
@@ -224,6 +231,7 @@ def evaluate_model(task: PlanTask, q: Array, *, coupled: bool = True) -> Evaluat
             found = attain_rows(loaded, q, np.arange(len(q)), slope=False)
         else:
             found = attain_pose(task.chain, q, acting, slope=False, torque_bias=task.bias, theta=task.theta)
+            found = task.see_pose(found)
         return CellRun(found.position, found.rotation)
 
     name = "planner's model"

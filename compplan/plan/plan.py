@@ -17,6 +17,7 @@ from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.known.fading import fade_robot
 from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread
+from compplan.known.touch_off import TouchOff, touch_part
 from compplan.path.contact import check_tool_x, tool_axes
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, check_toolpath
@@ -79,6 +80,7 @@ class PlanOptions:
         lock: What is kept of a posture that was chosen before, or None.
         force: How surely the force is known, as assumed if left out.
         tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
+        touch: How the part was found by touching it with the robot; None: its frame is absolute.
 
     """
 
@@ -99,6 +101,7 @@ class PlanOptions:
     lock: Lock | None = None
     force: ForceSpread | None = None
     tube: float = 0.0
+    touch: TouchOff | None = None
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -342,6 +345,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         inertia=options.inertia,
         smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
+        touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )
     task = state_sides(replace(task, wrench=predict_loads(task)))
     turns = options.law is not None and options.law.turns_with_travel
@@ -384,4 +388,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
+        touch=TouchOff(job.T_base_part, job.part.touched_points) if job.touched_off else None,
     )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
+from compplan.known.touch_off import TouchedPart
 from compplan.path.force_law import ForceLaw
 from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.allowed import Allowed, find_allowed
@@ -66,6 +67,8 @@ class PlanTask:
         theta: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are
             written over, and no result depends on them beyond rounding. Shape (n, s). [rad or m]
         jerk_limits: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
+        touched: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative
+            to the found frame (`see_position`).
 
     """
 
@@ -96,6 +99,7 @@ class PlanTask:
     places: Array | None = None
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
     jerk_limits: Array | None = None
+    touched: TouchedPart | None = None
 
     def __post_init__(self) -> None:
         shape = (len(self.nominal), self.chain.n_springs)
@@ -142,6 +146,20 @@ class PlanTask:
     def gentle_time(self) -> float:
         """Least time of a move that loads or unloads the tool where it stands. [s]."""
         return PERIODS * self.smoothing
+
+    def see_position(self, position: Array) -> Array:
+        """Return positions of the loaded tip relative to the part frame as it was found. Shape (n, 3). [m]."""
+        return position if self.touched is None else self.touched.see_position(position)
+
+    def see_pose(self, pose: AttainedPose) -> AttainedPose:
+        """Return loaded poses relative to the part frame as it was found; unloaded ones are the controller's."""
+        if self.touched is None or self.touched.displacement is None:
+            return pose
+        seen = self.touched
+        return pose._replace(
+            position=seen.see_position(pose.position), rotation=seen.see_rotation(pose.rotation),
+            jacobian=seen.see_jacobian(pose.jacobian),
+        )  # fmt: skip
 
     @property
     def follows_feed(self) -> bool:
@@ -249,7 +267,7 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
 
     """
     loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
-    return _add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded
+    return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
 
 
 def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: AttainedPose) -> AttainedPose:
@@ -278,6 +296,7 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
     task.theta[rows] = loaded.theta
     if task.robot.effects:
         loaded = _add_effects(task, q, rows, loaded)
+    loaded = task.see_pose(loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):
         return loaded

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
+from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell, touch_cell
 from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
 from compplan.cell.inertia import average_loads, load_springs
 from compplan.cell.judge import Judge
@@ -22,7 +22,7 @@ from compplan.job.job import Job
 from compplan.known.fading import has_faded
 from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
-from compplan.plan.evaluate import Evaluation, Margins
+from compplan.plan.evaluate import Evaluation, Margins, find_part
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, find_slowdown
@@ -58,15 +58,18 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     """Read robot, tool and process a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
-        return Bench(build_cell(task.robot), task.wrench, bias)
+        return Bench(find_part(task, build_cell(task.robot)), task.wrench, bias)
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     if job.given is not None:
         tables["toolpath"] = None  # there is no file to read
     if has_faded(task.robot):  # no file holds it
-        cell, moving = build_cell(task.robot), build_dynamics(task.robot).standing
+        cell, moving = find_part(task, build_cell(task.robot)), build_dynamics(task.robot).standing
     else:
         cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
         moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
+        if task.touched is not None:
+            believed = read_judge(Path(task.robot.folder), tables.get("tool"), geometry="controller.urdf")
+            cell = touch_cell(cell, task.touched.q, believed)
     driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
     if task.inertia:
         bias = _load_springs(task, moving, timing.time)
