@@ -8,11 +8,13 @@ the arm counts by its difference between path and touched points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compplan.effects.attained import attain_with_effects
+from compplan.effects.scene import Scene
 from compplan.known.slopes import measure_slopes, stage_path
 from compplan.path.toolpath import Toolpath
 from compplan.program.counting import believed_robot
@@ -48,6 +50,7 @@ class TouchedPart:
     """A part as the touch found it.
 
     Attributes:
+        robot: The robot model that found it.
         q: Joint positions at the touched points. Shape (k, nq). [rad or m]
         shown: The touched points in the found frame, base axes. Shape (k, 3). [m]
         displacement: D, from the found frame to where the part stands by the robot model; None where nothing bends or
@@ -55,6 +58,7 @@ class TouchedPart:
 
     """
 
+    robot: Robot
     q: Array
     shown: Array
     displacement: Array | None
@@ -106,7 +110,7 @@ def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: T
     row = cut[np.linalg.norm(path.position[cut] - points[:, None], axis=2).argmin(axis=1)]
     believed = believed_robot(robot)
     points, found = _reach_points(believed, points, path.position[row], rotation[row], q[row])
-    return TouchedPart(found, points, _find_displacement(robot, believed, found))
+    return TouchedPart(robot, found, points, _find_displacement(robot, believed, found))
 
 
 def pick_corners(points: Array) -> Array:
@@ -157,8 +161,19 @@ def rest_robot(robot: Robot) -> Robot:
     return robot if len(kept) == len(robot.effects) else replace(robot, effects=kept)
 
 
+def stage_touch(touched: TouchedPart) -> Scene:
+    """Stage the robot at the touched points, at rest and without process force."""
+    return stage_path(rest_robot(touched.robot), touched.q, np.zeros((len(touched.q), 6)))
+
+
+def is_lasting(unknowns: Sequence[Unknown]) -> Array:
+    """Return 1 for every parameter that acts at the touched points, 0 for those of transient effects. Shape (p,)."""
+    lasting = [float(unknown.effect not in TRANSIENT) for unknown in unknowns]
+    return np.repeat(lasting, [len(unknown.keys) for unknown in unknowns])
+
+
 def subtract_touch(
-    model: Array, position: Array, touched: TouchedPart | None, robot: Robot, unknowns: tuple[Unknown, ...]
+    model: Array, position: Array, touched: TouchedPart | None, unknowns: Sequence[Unknown]
 ) -> Array:
     """Return motions of the tip relative to the part that moves with the touched points.
 
@@ -166,16 +181,13 @@ def subtract_touch(
         model: Motion of the tip per unit of every parameter. Shape (k, 3, p). [m per SI unit]
         position: Where the tip is. Shape (k, 3). [m]
         touched: The part as the touch found it; None leaves the motions as they are.
-        robot: The robot with its tool.
         unknowns: The parameters; p in all.
 
     """
     if touched is None or not model.shape[2]:
         return model
-    scene = stage_path(rest_robot(robot), touched.q, np.zeros((len(touched.q), 6)))
-    at = measure_slopes(scene, unknowns, np.arange(len(touched.q)))
-    counts = np.repeat([unknown.effect not in TRANSIENT for unknown in unknowns], [len(u.keys) for u in unknowns])
-    twist = linear_displacement(touched.shown) @ (at * counts).reshape(-1, at.shape[2])
+    at = measure_slopes(stage_touch(touched), unknowns, np.arange(len(touched.q)))
+    twist = linear_displacement(touched.shown) @ (at * is_lasting(unknowns)).reshape(-1, at.shape[2])
     lever = position - touched.shown.mean(axis=0)
     moved = twist[:3] + np.cross(twist[3:].T[None], lever[:, None]).transpose(0, 2, 1)
     return np.asarray(model - moved)

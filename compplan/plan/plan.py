@@ -210,7 +210,8 @@ def plan_task(
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
     after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias, bench.stiffness)
-    before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
+    uncorrected = task.q_uncorrected
+    before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
     if after.settled is not None:
         bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")

@@ -23,8 +23,10 @@ from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
 from compplan.posture.start import Start
+from compplan.program.counting import believed_robot
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
@@ -135,6 +137,18 @@ class PlanTask:
         """Tool axis as programmed, tip to spindle: that of `nominal` but for its leans. Shape (n, 3)."""
         axis = None if self.start is None else self.start.upright
         return self.nominal.axis if axis is None else interpolate(self.origin, np.arange(len(axis)), axis)
+
+    @cached_property
+    def q_uncorrected(self) -> Array:
+        """Joint positions of the uncorrected program: `q_start`, but by the geometry that the controller believes.
+
+        Shape (n, nq). [rad or m]
+        """
+        believed = self.robot if self.touched is None else believed_robot(self.robot)
+        arm = None if believed is self.robot else build_arm(believed)
+        if arm is None or len(arm.arm) < 6:
+            return self.q_start
+        return refine_ik(arm, self.q_start, self.position, self.rotation)
 
     @property
     def pace(self) -> Array:

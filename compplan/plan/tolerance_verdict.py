@@ -28,7 +28,7 @@ MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
 #: What is said where one reader alone has read the path, and what to do about it.
 UNREAD = "the path was not read a second time"
 LOOK = "Compare the planned path with the CAM system before the first cut."
-TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
+TOUCH_OFF = "Touch the part off with this robot and tool, and leave out [part] touched_off = false."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: What is said of the band of a compromise.
 NO_BAND = "no 95 % band is stated, waypoints are out of reach"

@@ -11,6 +11,7 @@ import numpy as np
 
 from compplan.files.notes import list_stops
 from compplan.path.forces.cutting import CuttingTable
+from compplan.plan.frame_notes import describe_part_frame
 from compplan.plan.slow import mark_slow
 from compplan.program.counting import load_controller
 from compplan.program.frames import place_numbers, rotation_vectors
@@ -129,6 +130,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     if job is not None:
         where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
         rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
+        rows.append(("Part frame found by", describe_part_frame(job).removeprefix("part frame: ")))
     if robot.ground:
         low, high = plan.q.min(axis=0), plan.q.max(axis=0)
         said = [_say_range(robot.actuated[k], low[k], high[k]) for k in np.flatnonzero(robot.carriers).tolist()]

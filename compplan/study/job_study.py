@@ -10,7 +10,6 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.files.origin import note_seed
 from compplan.job.job import Job
-from compplan.known.assumed import known_uncertainty
 from compplan.known.slopes import read_force_spread
 from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, build_task, prepare_job
@@ -118,7 +117,6 @@ def _prepare(
     """Find the posture and let every strategy command the path; the study, and the job's own strategy."""
     say("posture")
     robot, nominal, options = prepare_job(job)
-    robot = replace(robot, uncertainty=known_uncertainty(robot, job)) if job.touched_off else robot
     task = build_task(robot, nominal, options, file=job.file)
     plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
     study = prepare_study(
