@@ -1,4 +1,4 @@
-"""A shop touches a part off with a sagging arm, plans and cuts: the corrected program is better than the uncorrected."""
+"""A shop touches a part off with a sagging arm, plans and cuts: the corrected program is the better one."""
 
 from __future__ import annotations
 
@@ -144,11 +144,13 @@ def write_job(shop: Shop, folder: Path, strategy: str, part: dict[str, Any]) -> 
 def read_cut(folder: Path) -> tuple[Array, Array, Array]:
     """Return joint positions [rad], wanted tips [m] and wrenches of the rows of the cut."""
     with (folder / "joints.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(line for line in file if not line.startswith("#")) if row["move"] == "cut"]
+        lines = csv.DictReader(line for line in file if not line.startswith("#"))
+        rows = [row for row in lines if row["move"] == "cut"]
     joints = [key for key in rows[0] if key.startswith("q")]
     q = np.radians([[float(row[key]) for key in joints] for row in rows])
     tips = 1e-3 * np.array([[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows])
-    wrench = np.array([[float(row[key]) for key in ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")] for row in rows])
+    loads = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+    wrench = np.array([[float(row[key]) for key in loads] for row in rows])
     return q, tips, wrench
 
 
