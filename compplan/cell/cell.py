@@ -12,11 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.cell.inertia import stand_stiff
 from compplan.cell.judge import Judge, build_judge, judge_pose
 from compplan.effects.attained import attain_with_effects
 from compplan.known.touch_off import rest_robot, see_position, see_rotation
-from compplan.program.counting import believed_robot
 from compplan.robot import Array, Robot
 from compplan.robot.pose import fit_displacement
 
@@ -91,19 +89,15 @@ def run_cell(
     return CellRun(see_position(position, cell.displacement), see_rotation(rotation, cell.displacement))
 
 
-def touch_cell(cell: Cell, q: Array, believed: Judge | None = None) -> Cell:
+def touch_cell(cell: Cell, q: Array, shown: Array) -> Cell:
     """Return the cell in which the part was found by touching it with the cell's robot.
 
     Args:
         cell: The cell.
         q: Joint positions at the touched points. Shape (k, nq). [rad or m]
-        believed: The geometry that the controller believes; left out: that of the cell's robot model.
+        shown: Where the controller shows the tip there. Shape (k, 3). [m]
 
     """
-    if believed is None:
-        robot = believed_robot(cell.robot)
-        believed = cell.judge if robot is cell.robot else build_judge(robot)
-    shown = stand_stiff(believed, q)[0]
     resting = replace(cell, robot=rest_robot(cell.robot), displacement=None)
     loaded = _attain(resting, q, np.zeros((len(q), 6)), None, None)[0]
     return replace(cell, displacement=fit_displacement(shown, loaded))

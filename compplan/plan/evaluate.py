@@ -185,7 +185,9 @@ def _run_mismatch(task: PlanTask, q: Array, cell: Cell, rows: NDArray[np.int_]) 
 
 def find_part(task: PlanTask, cell: Cell) -> Cell:
     """Return a cell whose robot has found the part by touching it, where the task says so."""
-    return cell if task.touched is None or cell.displacement is not None else touch_cell(cell, task.touched.q)
+    if task.touched is None or cell.displacement is not None:
+        return cell
+    return touch_cell(cell, task.touched.q, task.touched.shown)
 
 
 def evaluate_run(

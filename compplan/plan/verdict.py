@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell, touch_cell
 from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
-from compplan.cell.inertia import average_loads, load_springs
+from compplan.cell.inertia import average_loads, load_springs, stand_stiff
 from compplan.cell.judge import Judge
 from compplan.cell.reading import read_judge
 from compplan.cell.vibration import build_dynamics
@@ -69,7 +69,7 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
         moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
         if task.touched is not None:
             believed = read_judge(Path(task.robot.folder), tables.get("tool"), geometry="controller.urdf")
-            cell = touch_cell(cell, task.touched.q, believed)
+            cell = touch_cell(cell, task.touched.q, stand_stiff(believed, task.touched.q)[0])
     driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
     if task.inertia:
         bias = _load_springs(task, moving, timing.time)

@@ -7,7 +7,7 @@ disagrees keeps a plan from being confirmed; what could not be looked at is said
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,8 @@ ROUNDING = 1.002
 LEAN = float(np.radians(0.05))
 #: Time between samples in which jerks are looked for. [s]
 SAMPLE = 1e-3
+#: Touched points and those of the job are the same within this. [m]
+TOUCHED = 1e-3
 #: Rows at which inertia is worked out a second time where nothing is compensated, and its greatest difference.
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 
@@ -84,7 +86,7 @@ def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
     breaches = [
         *path.breaches, *_vote_on_axis(driven, after, rotation), *_vote_on_correction(driven, position),
         *_vote_on_bounds(driven, joints), *_vote_on_motion(driven, joints), *_vote_on_feed(driven),
-        *_vote_on_inertia(driven, bending),
+        *_vote_on_inertia(driven, bending), *_vote_on_touch(driven),
     ]  # fmt: skip
     return Vote(tuple(breaches), path.notes, path.unread)
 
@@ -120,6 +122,27 @@ def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
 def _angle(a: Array, b: Array) -> Array:
     """Return the angle between unit vectors. Shape (n,). [rad]."""
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
+
+
+def _vote_on_touch(driven: Driven) -> list[str]:
+    """The part was touched off where the job says so: at its points, corners of the box of the cut, or waypoints."""
+    task, part = driven.task, driven.tables.get("part") or {}
+    if part.get("touched_off", True) != (task.touched is not None):
+        found = "takes the part frame as absolute" if task.touched is None else "takes the part as touched off"
+        return [f"the plan {found}, the job says the opposite ([part] touched_off)"]
+    if task.touched is None:
+        return []
+    frame = read_part(part)
+    cut = (task.programmed[~task.nominal.rapid] - frame.translation) @ frame.rotation
+    if part.get("points_mm") is not None:
+        points = np.array(part["points_mm"]["nominal"], float) / 1000.0
+    else:
+        points = np.array(list(product(*zip(cut.min(axis=0), cut.max(axis=0), strict=True))))
+    known = np.concatenate([points, cut]) @ frame.rotation.T + frame.translation
+    away = np.array([np.linalg.norm(known - point, axis=1).min() for point in task.touched.shown])
+    if away.max() <= TOUCHED:
+        return []
+    return [f"the plan touches the part {1e3 * away.max():.3g} mm from the points of the job or the corners of its cut"]
 
 
 def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
