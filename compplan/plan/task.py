@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.writers.counting import believed_robot
 from compplan.effects.attained import attain_with_effects
-from compplan.known.touch_off import TouchedPart
-from compplan.path.force_law import ForceLaw
-from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
 from compplan.posture.start import Start
-from compplan.program.counting import believed_robot
+from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+from compplan.toolpath.toolpath import Toolpath, interpolate
+from compplan.uncertainty.touch_off import TouchedPart
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
 SMOOTHING = 0.05

@@ -77,3 +77,13 @@ def linear_displacement(points: Array) -> Array:
     if np.abs(lever).max(initial=0.0) < SMALLEST_SPREAD:
         return np.vstack([shift, np.zeros((3, 3 * len(points)))])
     return np.vstack([shift, np.linalg.pinv(turns, rcond=FLATTEST) @ centring])
+
+
+def see_position(position: Array, displacement: Array) -> Array:
+    """Return positions seen from a displaced part, D^-1 p. Shape (n, 3). [m]."""
+    return np.asarray((position - displacement[:3, 3]) @ displacement[:3, :3])
+
+
+def see_rotation(rotation: Array, displacement: Array) -> Array:
+    """Return orientations seen from a displaced part, D^-1 R. Shape (n, 3, 3)."""
+    return np.asarray(displacement[:3, :3].T @ rotation)

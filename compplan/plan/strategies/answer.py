@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 
-from compplan.known.touch_off import TouchedPart
 from compplan.plan.correction_loop import Loop
 from compplan.robot import Array
+from compplan.uncertainty.touch_off import TouchedPart
 
 Sensor = Literal["force", "encoders", "tracker"]
 
