@@ -13,17 +13,15 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "what_is_read.md"
 sys.path.insert(0, str(ROOT / "tests"))
 
+from oracles.cam.cam import read_moves  # noqa: E402
+from oracles.cam.moves import CannotTellError  # noqa: E402
 from truth_cases import Case, find_difference_from, find_wrong_move, list_cases  # noqa: E402
-
-from compplan.second.cam import read_moves  # noqa: E402
-from compplan.second.moves import CannotTellError  # noqa: E402
 
 HEAD = """# What is read
 
 Programs in the exact form of common posts, heads and ends included (`tests/truth`). Every move, rapid end and arc of a
 reading is compared with the moves that the standards ask for, worked out by hand. The first reader makes plans, the
-second one (`compplan/second`) shares nothing with it and votes on them; what it cannot tell keeps the verdict of a
-plan from `keeps`. Written by `python -m benchmarks.truth`.
+second one (`tests/oracles/cam`) shares nothing with it and serves tests alone. Written by `python -m benchmarks.truth`.
 
 """
 

@@ -13,11 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, heidenhain_words, read_cam, sinumerik_words
-from compplan.path.cam.expressions import Grammar, evaluate
-from compplan.path.cam.gcode_macro import MacroError, Variables, assign, work_out
-from compplan.path.cam.gcode_rotary import RotaryMachine
-from compplan.path.cam.machines import list_machines
+from compplan.toolpath.readers import CamFile, CamTable, heidenhain_words, read_cam, sinumerik_words
+from compplan.toolpath.readers.expressions import Grammar, evaluate
+from compplan.toolpath.readers.gcode_macro import MacroError, Variables, assign, work_out
+from compplan.toolpath.readers.gcode_rotary import RotaryMachine
+from compplan.toolpath.readers.machines import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
 
@@ -51,9 +51,9 @@ def test_home_in_absolute_coordinates_goes_through_its_point(read) -> None:
 
 
 def test_a_cut_from_the_machines_home_is_refused(read) -> None:
-    with pytest.raises(InputError, match=r"part.nc:4: a cut begins at the machine's home"):
+    with pytest.raises(InputError, match=r"part.nc:4: a cut begins where Z of the tool is not known"):
         read("G21 G90 M3 S900\nG28 G91 Z0\nG90 G0 X0 Y0\nG1 Z-1 F60\nX5\n", ".nc")
-    with pytest.raises(InputError, match=r"part.nc:5: an arc begins where nobody knows"):
+    with pytest.raises(InputError, match=r"part.nc:5: a cut begins where Z of the tool is not known"):
         read(HEAD + "G28 G91 Z0\nG90\nG2 X10 R5 F60\n", ".nc")
 
 

@@ -11,8 +11,8 @@ from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
 from compplan.cli import COMMANDS, group
-from compplan.commands.plan import STAGES
-from compplan.commands.progress import find_stage
+from compplan.cli.commands.plan import STAGES
+from compplan.cli.commands.progress import find_stage
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
@@ -21,7 +21,7 @@ def test_every_help_text_ends_with_an_example_that_the_command_takes(name: str) 
     found = re.search(rf"Example: (compplan {name} .*?) (?:Example|Options):", text)
     assert found, text
     words = [word for word in shlex.split(found.group(1)) if word != ">>"][2:]
-    command = importlib.import_module(f"compplan.commands.{name}").command
+    command = importlib.import_module(f"compplan.cli.commands.{name}").command
     known = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known
 
@@ -32,13 +32,6 @@ def test_the_shell_completes_commands_options_and_robots() -> None:
     assert "--register" in [item.value for item in shell.get_completions(["diagnose"], "--r")]
     robots = [item.value for item in shell.get_completions(["diagnose", "log.csv", "--robot"], "kuka_kr27")]
     assert {"kuka_kr270", "kuka_kr270_full"} <= set(robots)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_script_is_printed_for_each_shell(shell: str) -> None:
-    result = CliRunner().invoke(group, ["completion", shell])
-    assert result.exit_code == 0
-    assert "_COMPPLAN_COMPLETE" in result.output
 
 
 def test_a_stage_counts_what_is_behind() -> None:

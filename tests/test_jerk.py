@@ -11,6 +11,8 @@ import pytest
 from test_feed import ROBOT, arc_path, make_task, square_path
 
 from benchmarks.limits import sample_use
+from compplan.controllers.readback.robot import read_joints
+from compplan.job.job import LimitsTable
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.jerk_run import RateLimits, shorten_run
@@ -19,7 +21,6 @@ from compplan.plan.profile import ease, ease_times
 from compplan.plan.timing import cutting_runs, find_slowdown, time_command
 from compplan.plan.votes import _vote_on_jerk
 from compplan.robot import Array
-from compplan.second.robot import read_joints
 
 NONE = np.array([1e12])
 
@@ -129,11 +130,11 @@ def _limits(task) -> tuple[Array, Array, Array | None]:
 
 
 @pytest.mark.parametrize("wrong", [False, True])
-def test_the_second_reading_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
+def test_the_check_of_a_plan_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
     task = replace(make_task(square_path(feed=0.4)), rests=None)
     held = time_command(replace(task, jerk_limits=None if wrong else limit_jerk(ROBOT, 1.0, 0.4)), task.q_start)
     cutting = np.r_[False, ~task.nominal.rapid[1:]]
-    tables = {"limits": {"full_acceleration_after_s": 0.4}}
-    driven = SimpleNamespace(task=task, q=task.q_start, time=held.time, tables=tables, cutting=cutting)
+    job = SimpleNamespace(limits=LimitsTable(full_acceleration_after_s=0.4))
+    driven = SimpleNamespace(task=task, q=task.q_start, time=held.time, job=job, cutting=cutting)
     found = _vote_on_jerk(driven, read_joints(ROBOT.folder))
     assert bool(found) == wrong and all("jerks" in line for line in found)

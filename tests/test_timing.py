@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from oracles.forces import DrivenRows, _speeds
 from scipy.interpolate import CubicSpline
 
-from compplan.cell.forces import DrivenRows, _speeds
 from compplan.plan.agreement import _moving_feed
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compplan.cell.forces import RECORDED
-from compplan.files.notes import Stop
+from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
@@ -62,10 +61,6 @@ def describe_left_out(notes: Sequence[str]) -> tuple[str, ...]:
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
     """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
-    if job is not None and job.process.model in RECORDED:
-        reason = RECORDED[job.process.model]
-        model = job.process.model
-        notes.append(f"The independent check takes the wrench of {model!r} as the planner recorded it: {reason}.")
     if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
         asks = "tells it" if job.stability.judge else "tells it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")

@@ -9,17 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.cell.wanted import Vote
+from compplan.controllers.writers import check_languages
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.files.notes import Crash
+from compplan.io.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
-from compplan.known.fading import fade_robot
-from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread
-from compplan.path.contact import check_tool_x, tool_axes
-from compplan.path.force_law import ForceLaw
-from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.approach import plan_approach, plan_retract
 from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
@@ -48,11 +43,15 @@ from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
 from compplan.posture.summary import Stance
-from compplan.program import check_languages
-from compplan.promise.band import band_radius
-from compplan.promise.posture_errors import posture_errors
+from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
+from compplan.toolpath.contact import check_tool_x, tool_axes
+from compplan.toolpath.toolpath import Toolpath, check_toolpath
+from compplan.uncertainty.band import band_radius
+from compplan.uncertainty.fading import fade_robot
+from compplan.uncertainty.posture_errors import posture_errors
+from compplan.uncertainty.slopes import ForceSpread, pick_rows, read_force_spread
 
 
 @dataclass(frozen=True)
@@ -206,7 +205,7 @@ def plan_task(
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
-    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias, bench.stiffness)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
     if after.settled is not None:
         bench = replace(bench, wrench=after.settled.wrench)
@@ -216,9 +215,9 @@ def plan_task(
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
-    votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
+    votes = () if bench.driven is None else cast_votes(bench.driven, after, bending)
     crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
-    breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
+    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes), *crashes)
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
@@ -227,9 +226,8 @@ def plan_task(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
-        clearance=clearance, unread=votes.unread,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling),
-               *votes.notes),
+        clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling)),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan

@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError
-from compplan.files.notes import Stop, list_stops
-from compplan.files.origin import describe_origin
-from compplan.files.quantities import format_length, format_number, format_set_length
-from compplan.files.shown import Curve, Curves, Shown
+from compplan.io.notes import Stop, list_stops
+from compplan.io.origin import describe_origin
+from compplan.io.quantities import format_length, format_number, format_set_length
+from compplan.io.shown import Curve, Curves, Shown
 from compplan.job.job import Job
-from compplan.known.slopes import read_force_spread, stage_path
-from compplan.path.forces.walls import WallError
 from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
@@ -31,10 +28,13 @@ from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.promise.band import Promise, promise_path
-from compplan.promise.motion import read_placement, shift_part
+from compplan.process.walls import WallError
 from compplan.robot import Array, Robot
+from compplan.simulation.cell import JUDGE
 from compplan.statics.chain import locate_frames
+from compplan.uncertainty.band import Promise, promise_path
+from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.slopes import read_force_spread, stage_path
 from compplan.version import VERSION
 
 #: Stretches and limits that a sentence lists, and its letters at most.
@@ -65,7 +65,6 @@ class Plan(Shown):
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
-        unread: Why the path was not read a second time, "" where it was or there is no file.
 
     """
 
@@ -88,7 +87,6 @@ class Plan(Shown):
     notes: tuple[str, ...] = ()
     job: Job | None = None
     learned: Promise | None = None
-    unread: str = ""
 
     @property
     def robot(self) -> Robot:
@@ -175,7 +173,7 @@ class Plan(Shown):
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         case = Case(
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
-            self.promise, self.job is None or self.job.plan.inertia, self.unread,
+            self.promise, self.job is None or self.job.plan.inertia,
             self.executed is not None and self.executed.known,
         )  # fmt: skip
         found = judge_keeping(case)

@@ -17,17 +17,14 @@ from numpy.typing import NDArray
 
 from compplan.plan.bending import Bending
 from compplan.plan.task import PlanTask
-from compplan.promise.band import CAUSES, Promise
 from compplan.robot import Array
+from compplan.uncertainty.band import CAUSES, Promise
 
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
 LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
-#: What is said where one reader alone has read the path, and what to do about it.
-UNREAD = "the path was not read a second time"
-LOOK = "Compare the planned path with the CAM system before the first cut."
 TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: The next step where a check disagrees with the plan or its files.
@@ -61,7 +58,6 @@ class Case:
         bending: What bends the arm, cause by cause.
         promise: The band; None where there is no solution, or a robot within what is known finds no equilibrium.
         inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
-        unread: Why the path was not read a second time, "" where it was.
         traced: Whether somebody identified how the drives follow.
     """
 
@@ -73,7 +69,6 @@ class Case:
     bending: Bending
     promise: Promise | None
     inertia_wanted: bool = True
-    unread: str = ""
     traced: bool = False
 
 
@@ -225,7 +220,6 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
         change = SETTLE
         head = f"Do not start: the plan is {case.explained}. {SETTLE}"
         sentence = f"{head} May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}."
-    sentence += _say_unread(case)
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
         list_left_out(case),
@@ -241,15 +235,11 @@ def _no_solution(case: Case) -> ToleranceVerdict:
     sentence = (
         f"Do not start: there is no solution. May not keep {say_tolerance(case.task)}: {len(case.failures)} waypoints "
         f"are not reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND[0].upper()}{NO_BAND[1:]}."
-        f"{say_inertia(case)}{_say_unread(case)}"
+        f"{say_inertia(case)}"
     )
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence, case.task.tolerance, None, None, (), cause, change, "", list_left_out(case)
     )
-
-
-def _say_unread(case: Case) -> str:
-    return f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
 
 
 def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
@@ -266,8 +256,6 @@ def _not_known(case: Case, missing: str, change: str, promise: Promise | None, s
 def find_missing(case: Case) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
     robot = case.task.robot
-    if case.unread:
-        return f"{UNREAD} ({case.unread})", LOOK
     if robot.uncertainty is None and robot.grade == "placeholder":
         return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
     if not np.isfinite(case.bending.inertia):
