@@ -100,7 +100,7 @@ class Cutter:
         height = knots[number, 1] + share * (knots[number + 1, 1] - knots[number, 1])
         if self.corner > 0.0:  # chords of the corner lie inside it
             turn = np.arccos(np.clip(1.0 - knots[:, 1] / self.corner, 0.0, 1.0))
-            bent = np.diff(turn) > 0.0
+            bent = np.diff(turn) > 1e-6  # more than rounding at the end of the corner, where the side begins
             angle = turn[number] + share * (turn[number + 1] - turn[number])
             rho = np.where(bent[number], self.radius - self.corner + self.corner * np.sin(angle), rho)
             height = np.where(bent[number], self.corner * (1.0 - np.cos(angle)), height)
