@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,22 @@ from compplan.files.tables import Array
 from compplan.path.contact import last_set
 from compplan.path.forces.blank import UPRIGHT
 from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement, middle_angles
-from compplan.path.forces.look import Above, Crashes, Look
+from compplan.path.forces.engagement import Engagement, lower_speed, middle_angles, outward_span
+from compplan.path.forces.look import SLIDES, Above, Crashes, Look
 from compplan.path.forces.stock import StockColumns
 from compplan.path.forces.wake import NOTHING, build_wake, lowest_reach
 
-#: Angles round the axis, a multiple of 4, of a flat cutter and of others; moves that are looked at together.
-ANGLES, EDGE_ANGLES = 48, 32
+#: Angles round the axis, a multiple of 4. The force of a bin acts at its middle, so that one at the end of an arc, half
+#: engaged, turns by a quarter of a bin, 1.9 degrees: 3 % of a bin's force.
+ANGLES = 48
+#: Moves that are computed together, of flat cutters and of others.
 CHUNK, EDGE_CHUNK = 16, 48
-#: Halvings that find the end of an arc, and the end of what is engaged of a slice.
-BISECTIONS, EDGE_BISECTIONS = 9, 5
+#: Halvings that find the end of an arc.
+BISECTIONS = 9
+#: Greatest error of where the engaged part of a slice ends, in radii; its halvings follow from the longest slice.
+END_ERROR = 2e-3
+#: Angles within a bin of a lower surface that is engaged in part.
+STRIPS = 4
 #: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
 #: takes off a floor is no part of the cut at a wall.
 THIN = 0.25
@@ -77,7 +83,7 @@ def find_engagement(
     by_points = axis is not None or not cutter.even
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
-    depth = np.zeros((n, len(cutter.slices), EDGE_ANGLES if by_points else ANGLES), dtype=np.float32)
+    depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
     crashes = Crashes.none(n)
     wake = build_wake(cutter, start, position, stock.bounds()[:, :2], axis)
     if wake is None:
@@ -215,10 +221,20 @@ class _FlatLook(Look):
 class _EdgeLook(Look):
     """By points of the edge, for every other cutter and for axes that turn."""
 
+    @cached_property
+    def halvings(self) -> int:
+        """Halvings after which the end of what is engaged of a slice is known to `END_ERROR`."""
+        longest = float(self.cutter.slices.length.max())
+        return int(np.clip(np.ceil(np.log2(longest / (END_ERROR * self.cutter.radius))) - 1, 4, 16))
+
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
         """Write the engaged shares of some waypoints, see `Look`."""
-        angles = middle_angles(EDGE_ANGLES)
+        angles = middle_angles(ANGLES)
         out = self._outward(rows, angles)
+        lower = self.cutter.lower
+        if lower.any():  # a slice moves outwards where one of its ends does
+            speeds = self._lower_speeds(rows, angles)
+            out[:, lower] = np.maximum(*speeds) > SLIDES
         asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
         asked[:, :-1] |= out
         asked[:, 1:] |= out
@@ -228,15 +244,65 @@ class _EdgeLook(Look):
         asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out
         found = (low & high).astype(np.float32)
-        n, k, m = np.nonzero(low ^ high)
+        straight = ~lower[:, None]
+        n, k, m = np.nonzero((low ^ high) & straight)
         up = low[n, k, m]
 
         def hit(share: Array) -> NDArray[np.bool_]:
             return self._solid(rows[n], k, np.where(up, share, 1.0 - share), angles[m], moves)
 
-        found[n, k, m] = _halve(hit, len(n), EDGE_BISECTIONS)
-        self._end_arcs(found, (rows, moves, angles), out, low | ~high)
+        found[n, k, m] = _halve(hit, len(n), self.halvings)
+        self._end_arcs(found, (rows, moves, angles), out & straight, low | ~high)
+        if lower.any():
+            whole = low & high
+            whole[:, lower] &= np.minimum(*speeds) > 0.0
+            self._fill_lower(found, (rows, moves, angles), whole, low | high)
         depth[rows] = np.clip(found, 0.0, 1.0)
+
+    def _lower_speeds(self, rows: NDArray[np.int_], angles: Array) -> tuple[Array, Array]:
+        turning = None if self.turning is None else self.turning[rows]
+        return lower_speed(self.cutter, self.travel[rows], angles, turning)
+
+    def _fill_lower(
+        self,
+        found: NDArray[np.float32],
+        where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
+        whole: NDArray[np.bool_],
+        some: NDArray[np.bool_],
+    ) -> None:
+        """Write the shares of bins of the lower surface that are engaged in part, the mean of `STRIPS` angles in each.
+
+        Both ends of a strip are sought: where it begins to move outwards, and where material ends. What is left as an
+        error is the curvature of these ends within a strip.
+        """
+        rows, moves, angles = where
+        nearby = (some | np.roll(some, 1, axis=2) | np.roll(some, -1, axis=2)) & self.cutter.lower[:, None]
+        steady = whole & np.roll(whole, 1, axis=2) & np.roll(whole, -1, axis=2)
+        n, k, m = np.nonzero(nearby & ~steady)
+        first = int(np.argmax(self.cutter.lower))
+        total = np.zeros(len(n))
+        for strip in range(STRIPS):
+            off = ((strip + 0.5) / STRIPS - 0.5) * 2.0 * np.pi / len(angles)
+            low, high = (speed[n, k - first, m] for speed in self._lower_speeds(rows, angles + off))
+            begin, end = outward_span(low, high)
+            live = np.flatnonzero(end > begin)
+            at, slices, angle = rows[n[live]], k[live], angles[m[live]] + off
+            span = end[live] - begin[live]
+            ends = [self._solid(at, slices, side[live], angle, moves) for side in (begin, end)]
+            share = np.where(ends[0] & ends[1], span, 0.0)
+            part = np.flatnonzero(ends[0] ^ ends[1])
+            fix, sign = np.where(ends[0], begin[live], end[live])[part], np.where(ends[0], 1.0, -1.0)[part]
+            reach = partial(self._solid_from, at[part], slices[part], angle[part], (fix, sign * span[part]), moves)
+            share[part] = span[part] * _halve(reach, len(part), self.halvings)
+            total[live] += share
+        found[n, k, m] = total / STRIPS
+
+    def _solid_from(
+        self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, line: tuple[Array, Array],
+        moves: NDArray[np.int_], share: Array,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Tell which points of slices stand in material, a share of a line of the slice from where it begins."""
+        return self._solid(row, k, line[0] + share * line[1], angle, moves)
 
     def _end_arcs(
         self,
@@ -260,7 +326,7 @@ class _EdgeLook(Look):
             middle = np.where(from_low[n, k, m], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
 
             at, angle, step = (rows[n], k, middle), angles[m], way * turn
-            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), EDGE_BISECTIONS) - 0.5).astype("f4")
+            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), self.halvings) - 0.5).astype("f4")
             np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
             np.add.at(found, (n, k, (m + way) % len(angles)), np.maximum(reach, 0.0) * (more - less))
 
