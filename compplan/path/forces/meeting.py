@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,12 @@ from compplan.path.forces.wake import NOTHING, build_wake, lowest_reach
 ANGLES = 48
 #: Moves that are computed together, of flat cutters and of others.
 CHUNK, EDGE_CHUNK = 16, 48
-#: Halvings that find the end of an arc.
-BISECTIONS = 9
+#: Halvings that find the end of an arc, of flat cutters and of others.
+BISECTIONS, ARC_HALVINGS = 9, 5
 #: Greatest error of where the engaged part of a slice ends, in radii; its halvings follow from the longest slice.
 END_ERROR = 2e-3
 #: Angles within a bin of a lower surface that is engaged in part.
-STRIPS = 4
+STRIPS = 2
 #: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
 #: takes off a floor is no part of the cut at a wall.
 THIN = 0.25
@@ -221,11 +221,10 @@ class _FlatLook(Look):
 class _EdgeLook(Look):
     """By points of the edge, for every other cutter and for axes that turn."""
 
-    @cached_property
-    def halvings(self) -> int:
-        """Halvings after which the end of what is engaged of a slice is known to `END_ERROR`."""
-        longest = float(self.cutter.slices.length.max())
-        return int(np.clip(np.ceil(np.log2(longest / (END_ERROR * self.cutter.radius))) - 1, 4, 16))
+    def _count_halvings(self, k: NDArray[np.int_]) -> int:
+        """Return after how many halvings the end of what is engaged of slices is known to `END_ERROR`."""
+        longest = float(self.cutter.slices.length[k].max(initial=0.0)) / self.cutter.radius
+        return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
         """Write the engaged shares of some waypoints, see `Look`."""
@@ -251,7 +250,7 @@ class _EdgeLook(Look):
         def hit(share: Array) -> NDArray[np.bool_]:
             return self._solid(rows[n], k, np.where(up, share, 1.0 - share), angles[m], moves)
 
-        found[n, k, m] = _halve(hit, len(n), self.halvings)
+        found[n, k, m] = _halve(hit, len(n), self._count_halvings(k))
         self._end_arcs(found, (rows, moves, angles), out & straight, low | ~high)
         if lower.any():
             whole = low & high
@@ -293,7 +292,7 @@ class _EdgeLook(Look):
             part = np.flatnonzero(ends[0] ^ ends[1])
             fix, sign = np.where(ends[0], begin[live], end[live])[part], np.where(ends[0], 1.0, -1.0)[part]
             reach = partial(self._solid_from, at[part], slices[part], angle[part], (fix, sign * span[part]), moves)
-            share[part] = span[part] * _halve(reach, len(part), self.halvings)
+            share[part] = span[part] * _halve(reach, len(part), self._count_halvings(slices[part]))
             total[live] += share
         found[n, k, m] = total / STRIPS
 
@@ -326,7 +325,7 @@ class _EdgeLook(Look):
             middle = np.where(from_low[n, k, m], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
 
             at, angle, step = (rows[n], k, middle), angles[m], way * turn
-            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), self.halvings) - 0.5).astype("f4")
+            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), ARC_HALVINGS) - 0.5).astype("f4")
             np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
             np.add.at(found, (n, k, (m + way) % len(angles)), np.maximum(reach, 0.0) * (more - less))
 
