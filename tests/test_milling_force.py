@@ -10,7 +10,6 @@ from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
 from compplan.process.meeting import find_engagement
 from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.process.stability import find_gains
 from compplan.process.stock import build_block
 
 FLAT = Cutter(5e-3, 0.03)
@@ -57,19 +56,6 @@ def test_the_exponent_makes_thin_chips_dear() -> None:
     material = Coefficients((800.0, 0.0, 0.0), exponent=(0.25, 0.0, 0.0))
     ratio = mean(found, material, 0.1e-3)[5] / mean(found, material, 0.05e-3)[5]
     assert ratio == pytest.approx(2**0.75, rel=1e-6)
-
-
-def test_a_chip_that_grows_answers_with_the_slope_of_its_law() -> None:
-    """F = K b h^(1 - m) with h in mm: dF/dh = (1 - m) K b h^-m; at half a turn into a slot h is the feed per tooth."""
-    found = engage(FLAT, (-60, 0, -2), (0, 0, -2)).take(np.array([60]))
-    feed, m = np.array([0.08e-3]), 0.25
-    plain = find_gains(found, Coefficients((800.0, 0.0, 0.0)), feed)
-    thin = find_gains(found, Coefficients((800.0, 0.0, 0.0), exponent=(m, 0.0, 0.0)), feed)
-    size, thinner = (np.abs(gains[0]).max(axis=(1, 2)) for gains in (plain, thin))
-    cutting = size > 0.0
-    assert size.max() == pytest.approx(800.0e6 * 2e-3, rel=0.02)
-    ratio = thinner[cutting] / size[cutting]  # least where the chip is thickest
-    assert ratio.min() == pytest.approx((1 - m) * 0.08**-m, rel=0.02)
 
 
 def test_a_plunge_and_a_lift_do_not_push_sideways() -> None:

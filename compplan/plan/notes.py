@@ -66,9 +66,6 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
         reason = RECORDED[job.process.model]
         model = job.process.model
         notes.append(f"The independent check takes the wrench of {model!r} as the planner recorded it: {reason}.")
-    if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
-        asks = "tells it" if job.stability.judge else "tells it where the job has a table [stability]"
-        notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
     notes += [*describe_spindle(task, job), *describe_frames(task, job), *_describe_positioner(task.robot, job)]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")

@@ -18,7 +18,7 @@ from compplan.job.output import OutputTable
 from compplan.plan.approach import plan_approach, plan_retract
 from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
-from compplan.plan.chatter import read_chatter
+from compplan.plan.chatter_limit import describe_depth_limit
 from compplan.plan.evaluate import (
     compare_coupling,
     evaluate_model,
@@ -150,7 +150,7 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
     lock = read_lock(job, robot)
     chooser = robot if lock is None or lock.model is None else lock.model
     options = read_options(job, chooser)
-    posture = options.posture and replace(options.posture, chatter=read_chatter(job, chooser, nominal, law))
+    posture = options.posture
     return robot, nominal, replace(options, law=law, posture=posture, lock=lock)
 
 
@@ -212,7 +212,7 @@ def plan_task(
         bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
-    bending = measure_bending(task, command.q, timing, DAMPING if job is None else job.stability.damping)
+    bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
@@ -221,6 +221,8 @@ def plan_task(
     breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
+    if limit := describe_depth_limit(task, command.q):
+        told += (limit,)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
         told += (jerk,)
     plan = Plan(

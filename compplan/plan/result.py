@@ -21,14 +21,12 @@ from compplan.plan.citations import list_citations
 from compplan.plan.coupling import CouplingEffect, summarise_coupling
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.executed import ExecutedPath, judge_executed
-from compplan.plan.finished_walls import describe_walls, judge_surface
 from compplan.plan.reversals import list_reversals
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.process.walls import WallError
 from compplan.robot import Array, Robot
 from compplan.simulation.cell import JUDGE
 from compplan.statics.chain import locate_frames
@@ -132,12 +130,6 @@ class Plan(Shown):
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
-
-    @cached_property
-    def walls(self) -> tuple[WallError, ...] | None:
-        """Errors of the finished walls with the corrected arm, None where the job does not ask for them."""
-        task = self.task
-        return judge_surface(self.job, task.law, replace(task.nominal, feed=self.timing.feed), self.after.deviation)
 
     @cached_property
     def mismatch(self) -> Mismatch:
@@ -340,8 +332,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
             summary["posture"]["program"] = plan.task.start.bettered.describe()
     if plan.coupling is not None:
         summary["coupling"] = summarise_coupling(plan.coupling)
-    if plan.walls is not None:
-        summary["surface"] = describe_walls(plan.walls, plan.job, corrected=True)
     if plan.clearance is not None:
         request = None if plan.task.start is None else plan.task.start.request
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compplan.job.force_prediction import ForcePrediction
-from compplan.plan.stability import Stability
 from compplan.process.engagement import Engagement
 from compplan.process.finished import PartCheck
 from compplan.process.fit import ForceFit
 from compplan.process.force_models import name_force_model
-from compplan.process.walls import WallError
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.reporting.openings import open_forces
@@ -31,10 +29,8 @@ from compplan.reporting.page import (
     write_page,
 )
 from compplan.reporting.robot_scene import frame_scene
-from compplan.reporting.stability_section import show_stability
 from compplan.reporting.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, SEQUENTIAL, format_number
 from compplan.reporting.thinning import thin_path
-from compplan.reporting.walls_section import show_walls
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
@@ -42,17 +38,12 @@ from compplan.toolpath.toolpath import Toolpath
 POINTS = 4000
 
 
-def write_forces_page(
-    found: ForcePrediction, summary: Mapping[str, Any], stability: Stability | None,
-    walls: Sequence[WallError] | None, file: Path,
-) -> None:  # fmt: skip
+def write_forces_page(found: ForcePrediction, summary: Mapping[str, Any], file: Path) -> None:
     """Write the page.
 
     Args:
         found: The prediction.
         summary: What forces.json holds of it.
-        stability: Where the cut chatters, or None.
-        walls: Errors of finished walls, or None.
         file: The page.
 
     """
@@ -62,10 +53,6 @@ def write_forces_page(
         sections.append(_engagement(found, found.engagement, stations))
     if "part" in summary and found.law.cutting is not None and found.law.cutting.part is not None:
         sections.append(_part(found.law.cutting.part, summary["part"], stations))
-    if stability is not None:
-        sections.append(show_stability(stability, stations))
-    if walls is not None:
-        sections.append(show_walls(walls, found.job, corrected=False))
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})

@@ -44,7 +44,6 @@ from compplan.reporting.style import (
     format_set_length,
     format_set_value,
 )
-from compplan.reporting.walls_section import show_walls
 from compplan.robot import Array
 
 if TYPE_CHECKING:
@@ -75,7 +74,6 @@ def write_plan_page(plan: Plan, file: Path, extra: Sequence[Section] = ()) -> No
         _feed(plan, stations),
     ]
     sections += [] if plan.coupling is None else [show_coupling(plan.coupling)]
-    sections += [] if plan.walls is None else [show_walls(plan.walls, plan.job, corrected=True)]
     sections += [] if plan.promise is None else [show_promise(plan.promise, stations, task.tolerance)]
     assumptions = list_assumptions(plan.job)
     stance = None if task.start is None else task.start.stance
