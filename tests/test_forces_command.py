@@ -12,7 +12,6 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.io.notes import list_stops
 from compplan.job.job import load_job
 from compplan.job.loading import load_path
 from compplan.process.fit import fit_forces
@@ -61,16 +60,6 @@ def test_it_writes_table_page_and_summary(tmp_path, monkeypatch, capsys) -> None
     assert len(rows) == summary["waypoints"] + 1 and rows[0].startswith("s_mm,rapid,feed_mm_s,axial_depth_mm")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Duan et al. 2021" in page and "The path coloured by the size of the force" in page
-
-
-def test_a_flute_shorter_than_the_cut_has_to_be_settled_before_the_machine_moves(tmp_path, monkeypatch, capsys) -> None:
-    job = write_job(tmp_path, 'material = "al7075_t6"\nflute_mm = 2.0')
-    answer = run_command(["forces", job, "--out", tmp_path / "out", "--json"], monkeypatch, capsys)
-    assert answer.status == 0, answer.err
-    summary = json.loads(answer.out)
-    assert len(summary["stops"]) == 1 and "deeper than the flute (process.flute_mm) at" in summary["stops"][0]
-    assert "the tool crashes" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert len(list_stops(load_path(load_job(job))[0].notes)) == 1
 
 
 def test_a_log_gives_back_the_coefficients_that_made_it_within_their_intervals(log, tmp_path, monkeypatch, capsys):

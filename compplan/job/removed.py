@@ -15,6 +15,10 @@ REMOVED = {
     "posture.weights.stability": "delete it",
     "surface": CAM,
     "tool_beam": CAM,
+    "process.part": CAM,
+    "process.holder_mm": CAM,
+    "tool.process.part": CAM,
+    "tool.process.holder_mm": CAM,
 }
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from compplan.controllers.writers import check_languages
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.io.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
@@ -217,8 +216,7 @@ def plan_task(
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
-    crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
-    breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
+    breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes))
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     if limit := describe_depth_limit(task, command.q):

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from compplan.io.tables import Array
 from compplan.process.blank import UPRIGHT
 from compplan.process.cutter import Cutter
+from compplan.process.edge import SLIDES, EdgeSolver
 from compplan.process.engagement import Engagement, lower_speed, middle_angles, outward_span
-from compplan.process.look import SLIDES, Above, Crashes, Look
 from compplan.process.stock import StockColumns
 from compplan.process.wake import NOTHING, build_wake, lowest_reach
 from compplan.toolpath.contact import last_set
@@ -43,8 +43,6 @@ STRAIGHT = 1.0 - 1e-12
 SAME_WAY = float(np.radians(15.0))
 #: Slices of a side that is looked at by points, in radii, and how many at most.
 SIDE_SLICE, MOST_SIDE_SLICES = 0.25, 24
-#: A tool of which nothing but its edges is looked at.
-BARE = Above()
 
 
 def find_engagement(
@@ -54,8 +52,7 @@ def find_engagement(
     stock: StockColumns,
     meant: Array | None = None,
     axis: Array | None = None,
-    above: Above = BARE,
-) -> tuple[Engagement, Crashes]:
+) -> Engagement:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
 
     Args:
@@ -67,10 +64,9 @@ def find_engagement(
             are those of the path's travel: that it drifts aside meanwhile is little beside the feed, but in a corner,
             and left out. Shape (n, 3). [m]
         axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
-        above: What of the tool stands above its edges.
 
     Returns:
-        The engagement, and what meets material that it cannot cut.
+        The engagement; rapid moves meet nothing.
 
     """
     n = len(position)
@@ -84,29 +80,23 @@ def find_engagement(
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
     depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
-    crashes = Crashes.none(n)
     wake = build_wake(cutter, start, position, stock.bounds()[:, :2], axis)
     if wake is None:
-        return Engagement(cutter, depth, travel, level, turning), crashes
+        return Engagement(cutter, depth, travel, level, turning)
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
-    kind = _EdgeLook if by_points else _FlatLook
-    look = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
+    kind = _PointEdge if by_points else _FlatEdge
+    solver = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
     removing = cutting & moving
     removing[0] = False
     chunk = EDGE_CHUNK if by_points else CHUNK
     for first in range(0, n, chunk):
         rows = np.arange(first, min(first + chunk, n))
         moves = rows[removing[rows]]
-        near = rows[look.may_touch(rows)]
+        near = rows[solver.may_touch(rows)]
         if len(near):
-            look.fill(near[cutting[near]], moves, depth)
-            if above.shank is not None:
-                look.mark_shank(near[removing[near]], moves, above.shank, crashes.shank)
-        if above.holder is not None:
-            look.mark_holder(rows, moves, above.holder, crashes.holder)
-        look.mark_rapid(rows[~cutting[rows]], moves, crashes.rapid)
+            solver.fill(near[cutting[near]], moves, depth)
         wake.cut(moves)
-    return Engagement(cutter, depth, travel, level, turning), crashes
+    return Engagement(cutter, depth, travel, level, turning)
 
 
 def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -154,7 +144,7 @@ def _cut_side(
     return replace(cutter, flute=reach, pieces=pieces)
 
 
-class _FlatLook(Look):
+class _FlatEdge(EdgeSolver):
     """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
@@ -218,7 +208,7 @@ class _FlatLook(Look):
             np.minimum.at(top, sample, reach)
 
 
-class _EdgeLook(Look):
+class _PointEdge(EdgeSolver):
     """By points of the edge, for every other cutter and for axes that turn."""
 
     def _count_halvings(self, k: NDArray[np.int_]) -> int:
@@ -227,7 +217,7 @@ class _EdgeLook(Look):
         return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
-        """Write the engaged shares of some waypoints, see `Look`."""
+        """Write the engaged shares of some waypoints, see `EdgeSolver`."""
         angles = middle_angles(ANGLES)
         out = self._outward(rows, angles)
         lower = self.cutter.lower

@@ -10,7 +10,6 @@ import numpy as np
 
 from compplan.job.force_prediction import ForcePrediction
 from compplan.process.engagement import Engagement
-from compplan.process.finished import PartCheck
 from compplan.process.fit import ForceFit
 from compplan.process.force_models import name_force_model
 from compplan.reporting import figure as go
@@ -51,8 +50,6 @@ def write_forces_page(found: ForcePrediction, summary: Mapping[str, Any], file: 
     sections = [_overview(found), _along(found, stations)]
     if found.engagement is not None:
         sections.append(_engagement(found, found.engagement, stations))
-    if "part" in summary and found.law.cutting is not None and found.law.cutting.part is not None:
-        sections.append(_part(found.law.cutting.part, summary["part"], stations))
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})
@@ -184,23 +181,6 @@ def _engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> 
             _tabulate(found, cut),
         ],
     )  # fmt: skip
-
-
-def _part(part: PartCheck, summary: Mapping[str, Any], stations: Stations) -> Section:
-    """Show how far the cutter keeps from the finished part, and say what stays on it."""
-    count, allowed = summary["gouged_waypoints"], summary["gouge_allowed_mm"]
-    text = f"The cutter goes nowhere more than {allowed:g}\u00a0mm into the finished part."
-    if count:
-        text = (f"The cutter goes up to {format_number(summary['deepest_mm'])}\u00a0mm into the finished part, more "
-                f"than the {allowed:g}\u00a0mm that are allowed, at {count} waypoints.")  # fmt: skip
-    if "left_mm" in summary:
-        middle, most, top = (format_number(summary["left_mm"][key]) for key in ("median", "p95", "max"))
-        text += (f" On the surface that it passes {middle}\u00a0mm are left in the median, {most}\u00a0mm or less on "
-                 f"95\u00a0% of it, {top}\u00a0mm at most; the cutter passes what lies within a quarter of its radius, "
-                 "beside the outermost rows too.")  # fmt: skip
-    lines = draw_lines(stations, {"clearance": 1e3 * part.clearance}, "mm", title="clearance", zero=True)
-    words = "Least distance of the cutter from the finished part; below 0 it cuts into it, with no bending of the arm."
-    return Section("Finished part", [text, Chart(lines, words, height=280)])
 
 
 def _tabulate(found: ForcePrediction, cut: Engagement) -> PageTable:

@@ -72,10 +72,6 @@ def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
         deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
         shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
         yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}"
-    if "part" in summary and "left_mm" in summary["part"]:
-        part, left = summary["part"], summary["part"]["left_mm"]
-        yield (f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
-               f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
     if "log" in summary:
         fit = summary["log"]
         yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "

@@ -57,9 +57,5 @@ class EndMillProcess(CuttingTable):
         flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
         return Cutter(radius, max(flute, corner), corner)
 
-    def shank(self, cutter: Cutter) -> float | None:
-        """Return the height above the tip from which on the tool has no edges. [m]"""
-        return cutter.flute
-
 
 table = EndMillProcess

@@ -18,7 +18,6 @@ from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.process.cutting import CoefficientTable
-from compplan.process.finished import describe_part
 from compplan.process.force_lesson import (
     SCATTER,
     LearnedForce,
@@ -64,8 +63,6 @@ def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
             "exponent": list(resistance.exponent), "source": resistance.source, "assumed": resistance.assumed,
         }  # fmt: skip
-        if found.law.cutting.part is not None:
-            summary["part"] = describe_part(found.law.cutting.part)
     if found.fit is not None:
         summary["log"] = {
             "rows": found.fit.rows, "rms_N": found.fit.level, "rms_before_N": found.fit.rms_before,
@@ -175,7 +172,5 @@ def _tabulate(found: ForcePrediction) -> dict[str, object]:
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
         columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
-        if found.law.cutting.part is not None:
-            columns["part_clearance_mm"] = 1e3 * found.law.cutting.part.clearance
     columns |= {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     return columns
