@@ -27,7 +27,6 @@ from compplan.process.force_lesson import LearnedForce
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.library import lay_material
 from compplan.process.process import Process
-from compplan.process.process_stiffness import CouplingTable
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -190,7 +189,6 @@ class Job(StrictTable):
     tool: ToolTable | None = None
     tool_table: ToolsTable | None = Field(default=None, alias="tools")
     process: Process = ColumnsProcess()
-    coupling: CouplingTable | None = None
     plan: PlanTable = PlanTable()
     tolerance: ToleranceTable = ToleranceTable()
     output: OutputTable = OutputTable()

@@ -11,6 +11,7 @@ from compplan.errors import InputError
 CAM = "a CAM system checks finished walls and stock; delete it"
 #: Removed keys, dotted, and what to do instead.
 REMOVED = {
+    "coupling": "the force is that of the tool on its path; delete it",
     "stability": "state [process] tool_mode, a plan notes the limit of depth",
     "posture.weights.stability": "delete it",
     "surface": CAM,

@@ -9,7 +9,6 @@ import numpy as np
 from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
-from compplan.plan.coupling import CouplingEffect
 from compplan.plan.frame_notes import describe_frames
 from compplan.plan.outside import describe_outside
 from compplan.plan.slow import describe_causes
@@ -27,18 +26,6 @@ LEFT_OUT = "left out: the tool moves rapidly above the holes"
 TURNING = ("milling", "end_mill", "drill")
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
 SWING = 0.5
-
-
-def describe_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
-    """Say what it makes of the uncorrected tip that the force depends on where the tool is, and where that fails."""
-    if effect is None:
-        return ()
-    left, settled = " / ".join(f"{100 * share:.3g}" for share in effect.left), effect.settled
-    (before, _), (after, _) = effect.without_size, effect.coupled_size
-    note = (f"The force depends on where the tool is ({effect.source}): of the uncorrected deviation {left} % are left "
-            f"in x / y / z of the base, {1e3 * after:.3g} mm (rms) in place of {1e3 * before:.3g} mm; "
-            f"{settled.passes} passes, ratio {settled.ratio:.2g}.")  # fmt: skip
-    return (note,) if settled.agrees else (note, settled.explain())
 
 
 def describe_fading(robot: Robot, share: float) -> str:

@@ -19,7 +19,6 @@ from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measu
 from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.chatter_limit import describe_depth_limit
 from compplan.plan.evaluate import (
-    compare_coupling,
     evaluate_model,
     evaluate_run,
     measure_margins,
@@ -27,7 +26,7 @@ from compplan.plan.evaluate import (
 from compplan.plan.executed import drive_within, vote_on_executed
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
-from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
+from compplan.plan.notes import describe_fading, describe_left_out, list_notes
 from compplan.plan.path_problem import count_equations
 from compplan.plan.refine import StartChoice, better_start
 from compplan.plan.result import Plan
@@ -205,19 +204,14 @@ def plan_task(
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
-    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias, bench.stiffness)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
-    if after.settled is not None:
-        bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    if after.settled is not None and not after.settled.agrees:
-        breaches += (after.settled.explain(),)
     votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
     breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes))
-    coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
@@ -226,10 +220,9 @@ def plan_task(
     plan = Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
+        retract=plan_retract(task, command.q), between=found.between, bending=bending,
         clearance=clearance, unread=votes.unread,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling),
-               *votes.notes),
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *votes.notes),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan

@@ -18,7 +18,6 @@ from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
-from compplan.plan.coupling import CouplingEffect, summarise_coupling
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.executed import ExecutedPath, judge_executed
 from compplan.plan.reversals import list_reversals
@@ -59,7 +58,6 @@ class Plan(Shown):
         judge: Who computed `before` and `after`.
         breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
-        coupling: The uncorrected tip without and with coupling of force and place, or None.
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
@@ -82,7 +80,6 @@ class Plan(Shown):
     judge: str = JUDGE
     breaches: tuple[str, ...] = ()
     clearance: ClearanceProfile | None = None
-    coupling: CouplingEffect | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
     learned: Promise | None = None
@@ -330,8 +327,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["posture"] = plan.task.start.stance.describe()
         if plan.task.start.bettered is not None:
             summary["posture"]["program"] = plan.task.start.bettered.describe()
-    if plan.coupling is not None:
-        summary["coupling"] = summarise_coupling(plan.coupling)
     if plan.clearance is not None:
         request = None if plan.task.start is None else plan.task.start.request
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)

@@ -22,7 +22,7 @@ from compplan.plan.timing import Timing, find_slowdown
 from compplan.plan.votes import Driven
 from compplan.robot import Array
 from compplan.simulation.cell import AS_MODELLED, Cell, build_cell, run_cell
-from compplan.simulation.forces import DrivenRows, read_forces, read_stiffness
+from compplan.simulation.forces import DrivenRows, read_forces
 from compplan.simulation.inertia import average_loads, load_springs
 from compplan.simulation.judge import Judge
 from compplan.simulation.reading import read_judge
@@ -43,14 +43,13 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 class Bench:
     """What the judge judges with, of its own reading: a cell, and at every waypoint the wrench and inertia's load.
 
-    `stiffness` is how the force answers to where the tool is, None where the planner's law says it; `driven` is what
+    `driven` is what
     else is voted on, None for robots and paths in memory.
     """
 
     cell: Cell
     wrench: Array
     bias: Array | None = None
-    stiffness: Array | None = None
     driven: Driven | None = None
 
 
@@ -77,13 +76,13 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     )  # fmt: skip
     wrench = read_forces(tables, job.folder, rows)
     if wrench is None:
-        return Bench(cell, task.wrench, bias, read_stiffness(tables, rows, task.wrench), driven)
+        return Bench(cell, task.wrench, bias, driven)
     if law is not None and law.learned is not None:
         wrench = law.learned.push(wrench, job.T_base_part[:3, :3])
     contact = np.flatnonzero(task.nominal.rapid & task.compensated)
     if law is None or not law.always:
         wrench[contact] = 0.0
-    return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench), driven)
+    return Bench(cell, wrench, bias, driven)
 
 
 def _load_springs(task: PlanTask, moving: Judge, time: Array) -> Array:
@@ -141,14 +140,12 @@ def find_breaches(
 def compare_models(task: PlanTask, q: Array, after: Evaluation) -> tuple[float, int]:
     """Compare where planner and judge place the loaded tip, at some waypoints of the cut.
 
-    Where the force asks where the tool is, both have found it by themselves and may differ: nothing is compared.
-
     Returns:
         Greatest distance [m] and its waypoint; 0 and 0 where nothing is compared.
 
     """
     rows = np.flatnonzero(after.cut)
-    if after.settled is not None or not len(rows):
+    if not len(rows):
         return 0.0, 0
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, COMPARED).astype(int))]
     apart = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -179,18 +179,6 @@ class CuttingForce:
         per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
-
-    def shift(self, away: Array) -> CuttingForce:
-        """Return the force of a tool that is off its path, having cut what a tool that is so far off cuts.
-
-        Args:
-            away: Tip minus path, part frame. Shape (r, 3). [m]
-
-        """
-        place = self.bench.position + away @ self.bench.R_view
-        bench = self.bench
-        found = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position, bench.axis)
-        return replace(self, engagement=found, shape=self.process.shape(found))
 
     def leave(self) -> Any:
         """Return what is left of the stock as a closed mesh, part frame [m], see `triangulate_stock`."""

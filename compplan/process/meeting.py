@@ -50,7 +50,6 @@ def find_engagement(
     position: Array,
     cutting: NDArray[np.bool_],
     stock: StockColumns,
-    meant: Array | None = None,
     axis: Array | None = None,
 ) -> Engagement:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
@@ -60,9 +59,6 @@ def find_engagement(
         position: Tips; the third axis of the frame is that of the stock's columns. Shape (n, 3). [m]
         cutting: Whether the move that ends here removes material (rapid moves do not). Shape (n,).
         stock: The stock before the first move, same frame.
-        meant: Tips of the path, for a tool that gives way from it. Where it is then decides what it meets; its chips
-            are those of the path's travel: that it drifts aside meanwhile is little beside the feed, but in a corner,
-            and left out. Shape (n, 3). [m]
         axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
 
     Returns:
@@ -73,7 +69,7 @@ def find_engagement(
     axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis
     start = np.vstack([position[:1], position[:-1]])
     step, moving = _list_steps(position)
-    way = _list_steps(position if meant is None else meant)[0]
+    way = _list_steps(position)[0]
     frame, travel = _frame_path(way, axis)
     turning = None if axis is None else _turn_axis(way, axis, frame, cutter)
     by_points = axis is not None or not cutter.even

@@ -15,6 +15,7 @@ JOB = Path(__file__).parents[2] / "examples" / "forces" / "pocket.toml"
     [
         ("[stability]\ndamping = 0.03", "[stability]"),
         ("[surface]", "[surface]"),
+        ("[coupling]\nfrom_model = true", "[coupling]"),
         ('[[tool]]\nnumber = 1\nprocess = { part = { mesh = "part.stl" } }', "tool.process.part"),
         ("[tool_beam]\nstickout_mm = 50.0", "[tool_beam]"),
     ],
