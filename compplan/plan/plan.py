@@ -43,7 +43,6 @@ from compplan.posture.start import PostureRequest, Start, check_clearance, read_
 from compplan.posture.summary import Stance
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
-from compplan.simulation.wanted import Vote
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x, tool_axes
 from compplan.toolpath.toolpath import Toolpath, check_toolpath
@@ -210,8 +209,8 @@ def plan_task(
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
-    breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes))
+    votes = () if bench.driven is None else cast_votes(bench.driven, after, bending)
+    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
     told = list_notes(task, timing, bending, job)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
@@ -220,9 +219,8 @@ def plan_task(
     plan = Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q), between=found.between, bending=bending,
-        clearance=clearance, unread=votes.unread,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *votes.notes),
+        retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan
