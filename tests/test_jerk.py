@@ -109,7 +109,7 @@ def test_the_second_reading_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
     task = replace(make_task(square_path(feed=0.4)), rests=None)
     held = time_command(replace(task, jerk_limits=None if wrong else limit_jerk(ROBOT, 1.0, 0.4)), task.q_start)
     cutting = np.r_[False, ~task.nominal.rapid[1:]]
-    tables = {"limits": {"full_acceleration_after_s": 0.4}}
-    driven = SimpleNamespace(task=task, q=task.q_start, time=held.time, tables=tables, cutting=cutting)
+    job = SimpleNamespace(limits=SimpleNamespace(full_acceleration_after_s=0.4, acceleration_scale=1.0))
+    driven = SimpleNamespace(task=task, q=task.q_start, time=held.time, job=job, cutting=cutting)
     found = _vote_on_jerk(driven, read_joints(ROBOT.folder))
     assert bool(found) == wrong and all("jerks" in line for line in found)
