@@ -12,6 +12,7 @@ from test_feed import ROBOT, arc_path, make_task, square_path
 
 from benchmarks.limits import sample_use
 from compplan.controllers.readback.robot import read_joints
+from compplan.job.job import LimitsTable
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
@@ -105,11 +106,11 @@ def _limits(task) -> tuple[Array, Array, Array | None]:
 
 
 @pytest.mark.parametrize("wrong", [False, True])
-def test_the_second_reading_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
+def test_the_check_of_a_plan_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
     task = replace(make_task(square_path(feed=0.4)), rests=None)
     held = time_command(replace(task, jerk_limits=None if wrong else limit_jerk(ROBOT, 1.0, 0.4)), task.q_start)
     cutting = np.r_[False, ~task.nominal.rapid[1:]]
-    job = SimpleNamespace(limits=SimpleNamespace(full_acceleration_after_s=0.4, acceleration_scale=1.0))
+    job = SimpleNamespace(limits=LimitsTable(full_acceleration_after_s=0.4))
     driven = SimpleNamespace(task=task, q=task.q_start, time=held.time, job=job, cutting=cutting)
     found = _vote_on_jerk(driven, read_joints(ROBOT.folder))
     assert bool(found) == wrong and all("jerks" in line for line in found)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compplan.controllers.writers.counting import load_controller
-from compplan.controllers.writers.frames import place_numbers, rotation_vectors
+from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
+from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import list_stops
 from compplan.plan.slow import mark_slow
 from compplan.process.cutting import CuttingTable
@@ -139,7 +140,9 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     else:
         mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
         rows.append(("Tool", f"as in the job; {mass}"))
-    rows.append(("Tool centre point, in the flange", describe_pose(mounted_tool(robot))))
+    seen = np.linalg.inv(flange_turn(robot)) @ mounted_tool(robot)
+    frame = "the URDF's flange" if locate_pendant(robot) is None else "the pendant's flange frame"
+    rows.append((f"Tool centre point, in {frame}", describe_pose(seen)))
     source = Path(plan.task.nominal.source).name or "in memory"
     return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
 
