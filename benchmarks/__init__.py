@@ -14,7 +14,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     ),
     "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
     "Is the force right?": (
-        "engagement", "milling", "force_logs", "deflected", "walls", "drilling", "stability", "crashes",
+        "engagement", "milling", "force_logs", "drilling",
     ),
     "Is the cause found?": (
         "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "rival", "calibrate_certainty",

@@ -15,7 +15,7 @@ from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.io.notes import list_remarks, list_stops
-from compplan.job.job import Job, check_job
+from compplan.job.job import check_job
 from compplan.plan.bending import Bending, describe_bending
 from compplan.plan.frame_notes import ask_about_tool
 from compplan.plan.notes import describe_spindle
@@ -33,13 +33,6 @@ JOB = {"schema": 1, "robot": "ur10", "toolpath": "part.nc"}
 def test_the_command_line_chooses_the_threads_before_numpy_is_imported() -> None:
     words = "import sys, compplan.cli; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", words], check=False).returncode == 0
-
-
-def test_chatter_is_judged_where_the_job_has_its_table_alone() -> None:
-    assert not check_job(JOB).stability.judge
-    assert check_job({**JOB, "stability": {}}).stability.judge
-    assert not check_job({**JOB, "stability": {"judge": False}}).stability.judge
-    assert Job.model_fields["stability"].default.damping == 0.03
 
 
 class Rows(SimpleNamespace):

@@ -69,13 +69,6 @@ class Prices(NamedTuple):
 TorquesAlong = Callable[[int, int, Array, Array], tuple[Array, Array, Array, Array]]
 
 
-class Margin(NamedTuple):
-    """What may not become negative at some stations, and how it is measured at their joint positions."""
-
-    at: NDArray[np.int_]
-    measure: Callable[[Array], Array]
-
-
 @dataclass(frozen=True)
 class Ground:
     """What a program asks of postures, beside its limits.
@@ -84,7 +77,6 @@ class Ground:
         band: Radius of the 95 % band at joint positions (k, nq) under a wrench (k, 6), None where it does not count.
             Shape (k,). [m]
         clear: What keeps the arm clear, None where nothing is in the way.
-        quiet: How far cuts are from chatter, or None.
         room: Distance to joint limits that is kept where the start has it. [rad or m]
         torques: Torque rows of the stations from one to another at joint positions, or None.
         work: The same where the work of the motors counts, or None.
@@ -93,7 +85,6 @@ class Ground:
 
     band: Callable[[Array, Array], Array] | None = None
     clear: SweptClearance | None = None
-    quiet: Margin | None = None
     room: float = 0.0
     torques: Callable[[Array], TorquesAlong] | None = None
     work: Callable[[Array], TorquesAlong] | None = None
@@ -165,15 +156,13 @@ class JointProgram:
 
     def evaluate(self, change: Array, near: Array) -> Point | None:
         """Solve the joints, the fastest run and the band of a choice; None where it cannot be followed."""
-        freedom, task, quiet = self.freedom, self.freedom.task, self.ground.quiet
+        freedom, task = self.freedom, self.freedom.task
         values = freedom.values(change)
         q, rate, reached = freedom.pose(near, values)
         lower, upper = self.bounds()
         if not reached.all() or (q < lower - 1e-7).any() or (q > upper + 1e-7).any():
             return None
         if self.ground.clear is not None and not self.ground.clear.keeps(q):
-            return None
-        if quiet is not None and quiet.measure(q[quiet.at]).min() < 0.0:
             return None
         try:
             speeds, total = self.time(q)

@@ -11,16 +11,14 @@ import numpy as np
 
 from compplan.controllers.writers import check_languages
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.io.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.plan.approach import plan_approach, plan_retract
 from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
-from compplan.plan.chatter import read_chatter
+from compplan.plan.chatter_limit import describe_depth_limit
 from compplan.plan.evaluate import (
-    compare_coupling,
     evaluate_model,
     evaluate_run,
     measure_margins,
@@ -28,7 +26,7 @@ from compplan.plan.evaluate import (
 from compplan.plan.executed import drive_within, vote_on_executed
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
-from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
+from compplan.plan.notes import describe_fading, describe_left_out, list_notes
 from compplan.plan.path_problem import count_equations
 from compplan.plan.refine import StartChoice, better_start
 from compplan.plan.result import Plan
@@ -152,7 +150,7 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
     lock = read_lock(job, robot)
     chooser = robot if lock is None or lock.model is None else lock.model
     options = read_options(job, chooser)
-    posture = options.posture and replace(options.posture, chatter=read_chatter(job, chooser, nominal, law))
+    posture = options.posture
     return robot, nominal, replace(options, law=law, posture=posture, lock=lock)
 
 
@@ -211,27 +209,22 @@ def plan_task(
     after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
     uncorrected = task.q_uncorrected
     before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
-    if after.settled is not None:
-        bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
-    bending = measure_bending(task, command.q, timing, DAMPING if job is None else job.stability.damping)
+    bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    if after.settled is not None and not after.settled.agrees:
-        breaches += (after.settled.explain(),)
     votes = () if bench.driven is None else cast_votes(bench.driven, after, bending)
-    crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
-    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes), *crashes)
-    coupling = compare_coupling(task, before)
+    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
     told = list_notes(task, timing, bending, job)
+    if limit := describe_depth_limit(task, command.q):
+        told += (limit,)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
         told += (jerk,)
     plan = Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
-        clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling)),
+        retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan

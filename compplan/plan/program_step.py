@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from compplan.plan.one_program import PROBE, JointProgram, Margin, Point, TimedStretch
+from compplan.plan.one_program import JointProgram, Point, TimedStretch
 from compplan.plan.quadratic import StepRows, StepVariables, solve_quadratic
 from compplan.plan.timing import time_rapids
 from compplan.posture.clearance import EXACT
@@ -81,8 +81,6 @@ def propose_step(program: JointProgram, point: Point, size: float) -> Array | No
     if program.ground.clear is not None:
         margin, by_c = program.ground.clear.linearise(point.q, columns)
         rows.add(np.maximum(margin - EXACT, 0.0), c=-by_c)
-    if program.ground.quiet is not None:
-        _add_margin(program, program.ground.quiet, rows, point, spread)
     travel, move = np.diff(spread[marks], axis=0) / freedom.units[:, None], np.diff(point.values[marks], axis=0)
     every = np.arange((len(marks) - 1) * f)
     for sign in (1.0, -1.0):
@@ -222,15 +220,6 @@ def _add_band(program: JointProgram, rows: StepRows, point: Point, spread: Array
     rows.add(widest - value, c=by_c, b=-1.0)
     if np.isfinite(prices.most_band):
         rows.add(np.array([max(prices.most_band - widest, 0.0)]), b=1.0)
-
-
-def _add_margin(program: JointProgram, margin: Margin, rows: StepRows, point: Point, spread: Array) -> None:
-    """Add what may not become negative, by differences along every free coordinate."""
-    at, units = margin.at, program.freedom.units
-    value = margin.measure(point.q[at])
-    moved = [margin.measure(point.q[at] + PROBE * point.rate[at, :, k] * unit) for k, unit in enumerate(units)]
-    slope = (np.stack(moved) - value) / PROBE / units[:, None]
-    rows.add(np.maximum(value, 0.0), c=-np.einsum("fj,jfc->jc", slope, spread[at]))
 
 
 def _price_work(program: JointProgram, point: Point, columns: Array) -> tuple[Array, Array]:

@@ -11,14 +11,13 @@ import numpy as np
 from compplan.controllers.writers.counting import load_motion
 from compplan.errors import InfeasibleError
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
-from compplan.plan.ground import DEEPEST, LEAST_SHARE, drop_least, state_ground
+from compplan.plan.ground import drop_least, state_ground
 from compplan.plan.narrow import INERTIA_WINDOWS
 from compplan.plan.one_program import Point, Prices, build_program
 from compplan.plan.program_step import solve_program
 from compplan.plan.run_meter import RunMeter, TimedStart
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs, time_rapids
-from compplan.posture.chatter import count_chatter, judge_chatter
 from compplan.posture.costs import Weights
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs, search_line
@@ -125,9 +124,6 @@ def better_start(start: Start, choice: StartChoice) -> Start:
         state = task if origin is start else choice.meter.state(origin)
         found = [each for own in weighed if (each := propose_start(state, origin, choice, own)) is not None]
         runs += [(run, name, how) for better, how in found for run in choice.meter.measure(better)]
-    if (cut := start.request.chatter) is not None:  # nowhere nearer to chatter than half of the limit, or the graph's
-        near = judge_chatter(cut, start.q, 1.0 / DEEPEST) + LEAST_SHARE
-        runs = [each for each in runs if (judge_chatter(cut, each[0].start.q, 1.0 / DEEPEST) <= near).all()]
     slowest = max(run.time for run, name, how in runs if how is None and name in ("graph", "plain graph"))
     taken = _choose_run(preset, first, runs, choice.meter, slowest if preset in COMPARED else first.time)
     if taken is None:
@@ -140,8 +136,7 @@ def better_start(start: Start, choice: StartChoice) -> Start:
                     *(how or Brought(0, ())), (first.energy, run.energy) if energy else None)  # fmt: skip
     costs = {**stood_on.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
     compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
-    chosen = replace(stood_on, settings=stance.settings, costs=costs, compared=compared,
-                     chatter=count_chatter(start.request.chatter, run.start.q))  # fmt: skip
+    chosen = replace(stood_on, settings=stance.settings, costs=costs, compared=compared)
     off = 0.0 if run.start.aside is None else run.start.aside
     path = replace(choice.nominal, position=choice.nominal.position + off)
     stood = stand(replace(chosen, compared_by=stance.compared_by), path, start.request)

@@ -181,11 +181,6 @@ class PlanTask:
         return self.law is not None and self.law.follows_feed
 
     @property
-    def coupled(self) -> bool:
-        """Tell whether the force answers to where the tool is."""
-        return self.law is not None and self.law.coupling is not None
-
-    @property
     def q_links(self) -> Array:
         """Joint positions that the links go through, whatever the drives run ahead. Shape (n, nq). [rad or m]."""
         return self.q_start if self.links is None else self.links

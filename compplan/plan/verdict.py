@@ -124,14 +124,12 @@ def find_breaches(
 def compare_models(task: PlanTask, q: Array, after: Evaluation) -> tuple[float, int]:
     """Compare where planner and judge place the loaded tip, at some waypoints of the cut.
 
-    Where the force asks where the tool is, both have found it by themselves and may differ: nothing is compared.
-
     Returns:
         Greatest distance [m] and its waypoint; 0 and 0 where nothing is compared.
 
     """
     rows = np.flatnonzero(after.cut)
-    if after.settled is not None or not len(rows):
+    if not len(rows):
         return 0.0, 0
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, COMPARED).astype(int))]
     apart = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)

@@ -5,7 +5,7 @@ All strategies meet the same cells, so that their differences are paired.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +15,10 @@ from scipy.ndimage import uniform_filter1d
 from compplan.plan.correction_loop import Loop, run_loop
 from compplan.plan.strategies.answer import Answer, answer_reading
 from compplan.robot import Array
-from compplan.simulation.coupling import EXACT, PASSES
 from compplan.studies.draw import Cells, draw_cells, shift_tip
 from compplan.studies.factors import PARTS
 from compplan.studies.kernel import settle_tips
-from compplan.studies.study import Coupling, Study, TimeGrid, Worker
+from compplan.studies.study import Study, TimeGrid, Worker
 from compplan.studies.touch import move_part
 
 #: Poses worked on at once, samples times waypoints.
@@ -123,22 +122,7 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -
         tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
         return np.asarray(tips.reshape(3, b, n) + moved)
 
-    wrench = cells.wrench[part]
-    away = attain(wrench)
-    return away if study.coupling is None else _couple_force(study.coupling, attain, wrench, away)
-
-
-def _couple_force(coupling: Coupling, attain: Callable[[Array], Array], wrench: Array, away: Array) -> Array:
-    """Let force and deflection agree, as `compplan.simulation.coupling` does, by the compliance. Shape (3, b, n)."""
-    acting = wrench.copy()
-    for _ in range(PASSES):
-        lack = wrench[:3] - np.einsum("nij,jbn->ibn", coupling.stiffness, away) - acting[:3]
-        step = np.einsum("nij,jbn->ibn", coupling.inner, lack)
-        if np.abs(np.einsum("nij,jbn->ibn", coupling.compliance, step)).max() <= EXACT:
-            break
-        acting[:3] += step
-        away = attain(acting)
-    return away
+    return attain(cells.wrench[part])
 
 
 def _learn(study: Study, answer: Answer, worker: Worker, cells: Cells) -> Array:
