@@ -97,7 +97,7 @@ def predict(passes: list[float], side: str, folder: Path) -> tuple:
     y = {"below": (-40.0, 0.0), "above": (0.0, 40.0), "all": (-40.0, 40.0)}[side]
     job = {
         "schema": 1, "name": "deflected", "robot": "staubli_tx200", "toolpath": "path.csv",
-        "part": {"position_mm": [1400.0, 0.0, 300.0]},
+        "part": {"position_mm": [1400.0, 0.0, 300.0], "touched_off": False},
         "process": {"model": "end_mill", "diameter_mm": 2 * RADIUS, "teeth": TEETH, "spindle_rpm": RPM,
                     "coefficients": {"cutting_N_mm2": [*CUTTING, 0.0], "edge_N_mm": [*EDGE, 0.0]},
                     "stock": {"block_mm": [[0.0, y[0], -30.0], [LENGTH, y[1], 0.0]]}},

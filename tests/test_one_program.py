@@ -69,7 +69,8 @@ def test_joints_are_eliminated_with_their_exact_derivative_and_the_loaded_tip_st
     values = rail.start + np.minimum(rail.most, 0.02) * rng.uniform(-1.0, 1.0, rail.start.shape)
     q, rate, reached = rail.pose(rail.task.q_start[rail.rows], values)
     assert reached.all()
-    off = attain_pose(rail.task.chain, q, rail.wrench).position - rail.task.position[rail.rows]
+    tip = rail.task.see_position(attain_pose(rail.task.chain, q, rail.wrench).position)
+    off = tip - rail.task.position[rail.rows]
     assert np.einsum("nij,ni->nj", rail.frame, off) == pytest.approx(values[:, 3:6], abs=1e-9)
     assert q[:, 0] == pytest.approx(values[:, 6])
     for k in range(7):
@@ -186,7 +187,7 @@ def test_knowing_more_makes_the_band_of_a_posture_narrower_in_the_program_too(pl
 def test_the_band_by_what_changes_with_the_posture_is_that_of_everything_that_is_known(plan: Plan) -> None:
     task, force = plan.task, read_force_spread(None)
     rows = np.flatnonzero(task.cut)[::3]
-    lead = lead_radius(task.robot, force, task.q_start[rows], task.wrench[rows])
+    lead = lead_radius(task.robot, force, task.q_start[rows], task.wrench[rows], task.touched)
     turned = task.q_start + 0.1 * np.sin(np.arange(len(task)))[:, None]
     for q in (task.q_start, turned):
         whole = band_radius(spread_tip(replace(task, q_start=q), force, rows))

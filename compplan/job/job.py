@@ -305,8 +305,8 @@ class Job(StrictTable):
 
     @property
     def touched_off(self) -> bool:
-        """Whether the part was found with the robot itself: stated, else where its frame is fitted to points."""
-        return self.part.fit is not None if self.part.touched_off is None else self.part.touched_off
+        """Whether the part was found by touching it with this robot and tool; otherwise its frame is absolute."""
+        return self.part.touched_off
 
     @property
     def tool_x_base(self) -> Array:

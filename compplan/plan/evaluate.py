@@ -20,7 +20,7 @@ from compplan.plan.strategies.limits import measure_correction
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing
 from compplan.robot import Array
-from compplan.simulation.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell
+from compplan.simulation.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell, touch_cell
 from compplan.simulation.coupling import Settled, settle_coupled
 from compplan.simulation.judge import tip_compliance
 from compplan.statics.elastic import loaded_compliance
@@ -159,6 +159,7 @@ def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
 
     """
     cell = build_cell(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
+    cell = find_part(task, cell)
     rows = np.flatnonzero(task.compensated)
     if task.robot.effects:
         position = run_cell(cell, q, task.wrench, task.step_time).position[rows]
@@ -182,6 +183,13 @@ def _run_mismatch(task: PlanTask, q: Array, cell: Cell, rows: NDArray[np.int_]) 
     return settled.run.position
 
 
+def find_part(task: PlanTask, cell: Cell) -> Cell:
+    """Return a cell whose robot has found the part by touching it, where the task says so."""
+    if task.touched is None or cell.displacement is not None:
+        return cell
+    return touch_cell(cell, task.touched.q, task.touched.shown)
+
+
 def evaluate_run(
     task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None, bias: Array | None = None,
     stiffness: Array | None = None,
@@ -198,6 +206,7 @@ def evaluate_run(
 
     """
     load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
+    cell = find_part(task, cell)
 
     def attain(acting: Array) -> CellRun:
         return run_cell(cell, q, acting, task.step_time, more)
@@ -224,6 +233,7 @@ def evaluate_model(task: PlanTask, q: Array, *, coupled: bool = True) -> Evaluat
             found = attain_rows(loaded, q, np.arange(len(q)), slope=False)
         else:
             found = attain_pose(task.chain, q, acting, slope=False, torque_bias=task.bias, theta=task.theta)
+            found = task.see_pose(found)
         return CellRun(found.position, found.rotation)
 
     name = "planner's model"

@@ -23,6 +23,8 @@ from compplan.toolpath.toolpath import interpolate
 
 #: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
 NO_LIMIT = 1e4
+#: Smaller factors of a square count as 0, so that no quotient overflows. [any unit]
+NO_FACTOR = 1e-200
 #: Moves whose corners are found at once.
 CHUNK = 2048
 #: From joint motion per programmed time and its derivative to torques tau = a u + b x + c, and their limits.
@@ -112,6 +114,7 @@ def sweep_speed(fastest: Array, after: Array, before: Array, most: Array) -> Arr
         ConvergenceError: If a limit leaves no room even at rest.
 
     """
+    after, before = (np.where(np.abs(factors) > NO_FACTOR, factors, 0.0) for factors in (after, before))
     if (most <= 0.0).any():
         raise ConvergenceError("no run along the path keeps the joint rates from rest to rest", residual=np.nan)
     corner = np.concatenate([
@@ -119,7 +122,7 @@ def sweep_speed(fastest: Array, after: Array, before: Array, most: Array) -> Arr
         for k in range(0, len(after), CHUNK)
     ])  # fmt: skip
     least = _lowest_end(corner, after, before, most)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         start = np.where(before > 0.0, most / before, np.inf)
         lost = np.where(before > 0.0, after / before, 0.0)
         reach = np.where(after > 0.0, most / after, np.inf)
@@ -150,7 +153,7 @@ def _find_corners(fastest: Array, after: Array, before: Array, most: Array) -> A
     top, low = np.maximum(after, 0.0), np.maximum(-after, 0.0)
     best = fastest[: len(after)].copy()
     count = after.shape[1]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         alone = np.where((after >= 0.0) & (before > 0.0), most / before, np.inf)
         best = np.minimum(best, alone.min(axis=1))
         for k in range(count):
@@ -163,7 +166,7 @@ def _find_corners(fastest: Array, after: Array, before: Array, most: Array) -> A
 
 def _lowest_end(corner: Array, after: Array, before: Array, most: Array) -> Array:
     """Return the least square at the end of every move that goes with its greatest at the beginning."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         least = np.where(after < 0.0, (before * corner[:, None] - most) / -after, 0.0)
     return np.maximum(least.max(axis=1), 0.0)
 

@@ -134,7 +134,7 @@ class Freedom:
         axes = arm.held[: len(self.extra)]
         q[:, axes] = values[:, self.extra]
         for _ in range(NEWTON):
-            loaded = attain_pose(chain, q, self.wrench)
+            loaded = self.task.see_pose(attain_pose(chain, q, self.wrench))
             turn = Rotation.from_matrix(target @ np.swapaxes(loaded.rotation, 1, 2)).as_rotvec()
             missed = np.hstack([wanted - loaded.position, turn])
             if np.abs(missed).max() < 1e-10:

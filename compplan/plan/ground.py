@@ -42,7 +42,9 @@ def state_ground(freedom: Freedom, request: PostureRequest, meter: RunMeter, pri
     def torques(q: Array) -> TorquesAlong:
         return TorqueRules(task.robot, q, freedom.wrench).rows
 
-    band = lead_radius(task.robot, meter.force, task.q_start[cut], task.wrench[cut]) if prices.counts_band else None
+    band = None
+    if prices.counts_band:
+        band = lead_radius(task.robot, meter.force, task.q_start[cut], task.wrench[cut], task.touched)
     return Ground(band, clear, quiet, request.settings.limit_margin, torques if meter.wish.torque else None,
                   torques if prices.energy > 0.0 else None)  # fmt: skip
 

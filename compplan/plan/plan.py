@@ -52,6 +52,7 @@ from compplan.uncertainty.band import band_radius
 from compplan.uncertainty.fading import fade_robot
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.slopes import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.touch_off import TouchOff, touch_part
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,7 @@ class PlanOptions:
         lock: What is kept of a posture that was chosen before, or None.
         force: How surely the force is known, as assumed if left out.
         tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
+        touch: How the part was found by touching it with the robot; None: its frame is absolute.
 
     """
 
@@ -98,6 +100,7 @@ class PlanOptions:
     lock: Lock | None = None
     force: ForceSpread | None = None
     tube: float = 0.0
+    touch: TouchOff | None = None
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -206,7 +209,8 @@ def plan_task(
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
     after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
-    before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
+    uncorrected = task.q_uncorrected
+    before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
     if after.settled is not None:
         bench = replace(bench, wrench=after.settled.wrench)
     progress("margins, approach and retract")
@@ -340,6 +344,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         inertia=options.inertia,
         smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
+        touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )
     task = state_sides(replace(task, wrench=predict_loads(task)))
     turns = options.law is not None and options.law.turns_with_travel
@@ -382,4 +387,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
+        touch=TouchOff(job.T_base_part, job.part.touched_points) if job.touched_off else None,
     )

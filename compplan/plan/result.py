@@ -164,7 +164,7 @@ class Plan(Shown):
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
             return promise_path(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.bending.motion, part=part, job=self.job)  # fmt: skip
+                                between=bow, motion=self.bending.motion, part=part, touched=task.touched)  # fmt: skip
         except ConvergenceError:
             return None
 
@@ -308,6 +308,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "robot": plan.robot.name,
         "robot_grade": plan.robot.grade,
         "robot_sources": dict(plan.robot.sources),
+        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.touched_off else "absolute"}),
         "waypoints": len(plan.task),
         "configuration": dict(plan.task.configuration),
         "solve_time_s": round(plan.command.solve_time, 4),

@@ -39,6 +39,7 @@ from compplan.uncertainty.slopes import (
     rest_scene,
     stage_path,
 )
+from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
 #: Rows of the cut at which the band of a finished posture is measured.
 BAND_ROWS = 120
@@ -182,10 +183,12 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
     """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
     scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    return _spread_scene(scene, known_uncertainty(task.robot), force, rows)
+    return _spread_scene(scene, known_uncertainty(task.robot), force, rows, task.touched)
 
 
-def lead_radius(robot: Robot, force: ForceSpread, q: Array, wrench: Array) -> Callable[[Array, Array], Array]:
+def lead_radius(
+    robot: Robot, force: ForceSpread, q: Array, wrench: Array, touched: TouchedPart | None = None
+) -> Callable[[Array, Array], Array]:
     """Return a band at joint positions (k, nq) under a wrench (k, 6) by what changes with the posture. [m]
 
     Near joint positions that are given, parameters whose part of the variance hardly changes are taken at their mean.
@@ -195,12 +198,16 @@ def lead_radius(robot: Robot, force: ForceSpread, q: Array, wrench: Array) -> Ca
         force: How surely the force is known.
         q: Joint positions along a path. Shape (n, nq). [rad or m]
         wrench: Shape (n, 6). [N, N m]
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
 
     """
     known, some = known_uncertainty(robot), np.unique(np.linspace(0, len(q) - 1, LEADING_ROWS).astype(int))
     near = np.concatenate([q[some], *(q[some] + MOVED * side for side in np.eye(q.shape[1]))])
     scene = stage_path(robot, near, np.tile(wrench[some], (q.shape[1] + 1, 1)))
-    model = measure_slopes(scene, known.unknowns, np.arange(len(near)))
+    every = np.arange(len(near))
+    rest = rest_scene(scene, every)
+    model = measure_slopes(scene, known.unknowns, every, rest)
+    model = subtract_touch(model, rest.position, touched, known.unknowns)
     part = ((model * known.width) ** 2).sum(axis=1)
     leads, owner = np.ptp(part, axis=0) > LEAST_LEAD * part.sum(axis=1).mean(), []
     for number, unknown in enumerate(known.unknowns):
@@ -212,13 +219,18 @@ def lead_radius(robot: Robot, force: ForceSpread, q: Array, wrench: Array) -> Ca
     fewer = replace(known, unknowns=names, factor=known.factor[kept], rivals=())
 
     def radius(q: Array, wrench: Array) -> Array:
-        return band_radius(_spread_scene(stage_path(robot, q, wrench), fewer, force, np.arange(len(q))) + left)
+        scene = stage_path(robot, q, wrench)
+        return band_radius(_spread_scene(scene, fewer, force, np.arange(len(q)), touched) + left)
 
     return radius
 
 
-def _spread_scene(scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
+def _spread_scene(
+    scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_], touched: TouchedPart | None
+) -> Array:
     rest = rest_scene(scene, rows)
     shared, local = measure_force_slopes(scene, rows, force, rest)
-    slopes = Slopes(rows, np.zeros((len(rows), 3)), measure_slopes(scene, known.unknowns, rows, rest), shared, local)
+    model = measure_slopes(scene, known.unknowns, rows, rest)
+    model = subtract_touch(model, rest.position, touched, known.unknowns)
+    slopes = Slopes(rows, np.zeros((len(rows), 3)), model, shared, local)
     return np.asarray(sum(split_covariance(slopes, known).values()))

@@ -19,6 +19,6 @@ def predict_surface(found: ForcePrediction) -> tuple[tuple[WallError, ...] | Non
         task = build_task(robot, found.nominal, options, file=found.job.file)
     except InputError as error:
         return None, f"Finished walls were not looked at: {error.message}."
-    away = evaluate_model(task, task.q_start).deviation
+    away = evaluate_model(task, task.q_uncorrected).deviation
     walls = judge_surface(found.job, found.law, task.nominal, away)
     return (walls, "" if walls is not None else "No finished walls: no side of a cutter cuts.")

@@ -13,6 +13,7 @@ from compplan.controllers.writers.counting import load_controller
 from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import list_stops
+from compplan.plan.frame_notes import describe_part_frame
 from compplan.plan.slow import mark_slow
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.curve_chart import draw_curves
@@ -130,6 +131,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     if job is not None:
         where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
         rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
+        rows.append(("Part frame found by", describe_part_frame(job).removeprefix("part frame: ")))
     if robot.ground:
         low, high = plan.q.min(axis=0), plan.q.max(axis=0)
         said = [_say_range(robot.actuated[k], low[k], high[k]) for k in np.flatnonzero(robot.carriers).tolist()]

@@ -20,6 +20,7 @@ from compplan.studies.draw import Cells, draw_cells, shift_tip
 from compplan.studies.factors import PARTS
 from compplan.studies.kernel import settle_tips
 from compplan.studies.study import Coupling, Study, TimeGrid, Worker
+from compplan.studies.touch import move_part
 
 #: Poses worked on at once, samples times waypoints.
 BATCH = 8192
@@ -112,7 +113,10 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -
     factor = np.repeat(cells.factor * worker.spring_factor[:, None], n, axis=1)
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
     shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
-    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :] - study.nominal[:, None, :]
+    found = study.nominal[:, None, :]
+    if worker.touch is not None:
+        found = found + move_part(worker.touch, study.kernel, cells, worker.spring_factor, study.nominal)
+    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:
         flat = wrench.reshape(6, -1)

@@ -34,6 +34,7 @@ from compplan.studies.draw import (
 from compplan.studies.factors import list_factors
 from compplan.studies.kernel import Kernel, build_kernel
 from compplan.studies.posterior import settle_force, settle_robot
+from compplan.studies.touch import Touch, prepare_touch
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.slopes import ForceSpread
 
@@ -60,6 +61,7 @@ class Worker(NamedTuple):
         theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
         offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
         placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
+        touch: How the strategy's robot finds the part, None where its frame is absolute.
 
     """
 
@@ -72,6 +74,7 @@ class Worker(NamedTuple):
     theta: Array
     offset: Array
     placements: Array | None = None
+    touch: Touch | None = None
 
 
 class Coupling(NamedTuple):
@@ -335,4 +338,5 @@ def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseT
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
         placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
+        touch=prepare_touch(task, noise, answer.touched),
     )

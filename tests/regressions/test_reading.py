@@ -79,7 +79,6 @@ UNKNOWN_STARTS = {
     "G53": (HOME.format(home="G53 G0 Z0"), ".nc", 4, "X Y Z"),
     "only Z unknown": (HOME.format(home="G0 X0 Y0 Z20\nG28 G91 Z0"), ".nc", 5, "Z"),
     "an axis made known by a feed move": ("G21 G90\nG0 X0 Y0 Z5\nG28 G91 Z0\nG90 G1 X5 Y5 Z-5 F100\n", ".nc", 4, "Z"),
-    "no start": ("G21 G90\nG1 X50 Y50 Z-5 F1000\nX100\n", ".nc", 2, "X Y Z"),
     "arc": ("G21 G90\nG0 X0 Y0 Z5\nG53 Z0\nG2 X10 I5 F100\n", ".nc", 4, "Z"),
     "Heidenhain": ("BEGIN PGM A MM\nL Z+20 FMAX\nL X+10 F200\nL X+60\nEND PGM A MM\n", ".h", 3, "X Y"),
     "Heidenhain M91": (
@@ -103,6 +102,13 @@ def test_no_cut_begins_where_the_tool_is_not_known(name: str, reader: Reader) ->
     said = reader.refuse(text, ending)
     assert f":{line}: a cut begins where {axes} of the tool is not known" in said
     assert "--from X,Y,Z" in said
+
+
+def test_a_g_code_file_that_begins_with_a_cut_starts_at_zero_and_says_so(reader: Reader) -> None:
+    text = "G21 G90\nG1 X50 Y50 Z-5 F1000\nX100\n"
+    rows, notes = reader.read(text, ".nc")
+    assert [rows[0][key] for key in ("x_mm", "y_mm", "z_mm")] == [0.0, 0.0, 0.0]
+    assert any("0 is assumed" in note for note in notes)
 
 
 @pytest.mark.parametrize("name", [name for name in UNKNOWN_STARTS if name != "APT GOHOME"])

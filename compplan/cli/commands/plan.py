@@ -86,6 +86,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     from compplan.io.notes import Stop
     from compplan.plan.bending import describe_bending
     from compplan.plan.finished_walls import find_greatest
+    from compplan.plan.frame_notes import describe_part_frame
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said
     from compplan.reporting.provenance import describe_grade
@@ -107,6 +108,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
         click.echo(f"  {describe_bending(plan.bending)}")
+        click.echo(describe_part_frame(job))
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
         if plan.promise is not None:

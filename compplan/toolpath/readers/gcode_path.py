@@ -136,7 +136,11 @@ class PathWriter:
         unknown = state.list_unknown()
         if unknown:
             stated = self.options.from_mm
-            if stated is not None and self.placement is not None:
+            if stated is None and not (state.lost or self._broken):
+                names = " ".join("XYZ"[axis] for axis in unknown)
+                self.log.note(f"the first cut starts at no stated {names}: 0 is assumed (or state --from)", self.line)
+                stated = [0.0, 0.0, 0.0]
+            elif stated is not None and self.placement is not None:
                 stated = list(self.placement.undo((stated[0], stated[1], stated[2])))
             try:
                 start = find_start(state.position, unknown, stated, self.reason if state.lost or self._broken else "")
