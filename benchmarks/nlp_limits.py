@@ -21,14 +21,14 @@ from scipy.interpolate import CubicSpline
 from benchmarks.plan_check.job import Array
 from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.job.job import check_job
-from compplan.plan.feed import FeedWish, TorqueRules
+from compplan.plan.feed import FeedRequest, TorqueRules
 from compplan.plan.freedom import Freedom, find_freedom
 from compplan.plan.ground import state_ground
 from compplan.plan.one_program import Point, Prices, build_program
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.program_step import solve_program
 from compplan.plan.run_meter import RunMeter
-from compplan.uncertainty.slopes import read_force_spread
+from compplan.uncertainty.sensitivities import read_force_spread
 
 #: A constraint counts as active from this share on.
 ACTIVE = 0.98
@@ -88,7 +88,7 @@ def solve_job() -> Solved:
     free = find_freedom(task, task.start.stance, nominal, np.asarray(options.tool_x, float), 100, TUBE)
     if free is None:
         raise RuntimeError("the job leaves nothing free")
-    meter = RunMeter(FeedWish(torque=True), read_force_spread(None), lambda _: task, 0.03)
+    meter = RunMeter(FeedRequest(torque=True), read_force_spread(None), lambda _: task, 0.03)
     prices = Prices(most_band=np.inf)
     ground = state_ground(free, task.start.request, meter, prices)
     program = None if ground is None else build_program(free, ground, prices)

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import Effect, apply_effects, attain_scene, fold_effects
-from compplan.effects.scene import Scene
+from compplan.effects import Effect, apply_effects, fold_effects, solve_model_poses
+from compplan.effects.forward_model import ForwardModel
 from compplan.measurement.distance import LEVEL
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
-from compplan.uncertainty.assumed import known_uncertainty
-from compplan.uncertainty.band import Promise
-from compplan.uncertainty.slopes import pick_rows, take_scene, turn_wrench
-from compplan.uncertainty.vary import pick_rivals, vary_robot, vary_scene
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import ErrorBand
+from compplan.uncertainty.perturbation import sample_alternatives, vary_model, vary_robot
+from compplan.uncertainty.sensitivities import pick_rows, select_model_rows, turn_wrench
 
 #: Waves that a drawn field is made of.
 WAVES = 64
@@ -67,9 +67,9 @@ def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
     of the covariance is normal about it.
     """
     random = np.random.default_rng(seed)
-    root, shifts = known.split_rivals()
+    root, shifts = known.split_alternatives()
     values = random.standard_normal((count, root.shape[1])) @ root.T
-    return np.asarray(values + pick_rivals(known, shifts, count, random))
+    return np.asarray(values + sample_alternatives(known, shifts, count, random))
 
 
 def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
@@ -92,7 +92,7 @@ def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
         count: How many.
         seed: Seed.
     """
-    known = known_uncertainty(robot)
+    known = robot_uncertainty(robot)
     for number, values in enumerate(draw_values(known, count, seed)):
         drawn = robot
         for unknown, own in split_unknowns(known.unknowns, values):
@@ -124,7 +124,7 @@ class Sampled(NamedTuple):
 
 
 def sample_promise(
-    scene: Scene, promise: Promise, draws: int, seed: int, most: int = 24, *, true: Uncertainty | None = None,
+    scene: ForwardModel, promise: ErrorBand, draws: int, seed: int, most: int = 24, *, true: Uncertainty | None = None,
     hide: Callable[[np.random.Generator], Iterable[Effect]] = lambda random: (),
 ) -> Sampled:  # fmt: skip
     """Draw robots and forces, solve each exactly, and count how many tips the band holds.
@@ -139,21 +139,21 @@ def sample_promise(
         hide: Draws effects that the promise knows nothing of.
     """
     rows, known = pick_rows(promise.cut, most), true or promise.known
-    rest = attain_scene(take_scene(scene, rows)).position
+    rest = solve_model_poses(select_model_rows(scene, rows)).position
     random = np.random.default_rng(seed + 1)
     distance = np.zeros((draws, len(rows)))
     for number, values in enumerate(draw_values(known, draws, seed)):
-        here = take_scene(vary_scene(scene, known.unknowns, values), rows)
+        here = select_model_rows(vary_model(scene, known.unknowns, values), rows)
         here = replace(here, wrench=draw_wrench(here.wrench, promise, random))
         here = apply_effects(here, list(hide(random)))
-        tip = attain_scene(here).position + draw_field(known, seed, number).at(rest)
+        tip = solve_model_poses(here).position + draw_field(known, seed, number).at(rest)
         tip = tip + (known.repeatability or 0.0) * random.standard_normal(3)
         distance[number] = np.linalg.norm(tip - rest, axis=1)
     held = distance <= promise.radius[rows]
     return Sampled(float(held.mean()), held.mean(axis=0), rows, distance, np.quantile(distance, LEVEL, axis=0))
 
 
-def draw_wrench(wrench: Array, promise: Promise, random: np.random.Generator) -> Array:
+def draw_wrench(wrench: Array, promise: ErrorBand, random: np.random.Generator) -> Array:
     """Draw the wrench that really acts. Shape (k, 6). [N, N m]."""
     force = promise.force
     turn = Rotation.from_rotvec(force.direction * random.standard_normal(3))

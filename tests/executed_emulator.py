@@ -21,7 +21,7 @@ READY = np.radians([0.0, -100.0, -110.0, -60.0, 90.0, 0.0])
 
 
 @dataclass(frozen=True)
-class Cell:
+class SimulatedRobot:
     """What the emulated controller does: share of the zone that it blends, acceleration, lags, lost motion."""
 
     zone_share: float = 1.0
@@ -31,7 +31,7 @@ class Cell:
     noise: float = 2e-6
 
 
-def command_tip(points: Array, feed: float, zone: float, cell: Cell) -> Array:
+def command_tip(points: Array, feed: float, zone: float, cell: SimulatedRobot) -> Array:
     """Tip every millisecond: speed ramps up, is constant through the corners, and ramps down. Shape (k, 3). [m]."""
     ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
     reach = np.r_[0.0, np.minimum(cell.zone_share * zone, 0.5 * np.minimum(ways[:-1], ways[1:])), 0.0]
@@ -53,7 +53,7 @@ def command_tip(points: Array, feed: float, zone: float, cell: Cell) -> Array:
     return tip
 
 
-def drive(command: Array, cell: Cell) -> Array:
+def drive(command: Array, cell: SimulatedRobot) -> Array:
     """Joints that drives reach, in quarters of a millisecond. Shape (k, 6)."""
     q, out = command[0].copy(), np.empty_like(command)
     for k, wanted in enumerate(command):
@@ -70,7 +70,7 @@ def drive(command: Array, cell: Cell) -> Array:
     return out - 0.5 * cell.lost * sign
 
 
-def emulate(points: Array, feed: float, zone: float, cell: Cell, robot: str = "ur10") -> tuple[Array, Array]:
+def emulate(points: Array, feed: float, zone: float, cell: SimulatedRobot, robot: str = "ur10") -> tuple[Array, Array]:
     """Execute a polyline from the joints READY on: time and joints every millisecond, with a rest at the end."""
     arm = build_arm(load_robot(robot))
     tip = command_tip(points, feed, zone, cell)

@@ -21,17 +21,17 @@ from scipy.special import logit
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer.assessment import Assessment, assess_diagnosis
-from compplan.diagnosis.answer.measurement_moves import lay_out_moves
-from compplan.diagnosis.answer.next_measurement import propose_measurements
-from compplan.diagnosis.answer.where import Split, split_diagnosis
 from compplan.diagnosis.data.conventions import expect_targets, typical_gap
 from compplan.diagnosis.data.noise import estimate_noise
 from compplan.diagnosis.data.outliers import find_outliers
-from compplan.diagnosis.data.questions import SIGNS, question_campaign
+from compplan.diagnosis.data.plausibility import SIGNS, check_plausibility
 from compplan.diagnosis.data.signs import fit_positive, shape_elastics
-from compplan.diagnosis.doubt.bounds import find_breach
-from compplan.diagnosis.doubt.certainty import Evidence, rate_certainty
+from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
+from compplan.diagnosis.results.measurement_moves import list_moves
+from compplan.diagnosis.results.next_measurement import propose_measurements
+from compplan.diagnosis.results.where import Split, split_diagnosis
+from compplan.diagnosis.validation.bounds import find_breach
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
 from compplan.effects import Effect
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
@@ -175,7 +175,7 @@ def run_known(name: str) -> Run:
     robot = make_robot(known.joints)
     campaign = draw(known, robot)
     asked = {
-        "questions": [question.sentence for question in question_campaign(robot, campaign, known.register)],
+        "questions": [question.sentence for question in check_plausibility(robot, campaign, known.register)],
         "gap_mm": 1e3 * typical_gap(robot, campaign, known.register, []), "moves": count_moves(robot, campaign),
         "noise": look_at_noise(robot, campaign, known.register), "certainty": rate_claims(),
         "signs": [fit_positive(shape_elastics(robot, campaign, known.register), *signs) for signs in SIGNS.values()],
@@ -221,7 +221,9 @@ def rate_claims() -> list[float]:
         Log odds that they are stated with.
     """
     cases = product((2.0, 30.0, 1e4), (0.5, 1.0), (0.03, 0.1, 0.4), (0.02, 0.15, 0.7))
-    rated = [rate_certainty(Evidence(m, m, again, 9.0, 0.5, 0.1, often, alike)) for m, again, often, alike in cases]
+    rated = [
+        calibrate_probability(Evidence(m, m, again, 9.0, 0.5, 0.1, often, alike)) for m, again, often, alike in cases
+    ]
     return [float(logit(probability)) for probability in rated]
 
 
@@ -278,7 +280,7 @@ def find_bounds(found: Diagnosis) -> dict[str, float]:
 
 def count_moves(robot: Robot, campaign: Campaign) -> dict[str, list[float]]:
     """Count the moves that may come next, kind by kind: rows, their spread, speed and loads."""
-    pool, moves = lay_out_moves(robot, campaign)
+    pool, moves = list_moves(robot, campaign)
     said = {}
     for kind in sorted({move.kind for move in moves}):
         rows = np.array([row for move in moves if move.kind == kind for row in move.rows])

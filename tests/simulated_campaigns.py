@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
@@ -92,7 +92,7 @@ def measure(
 ) -> Campaign:  # fmt: skip
     """Measure planned rows on a robot with effects."""
     random = np.random.default_rng(seed + 1000)
-    attained = attain_scene(apply_effects(stage_scene(robot, rows), effects))
+    attained = solve_model_poses(apply_effects(build_model(robot, rows), effects))
     position = attained.position + random.normal(0, sigma, attained.position.shape)
     link = attained.link + random.normal(0, 5e-6, rows.q.shape) if encoders else None
     rotation = None

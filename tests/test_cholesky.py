@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnosis.ledger.cholesky import (
+from compplan.diagnosis.evidence.cholesky import (
     factorize,
     invert_factor,
     invert_triangle,

@@ -11,7 +11,7 @@ from commandline import run_command
 from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.robot import load_robot
-from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 
 PATHS = Path(__file__).parents[1] / "paths"
 
@@ -54,7 +54,7 @@ def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkey
     file.write_text("\n".join(line for line, _ in lines) + "\n", encoding="utf-8")
     table = read_table(file, [*columns, *(FileColumn(a) for a in "ijk"), *wrench])
     q, load = table.stack(table.numbered("q#")), table.stack(["fx", "fy", "fz", "mx", "my", "mz"])
-    position, rotation, _ = judge_pose(build_judge(load_robot("kuka_kr270")), q, load)
+    position, rotation, _ = solve_exact_pose(build_exact_robot(load_robot("kuka_kr270")), q, load)
     cut = np.array(moves) == "cut"
     assert cut.sum() == 80 and {"approach", "retract"} <= set(moves)
     assert np.abs(position - table.stack(["x", "y", "z"]))[cut].max() < 1e-8
@@ -69,8 +69,8 @@ def test_joints_csv_puts_the_loaded_tool_on_the_path(small_job, tmp_path, monkey
 def assert_summary(plan, q, wanted, time, cut):
     """Work the figures of plan.json out again, in their units, from joints.csv."""
     robot = load_robot("kuka_kr270")
-    rigid = build_judge(replace(robot, springs=(), link_elasticities=()))
-    unloaded = judge_pose(rigid, q, np.zeros((len(q), 6)))[0]
+    rigid = build_exact_robot(replace(robot, springs=(), link_elasticities=()))
+    unloaded = solve_exact_pose(rigid, q, np.zeros((len(q), 6)))[0]
     correction = 1e3 * np.linalg.norm(unloaded - wanted, axis=1)[cut].max()
     assert plan["correction_mm"]["max"] == pytest.approx(correction, rel=1e-6) == pytest.approx(2.463, abs=1e-3)
     # what is taken off is what the force would have bent, but for what its lever changes on the way

@@ -9,12 +9,12 @@ import trimesh
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
 from compplan.job.job import check_job
-from compplan.posture.choose import choose_stance
+from compplan.posture.choose import choose_posture_path
 from compplan.posture.clearance import measure_clearance, measure_margin, sweep_margin
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.posture.contacts import describe_contact, find_contacts, find_near, locate_link_frames
+from compplan.posture.initial_branches import read_request
 from compplan.posture.settings import PostureSettings
-from compplan.posture.start import read_request
 from compplan.reporting.robot_scene import locate_links
 from compplan.robot import load_robot
 from compplan.robot.solids import cut_tip
@@ -149,12 +149,12 @@ def test_the_graph_turns_the_tool_away_from_an_obstacle() -> None:
     axis, feed = np.tile([0, 0, 1.0], (n, 1)), np.full(n, 0.05)
     nominal = Toolpath(position, axis, feed, np.zeros(n, bool), wrench, frame="base")
     settings = PostureSettings(stations=15, spin_step=np.radians(10))
-    free = choose_stance(robot, nominal, np.array([1.0, 0, 0]), settings)
+    free = choose_posture_path(robot, nominal, np.array([1.0, 0, 0]), settings)
     middle = locate_link_frames(robot, free.q[n // 2 : n // 2 + 1])[robot.flange][0]
     post = trimesh.creation.box((0.15, 0.15, 0.15)).apply_translation(middle[:3, 3])
     scene = build_scene(robot, tool=spindle, fixture=post)
     assert measure_margin(scene, free.q, 0.01).min() < 0
-    clear = choose_stance(
+    clear = choose_posture_path(
         robot, nominal, np.array([1.0, 0, 0]), settings, margin=lambda q, rows: measure_margin(scene, q, 0.01)
     )
     assert measure_margin(scene, clear.q, 0.01).min() >= 0

@@ -14,7 +14,7 @@ from compplan.plan.evaluate import evaluate_run
 from compplan.reporting.compare_page import find_left
 from compplan.reporting.writers.plan import summarise_comparison
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.uncertainty.slopes import ForceSpread
+from compplan.uncertainty.sensitivities import ForceSpread
 
 PATHS = Path(__file__).parents[1] / "paths"
 
@@ -71,7 +71,7 @@ def test_drawn_robots_leave_what_the_normal_law_says_of_one_unknown(comparison):
     sure = replace(comparison, task=replace(task, robot=replace(task.robot, uncertainty=known)))
     drawn = draw_strategies(sure, ForceSpread(0.0, 0.0, 0.0, "known"), 2000)
     softer = cp.fold_effects(task.robot, [cp.Effect("joint_stiffness", "joint_1", None, {key: 0.2 * own})])
-    off = evaluate_run(task, comparison.commands["nlp"].q, cp.build_cell(softer, "softer")).rms_deviation
+    off = evaluate_run(task, comparison.commands["nlp"].q, cp.build_simulated_robot(softer, "softer")).rms_deviation
     # a tool frame that nobody identified is .03 mm off per axis: small beside it
     assert off > 2e-4
     assert drawn.median("nlp") == pytest.approx(0.6745 * off, rel=0.06)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from robot_library import over_robots
 
-from compplan.controllers.writers.counting import (
+from compplan.controllers.writers.joint_convention import (
     believed_robot,
     from_controller,
     krl_status,

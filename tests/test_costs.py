@@ -16,7 +16,7 @@ from compplan.posture.costs import (
     measure_nodes,
 )
 from compplan.robot import load_robot
-from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain, locate_frames
 
 ROBOT = load_robot("kuka_kr270")
@@ -35,26 +35,26 @@ def test_each_error_column_is_what_the_exact_equilibrium_of_a_perturbed_robot_ch
     columns = error_columns(CHAIN, q, np.tile(WRENCH, (3, 1)), ModelScatter(1.0, 1.0))
     small = 1e-3 * WRENCH  # so small that the levers do not change
     columns = columns * 1e-3
-    base = judge_pose(build_judge(ROBOT), q, np.tile(small, (3, 1)))[0]
+    base = solve_exact_pose(build_exact_robot(ROBOT), q, np.tile(small, (3, 1)))[0]
     for j in range(6):
         springs = tuple(
             replace(s, compliance=s.compliance * (1 + size * (k == j))) for k, s in enumerate(ROBOT.springs)
         )
-        moved = judge_pose(build_judge(replace(ROBOT, springs=springs)), q, np.tile(small, (3, 1)))[0]
+        moved = solve_exact_pose(build_exact_robot(replace(ROBOT, springs=springs)), q, np.tile(small, (3, 1)))[0]
         assert (moved - base) / size == pytest.approx(columns[:, :, j], abs=2e-9)
         wrench = small * (1 + size * (np.arange(6) == j))
-        moved = judge_pose(build_judge(ROBOT), q, np.tile(wrench, (3, 1)))[0]
+        moved = solve_exact_pose(build_exact_robot(ROBOT), q, np.tile(wrench, (3, 1)))[0]
         assert (moved - base) / size == pytest.approx(columns[:, :, 6 + j], abs=2e-9)
 
 
 def test_the_expected_value_agrees_with_a_sample_of_perturbed_robots() -> None:
     q, rng, n = postures(1), np.random.default_rng(1), 300
-    base = judge_pose(build_judge(ROBOT), q, WRENCH[None])[0]
+    base = solve_exact_pose(build_exact_robot(ROBOT), q, WRENCH[None])[0]
     squares = []
     for _ in range(n):
         springs = tuple(replace(s, compliance=s.compliance * (1 + 0.1 * rng.standard_normal())) for s in ROBOT.springs)
         wrench = WRENCH * (1 + 0.1 * rng.standard_normal(6))
-        moved = judge_pose(build_judge(replace(ROBOT, springs=springs)), q, wrench[None])[0]
+        moved = solve_exact_pose(build_exact_robot(replace(ROBOT, springs=springs)), q, wrench[None])[0]
         squares.append(float(((moved - base) ** 2).sum()))
     expected = measure_nodes(CHAIN, q, WRENCH[None], limits=LIMITS).sensitivity[0]
     spread = np.std(squares) / np.sqrt(n)

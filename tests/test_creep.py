@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from compplan.measurement.creep import find_creep
-from compplan.measurement.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights
+from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations
 
 EVERY = np.ones(60, bool)
 
 
-def draw(kind: int, creep: float, seed: int) -> tuple[Sights, np.ndarray]:
+def draw(kind: int, creep: float, seed: int) -> tuple[Observations, np.ndarray]:
     """Two labels one after the other, noise of 0.1 mm, and a creep of the whole stand along (2, 1, 2) / 3. [m]"""
     rng, contact = np.random.default_rng(seed), np.repeat([0, 1], 30)
     unit = rng.normal(size=(60, 3))
     unit /= np.linalg.norm(unit, axis=1)[:, None]
     known = KnownDistances(np.array([[0, 1]]), np.array([0.05]), np.array([1e-4]))
     direction = unit if kind == READING else np.full((60, 3), np.nan)
-    sights = Sights(np.full(60, kind), contact, ("a/0", "a/1"), np.zeros((60, 3)), direction, np.ones(60), known)
+    sights = Observations(np.full(60, kind), contact, ("a/0", "a/1"), np.zeros((60, 3)), direction, np.ones(60), known)
     gap = np.outer(np.linspace(-0.5, 0.5, 60), creep * np.array([2.0, 1.0, 2.0]) / 3.0)
     gap += 1e-4 * rng.normal(size=(60, 3))
     return sights, gap if kind == CONTACT else np.einsum("ni,nj,nj->ni", unit, unit, gap)

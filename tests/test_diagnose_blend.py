@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer import delivery
-from compplan.diagnosis.answer.delivery import Delivery, deliver_folders, possible_claims
-from compplan.diagnosis.answer.shares import UNEXPLAINED
-from compplan.diagnosis.answer.small_errors import divide_small_errors
-from compplan.diagnosis.answer.verdict import Structure, Verdict, judge_calibration
-from compplan.diagnosis.doubt.blend import (
-    blend_alone,
-    blend_options,
-    build_state,
-    hold_out_blend,
-    is_faithful,
-    stack_weights,
-)
-from compplan.diagnosis.doubt.held_out import Folds, make_folds
-from compplan.diagnosis.doubt.options import PLAIN, Option, decide_once, list_options, rate_chance, solve_option
+from compplan.diagnosis.results import delivery
+from compplan.diagnosis.results.delivery import Delivery, deliver_folders, possible_claims
+from compplan.diagnosis.results.shares import UNEXPLAINED
+from compplan.diagnosis.results.small_errors import divide_small_errors
+from compplan.diagnosis.results.verdict import Structure, Verdict, check_calibration
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import FitState
+from compplan.diagnosis.validation.held_out import Folds, make_folds
+from compplan.diagnosis.validation.options import PLAIN, Option, decide_once, list_options, rate_chance, solve_option
+from compplan.diagnosis.validation.stacking import (
+    build_state,
+    hold_out_stack,
+    is_faithful,
+    stack_options,
+    stack_single,
+    stack_weights,
+)
 from compplan.effects import Effect
-from compplan.reporting.diagnosis_words import describe_small_errors
-from compplan.reporting.openings import open_diagnosis
+from compplan.reporting.diagnosis_text import describe_small_errors
+from compplan.reporting.summaries import open_diagnosis
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
@@ -74,7 +74,7 @@ def test_a_mixture_of_one_model_is_that_model(diagnosis: Diagnosis) -> None:
     folds = fold(diagnosis)
     seen = np.ones(len(folds.pose), bool)
     option = Option("plain calibration", wide=True)
-    blend = blend_options(folds, [option], seen)
+    blend = stack_options(folds, [option], seen)
     solved = solve_option(folds, option)
     p = diagnosis.fit.search.ledger.p
     assert blend.weights == pytest.approx([1.0])
@@ -82,7 +82,7 @@ def test_a_mixture_of_one_model_is_that_model(diagnosis: Diagnosis) -> None:
     fitted = blend.fitted(diagnosis.fit).model.posterior
     np.testing.assert_allclose(fitted.covariance, solved.posterior.covariance, rtol=1e-9, atol=1e-18)
     # errors are small: what is left to first order is what the exact model leaves
-    exact = hold_out_blend(folds, blend)
+    exact = hold_out_stack(folds, blend)
     np.testing.assert_allclose(exact.residual, solved.residual, rtol=0, atol=5e-6)
 
 
@@ -97,11 +97,11 @@ def test_a_plain_calibration_goes_out_alone_where_the_mixture_predicts_worse(
         return deliver_folders(folds, diagnosis.verdict, plain, nominal, good)
 
     # no mixture at all, as where derivatives promise what no exact model keeps
-    monkeypatch.setattr(delivery, "blend_options", lambda *_: blend_alone(folds, Option("nominal")))
+    monkeypatch.setattr(delivery, "stack_options", lambda *_: stack_single(folds, Option("nominal")))
     (first, *_) = deliver()
     assert first.kind == "calibrated"
-    alone = hold_out_blend(folds, blend_alone(folds, PLAIN))
-    assert first.held.rms == pytest.approx(alone.allow_for_luck(folds.fold[plain.rows], good[plain.rows]).rms)
+    alone = hold_out_stack(folds, stack_single(folds, PLAIN))
+    assert first.held.rms == pytest.approx(alone.correct_for_selection(folds.fold[plain.rows], good[plain.rows]).rms)
     assert first.held.rms < 0.3 * plain.rms
     # from many stays on the mixture is trusted
     monkeypatch.setattr(delivery, "MANY_STAYS", 1)
@@ -111,7 +111,7 @@ def test_a_plain_calibration_goes_out_alone_where_the_mixture_predicts_worse(
 def test_the_spread_of_models_that_disagree_is_in_the_posterior_of_their_mixture(diagnosis: Diagnosis) -> None:
     folds = fold(diagnosis)
     options = [Option("nominal"), Option("plain calibration", wide=True)]
-    blend = blend_options(folds, options, np.ones(len(folds.pose), bool))
+    blend = stack_options(folds, options, np.ones(len(folds.pose), bool))
     half = replace(blend, weights=np.array([0.5, 0.5]))
     plain = blend.solved[1].posterior
     fitted = half.fitted(diagnosis.fit).model.posterior
@@ -175,12 +175,12 @@ def test_the_gap_of_a_robot_that_was_not_calibrated_is_divided_by_joint_and_kind
 def test_what_small_errors_explain_is_called_calibrated_where_nothing_is_named() -> None:
     structure = Structure(0.0, 0.0, 1e-3, 0.0, 0.0, True, 1e-4)
     unknown = Verdict("unknown", (), (), (), structure)
-    assert judge_calibration(unknown, 1e-3, 0.19e-3).status == "calibrated"
-    assert judge_calibration(unknown, 1e-3, 0.21e-3).status == "unknown"
+    assert check_calibration(unknown, 1e-3, 0.19e-3).status == "calibrated"
+    assert check_calibration(unknown, 1e-3, 0.21e-3).status == "unknown"
     # close to the noise eighty per cent are not asked for
-    assert judge_calibration(unknown, 0.3e-3, 0.14e-3).status == "calibrated"
+    assert check_calibration(unknown, 0.3e-3, 0.14e-3).status == "calibrated"
     named = replace(unknown, status="partly_explained")
-    assert judge_calibration(named, 1e-3, 0.0).status == "partly_explained"
+    assert check_calibration(named, 1e-3, 0.0).status == "partly_explained"
 
 
 def test_the_page_says_what_small_errors_are_of_and_never_plans_with_a_nominal_robot(diagnosis: Diagnosis) -> None:

@@ -12,21 +12,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer.accuracy import _summarise, draw_learning, list_worst
-from compplan.diagnosis.answer.assessment import assess_diagnosis
-from compplan.diagnosis.answer.calibration import list_corrections
-from compplan.diagnosis.answer.delivery import possible_claims, settle_play
-from compplan.diagnosis.answer.verdict import reach_verdict
-from compplan.diagnosis.answer.where import split_diagnosis
-from compplan.diagnosis.doubt import bounds
-from compplan.diagnosis.doubt.held_out import Folds, HeldOut, free_of_frames, make_folds
-from compplan.diagnosis.doubt.options import rate_chance
-from compplan.diagnosis.ledger.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
-from compplan.diagnosis.ledger.gains import find_gains
+from compplan.diagnosis.evidence.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
+from compplan.diagnosis.evidence.evidence_gain import find_gains
+from compplan.diagnosis.results.accuracy import _summarise, draw_learning, list_worst
+from compplan.diagnosis.results.assessment import assess_diagnosis
+from compplan.diagnosis.results.calibration import list_corrections
+from compplan.diagnosis.results.delivery import possible_claims, settle_play
+from compplan.diagnosis.results.verdict import reach_verdict
+from compplan.diagnosis.results.where import split_diagnosis
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.restart import search_again_plainly
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import FitState, Problem, attain_state
+from compplan.diagnosis.validation import bounds
+from compplan.diagnosis.validation.held_out import Folds, HeldOut, free_of_frames, make_folds
+from compplan.diagnosis.validation.options import rate_chance
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
 from compplan.measurement.registration import Registration
@@ -130,10 +130,10 @@ def test_a_prediction_that_is_better_by_luck_is_told_from_one_that_is_better_eve
     everywhere = HeldOut(rows, np.full((40, 3), 0.9e-3) * np.where(pose % 2, 0.99, 1.0)[:, None])
     at_one = HeldOut(rows, np.full((40, 3), 1e-3) * np.where(pose == 3, 0.1, 1.0)[:, None])
     # one pose of ten decides the sign; all ten have to keep theirs, which is one choice of signs in 1024
-    assert at_one.luck_against(nominal, pose) == pytest.approx(0.5)
-    assert everywhere.luck_against(nominal, pose) == pytest.approx(2.0**-10)
-    assert nominal.luck_against(everywhere, pose) == 1.0
-    assert nominal.luck_against(nominal, pose) == 1.0
+    assert at_one.selection_bonus(nominal, pose) == pytest.approx(0.5)
+    assert everywhere.selection_bonus(nominal, pose) == pytest.approx(2.0**-10)
+    assert nominal.selection_bonus(everywhere, pose) == 1.0
+    assert nominal.selection_bonus(nominal, pose) == 1.0
 
 
 def test_a_stated_error_is_too_small_by_a_quarter_in_one_case_of_twenty_at_most() -> None:
@@ -143,15 +143,15 @@ def test_a_stated_error_is_too_small_by_a_quarter_in_one_case_of_twenty_at_most(
     for _ in range(2000):
         logs = random.normal(0.0, 0.6, 5) + random.normal(0.0, 0.6 * np.sqrt(0.25))
         shown = HeldOut(np.arange(10), np.sqrt(np.exp(logs) / 3.0)[fold][:, None] * np.ones(3))
-        low += shown.allow_for_luck(fold, seen).rms < 0.8
+        low += shown.correct_for_selection(fold, seen).rms < 0.8
         plain += shown.rms < 0.8
     assert low < 0.05 * 2000 < plain
     alike = HeldOut(np.arange(10), np.full((10, 3), 1e-3))
-    assert alike.allow_for_luck(fold, seen).rms == pytest.approx(alike.rms)
+    assert alike.correct_for_selection(fold, seen).rms == pytest.approx(alike.rms)
     # by hand: t of one degree of freedom is 6.314; logs of 1 and 4 have the deviation log(4) / sqrt(2)
     two = HeldOut(np.arange(2), np.array([1.0, 2.0])[:, None] * np.ones(3))
     above = 6.3138 * np.log(4.0) / np.sqrt(2.0) * np.sqrt(1.5)
-    said = two.allow_for_luck(np.arange(2), np.ones(2, bool))
+    said = two.correct_for_selection(np.arange(2), np.ones(2, bool))
     assert said.rms == pytest.approx(0.8 * np.exp(0.5 * above) * two.rms, rel=1e-3)
 
 
@@ -169,7 +169,7 @@ def test_poses_that_are_predicted_better_by_very_different_amounts_are_not_luck(
     rows = np.arange(7)
     nominal = HeldOut(rows, np.array([0.1, 0.1, 0.2, 0.2, 0.3, 0.5, 2.0])[:, None] * np.ones(3))
     better = HeldOut(rows, 0.5 * nominal.residual)
-    assert better.luck_against(nominal, rows) == pytest.approx(2.0**-7)
+    assert better.selection_bonus(nominal, rows) == pytest.approx(2.0**-7)
 
 
 def test_the_luck_of_many_poses_is_that_of_all_their_signs() -> None:
@@ -179,9 +179,9 @@ def test_the_luck_of_many_poses_is_that_of_all_their_signs() -> None:
         return HeldOut(np.arange(len(square)), np.sqrt(square / 3.0)[:, None] * np.ones(3))
 
     gain = np.array([4.0, 3.0, 2.0, -1.0])
-    assert held(5.0 - gain).luck_against(held(np.full(4, 5.0)), np.arange(4)) == pytest.approx(2 / 16)
+    assert held(5.0 - gain).selection_bonus(held(np.full(4, 5.0)), np.arange(4)) == pytest.approx(2 / 16)
     many = np.random.default_rng(5).normal(0.3, 1.0, 40)
-    luck = held(5.0 - many).luck_against(held(np.full(40, 5.0)), np.arange(40))
+    luck = held(5.0 - many).selection_bonus(held(np.full(40, 5.0)), np.arange(40))
     signs = np.random.default_rng(6).choice([-1.0, 1.0], (40000, 40))
     assert luck == pytest.approx(np.mean(signs @ many >= many.sum()), abs=0.006)
 

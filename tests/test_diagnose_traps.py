@@ -13,7 +13,7 @@ import pytest
 
 from compplan.cli.commands.diagnose import describe_diagnosis
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer.assessment import assess_diagnosis
+from compplan.diagnosis.results.assessment import assess_diagnosis
 from compplan.effects import Effect
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot

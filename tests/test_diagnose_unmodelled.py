@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer.delivery import of_instrument
-from compplan.diagnosis.ledger.unmodelled import describe_unmodelled, past_load
+from compplan.diagnosis.evidence.unmodelled import describe_unmodelled, past_load
+from compplan.diagnosis.results.delivery import of_instrument
 from compplan.effects import Effect, robot_effects
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnosis.answer.change import state_change
-from compplan.diagnosis.answer.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
-from compplan.diagnosis.answer.small_errors import Group, SmallErrors
-from compplan.diagnosis.answer.where import Split, spread_gap
+from compplan.diagnosis.results.change import state_change
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
+from compplan.diagnosis.results.small_errors import Group, SmallErrors
+from compplan.diagnosis.results.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
 from compplan.measurement.campaign import Campaign
 from compplan.reporting.diagnosis_page import write_diagnosis_page
-from compplan.reporting.diagnosis_words import describe_how_far, describe_where, describe_which
-from compplan.reporting.effect_words import describe_change, describe_effect, describe_parameters, name_effect
+from compplan.reporting.diagnosis_text import describe_how_far, describe_where, describe_which
+from compplan.reporting.effect_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import _noise_share, draw_histogram, thin_dots
-from compplan.reporting.openings import open_diagnosis
+from compplan.reporting.summaries import open_diagnosis
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain

@@ -12,16 +12,16 @@ from compplan.effects import (
     EFFECTS,
     Effect,
     apply_effects,
-    attain_scene,
+    build_model,
     command_campaign,
     driver_of,
     locate_effect,
-    stage_scene,
+    solve_model_poses,
 )
-from compplan.effects.linearization import Linearization, linearize_scene
-from compplan.effects.scene import own_springs
+from compplan.effects.forward_model import own_springs
+from compplan.effects.linearization import Linearization, linearize_model
 from compplan.robot import Spring, load_robot
-from compplan.uncertainty.assumed import assume_uncertainty, known_uncertainty
+from compplan.uncertainty.assumed import assume_uncertainty, robot_uncertainty
 from tests.drawn_campaigns import draw_robot_files, rail_arm
 
 
@@ -46,8 +46,8 @@ def test_play_is_offered_with_the_shape_of_half_its_scale_until_the_fit_knows_it
 
 def test_behind_link_side_feedback_a_softer_drive_shows_nothing(arm: Linearization) -> None:
     mode = np.where(np.arange(120) % 2 == 0, "U2", "U1")
-    scene = stage_scene(arm.robot, replace(make_campaign(arm.robot), mode=mode))
-    at = linearize_scene(scene, attain_scene(scene))
+    scene = build_model(arm.robot, replace(make_campaign(arm.robot), mode=mode))
+    at = linearize_model(scene, solve_model_poses(scene))
     held = at.campaign.link_controlled
     assert held.sum() == 60
     for signature in EFFECTS["joint_stiffness"].signatures(at):
@@ -60,8 +60,8 @@ def test_no_offset_of_a_sensor_is_offered_where_rows_read_exactly_nothing(arm: L
     for zeros, offered in ((2, True), (3, False)):
         wrench = campaign.wrench.copy()
         wrench[:zeros] = 0.0
-        scene = stage_scene(arm.robot, replace(campaign, wrench=wrench))
-        at = linearize_scene(scene, attain_scene(scene))
+        scene = build_model(arm.robot, replace(campaign, wrench=wrench))
+        at = linearize_model(scene, solve_model_poses(scene))
         assert bool(list(EFFECTS["wrench_bias"].signatures(at))) == offered
 
 
@@ -119,9 +119,9 @@ def test_a_slide_whose_zero_is_moved_or_that_counts_backwards_carries_the_arm_al
     slide = next(joint for joint in robot.actuated if joint.kind == "prismatic")
     q = np.full((2, robot.nq), 0.3)
     q[:, robot.joint_names.index(slide.name)] = [0.2, -0.4]
-    scene = stage_scene(robot, command_campaign(q, on_path=False))
+    scene = build_model(robot, command_campaign(q, on_path=False))
     effect = Effect("joint_coupling", slide.name, None, parameters)
-    moved = attain_scene(apply_effects(scene, [effect])).position - attain_scene(scene).position
+    moved = solve_model_poses(apply_effects(scene, [effect])).position - solve_model_poses(scene).position
     before = robot.joints[: robot.joints.index(slide) + 1]
     assert all(joint.kind == "fixed" for joint in before[:-1])
     along = np.linalg.multi_dot([np.eye(3), *(joint.placement[:3, :3] for joint in before)]) @ slide.axis
@@ -132,5 +132,5 @@ def test_a_slide_whose_zero_is_moved_or_that_counts_backwards_carries_the_arm_al
 def test_what_is_known_of_a_robot_holds_for_one_that_lies_in_no_folder(arm: Linearization) -> None:
     robot = replace(arm.robot, folder=None)
     known = assume_uncertainty(robot)
-    again = known_uncertainty(replace(robot, uncertainty=known))
+    again = robot_uncertainty(replace(robot, uncertainty=known))
     assert [unknown.effect for unknown in again.unknowns] == [unknown.effect for unknown in known.unknowns]

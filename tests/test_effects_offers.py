@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.effects import EFFECTS, Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects import EFFECTS, Effect, apply_effects, build_model, solve_model_poses
 from compplan.effects.checks import check_effect
-from compplan.effects.linearization import Linearization, linearize_scene
+from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import Signature, pack_parameters
 from compplan.effects.tracking_lag import lagged_speed
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
@@ -142,8 +142,8 @@ def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies(arm
     at = make_linearization(robot)
     assert [s.scale.tolist() for s in EFFECTS["joint_stiffness"].signatures(at)] == [[1e-6]] * 6
     still = replace(make_campaign(robot), wrench=np.zeros((120, 6)))
-    scene = stage_scene(robot, still)
-    at = linearize_scene(scene, attain_scene(scene))
+    scene = build_model(robot, still)
+    at = linearize_model(scene, solve_model_poses(scene))
     assert not list(EFFECTS["joint_stiffness"].signatures(at))
     (sag,) = EFFECTS["gravity_sag"].signatures(at)
     # the first joint stands upright, and what turns about the last one is balanced: no weight acts about their axes
@@ -154,14 +154,14 @@ def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies(arm
     for column in range(4):
         assert np.array_equal(sag.encoder[:, column + 1, column], at.own_weight_load[:, column + 1])
         small = np.eye(4)[column] * 1e-9
-        moved = attain_scene(apply_effects(at.scene, [sag.effect(small)])).position - at.attained.position
+        moved = solve_model_poses(apply_effects(at.scene, [sag.effect(small)])).position - at.attained.position
         assert moved == pytest.approx(sag.twist[:, :3, column] * 1e-9, abs=2e-3 * np.abs(moved).max())
 
 
 def test_play_is_not_offered_where_a_joint_came_from_one_side_only(arm: Linearization) -> None:
     upwards = replace(make_campaign(arm.robot), q=np.cumsum(np.full((120, 6), 1e-3), axis=0))
-    scene = stage_scene(arm.robot, upwards)
-    assert not list(EFFECTS["backlash"].signatures(linearize_scene(scene, attain_scene(scene))))
+    scene = build_model(arm.robot, upwards)
+    assert not list(EFFECTS["backlash"].signatures(linearize_model(scene, solve_model_poses(scene))))
 
 
 def test_a_shift_is_offered_at_each_run_with_its_row_and_columns_of_its_own(arm: Linearization) -> None:
@@ -208,15 +208,17 @@ def test_waves_are_offered_by_turns_and_on_a_slide_by_metres(arm: Linearization,
 def test_waves_are_not_offered_of_a_joint_that_hardly_moved(arm: Linearization) -> None:
     q = make_campaign(arm.robot).q.copy()
     q[:, 3] = 0.2 + 0.09 * np.linspace(0.0, 1.0, len(q))
-    scene = stage_scene(arm.robot, replace(make_campaign(arm.robot), q=q))
-    joints = {s.joint for s in EFFECTS["transmission_error"].signatures(linearize_scene(scene, attain_scene(scene)))}
+    scene = build_model(arm.robot, replace(make_campaign(arm.robot), q=q))
+    joints = {
+        s.joint for s in EFFECTS["transmission_error"].signatures(linearize_model(scene, solve_model_poses(scene)))
+    }
     assert joints == set(arm.robot.joint_names) - {arm.robot.joint_names[3]}
 
 
 def test_transmission_errors_add_up_over_their_forms() -> None:
     robot = load_robot("kuka_kr270")
     q = np.linspace(-1.0, 1.0, 7)[:, None] * np.ones(6)
-    scene = stage_scene(robot, path_campaign(q, np.arange(7.0)))
+    scene = build_model(robot, path_campaign(q, np.arange(7.0)))
     waves = {"cycles_per_turn": [2.0, 5.0], "sine_rad": [1e-3, 2e-3], "cosine_rad": [3e-3, 4e-3]}
     bumps = {"height_rad": [5e-3], "centre_rad": [0.1], "width_rad": [0.4]}
     moved = apply_effects(scene, [Effect("transmission_error", robot.joint_names[1], None, waves | bumps)])
@@ -262,7 +264,7 @@ def test_a_skew_takes_the_joints_where_they_stood_that_much_earlier() -> None:
     q = np.outer(time, [1.0, -2.0, 0.5, 0.0, 3.0, 0.2])
 
     def zero(skew: float, campaign: Campaign) -> np.ndarray:
-        return apply_effects(stage_scene(robot, campaign), [Effect("time_skew", None, None, {"skew_s": skew})]).zero
+        return apply_effects(build_model(robot, campaign), [Effect("time_skew", None, None, {"skew_s": skew})]).zero
 
     for skew in (0.03, -0.03, 0.17, -0.17):
         # in steady motion the same at every row, before the first and behind the last one, too

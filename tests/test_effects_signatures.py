@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
+from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_poses
 from compplan.effects.frame_shift import shift_at
-from compplan.effects.linearization import Linearization, linearize_scene
+from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import spline_at
 from compplan.measurement.campaign import Campaign
@@ -38,8 +38,8 @@ def make_campaign(robot: Robot, seed: int = 3) -> Campaign:
 
 
 def make_linearization(robot: Robot) -> Linearization:
-    scene = stage_scene(robot, make_campaign(robot))
-    return linearize_scene(scene, attain_scene(scene))
+    scene = build_model(robot, make_campaign(robot))
+    return linearize_model(scene, solve_model_poses(scene))
 
 
 def all_signatures(at: Linearization) -> list[Signature]:
@@ -59,7 +59,7 @@ def worst_disagreement(at: Linearization, signature: Signature) -> float:
             values[k] = end * scale
             effect = signature.effect(values)
             scene = apply_effects(at.scene, [effect])
-            sides.append(attain_scene(scene))
+            sides.append(solve_model_poses(scene))
         step = (ends[0] - ends[1]) * scale
         linear = (sides[0].position - sides[1].position) / step
         turn = Rotation.from_matrix(sides[0].rotation @ np.swapaxes(sides[1].rotation, 1, 2)).as_rotvec() / step
@@ -98,7 +98,7 @@ def test_signatures_hold_on_a_rail_and_with_a_tool_that_stands_askew(tmp_path: P
 def test_compliance_of_rigid_links_agrees_with_the_exact_model() -> None:
     for signature in (s for s in EVERY if s.name in ("link_compliance", "base_compliance")):
         value = np.array([0.05 * signature.scale[0]])
-        after = attain_scene(apply_effects(AT.scene, [signature.effect(value)]))
+        after = solve_model_poses(apply_effects(AT.scene, [signature.effect(value)]))
         moved = (after.position - AT.attained.position) / value[0]
         assert np.abs(moved - signature.twist[:, :3, 0]).max() <= 0.02 * np.abs(moved).max() + 1e-3, signature.place
 

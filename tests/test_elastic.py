@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import ConvergenceError
 from compplan.robot import Array, load_robot
 from compplan.robot.beam import hollow_beam_compliance
-from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import Chain, build_chain, locate_frames
 from compplan.statics.elastic import (
     cartesian_compliance,
@@ -85,7 +85,7 @@ def test_a_tube_cut_into_pieces_bends_like_the_whole(tmp_path: Path, pieces: int
 def test_the_equilibrium_agrees_with_the_judge(name: str) -> None:
     robot = replace(load_robot(name), gravity=np.array([0.0, 0.0, -9.81]))
     q, wrench = draw(build_chain(robot), 4)
-    position, rotation, theta = judge_pose(build_judge(robot), q, wrench)
+    position, rotation, theta = solve_exact_pose(build_exact_robot(robot), q, wrench)
     loaded = solve_equilibrium(build_chain(robot), q, wrench)
     np.testing.assert_allclose(loaded.position, position, atol=1e-11)
     np.testing.assert_allclose(loaded.rotation, rotation, atol=1e-11)

@@ -9,7 +9,7 @@ import trimesh
 from compplan.errors import InputError
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
-from compplan.process.meeting import find_engagement
+from compplan.process.engagement_search import find_engagement
 from compplan.process.stock import build_block, build_height_map, read_mesh
 
 BLOCK = np.array([[-50.0, -50.0, -20.0], [50.0, 50.0, 0.0]])  # mm

@@ -23,7 +23,7 @@ from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
-from compplan.controllers.writers.servo import MotionTable, read_motion
+from compplan.controllers.writers.motion_table import MotionTable, read_motion
 from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
 from compplan.job.output import OutputTable
 from compplan.plan.executed import describe_unfollowed

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnosis.ledger.ledger import ChannelProducts, Products
+from compplan.diagnosis.evidence.normal_equations import ChannelProducts, Products
 from compplan.diagnosis.search.search import explains_enough
 
 VALUES = 60

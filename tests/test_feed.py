@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from compplan.job.job import check_job
-from compplan.plan.feed import FeedWish, TorqueRules, find_constant_feed, time_run
+from compplan.plan.feed import FeedRequest, TorqueRules, find_constant_feed, time_run
 from compplan.plan.plan import PlanOptions, build_task
 from compplan.robot import load_robot
 from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
@@ -91,7 +91,7 @@ def test_a_rounded_corner_takes_less_time_than_a_rest_and_the_tool_slows_down_th
     paths = (sharp, round_corners(sharp, 5e-5, SLOWED))
     rested, rounded = (build_task(ROBOT, path, PlanOptions(spin_free=False)) for path in paths)
     assert rested.rests.sum() == 2 and not rounded.rests.any()
-    slow, fast = (time_run(task, task.q_start, FeedWish())[1] for task in (rested, rounded))
+    slow, fast = (time_run(task, task.q_start, FeedRequest())[1] for task in (rested, rounded))
     assert slow.time[-1] - fast.time[-1] > 2 * 0.3 * rounded.smoothing
     bend = np.flatnonzero(rounded.nominal.rounded > 0.0)
     assert 0.02 < fast.share[bend].min() < 0.5
@@ -122,7 +122,7 @@ def test_the_constant_feed_is_the_highest_that_holds() -> None:
 
 def test_a_constant_feed_holds_between_start_and_stop_and_is_told() -> None:
     task = make_task(arc_path(0.3, 2.0))
-    changed, timing, notes = time_run(task, task.q_start, FeedWish(constant=True))
+    changed, timing, notes = time_run(task, task.q_start, FeedRequest(constant=True))
     wanted = changed.nominal.feed[5]
     middle = slice(len(task) // 3, 2 * len(task) // 3)
     assert timing.feed[middle] == pytest.approx(wanted, rel=1e-2)
@@ -176,8 +176,8 @@ def test_tight_torque_limits_slow_the_run_down_and_are_kept() -> None:
         ),
     )
     tight = replace(task, robot=weak)
-    plain = time_run(tight, task.q_start, FeedWish())[1]
-    slowed = time_run(tight, task.q_start, FeedWish(torque=True))[1]
+    plain = time_run(tight, task.q_start, FeedRequest())[1]
+    slowed = time_run(tight, task.q_start, FeedRequest(torque=True))[1]
     assert slowed.time[-1] > 1.02 * plain.time[-1]
 
 

@@ -16,7 +16,7 @@ from commandline import run_command
 from compplan.errors import InputError
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
-from compplan.plan.bending import Bending, describe_bending
+from compplan.plan.deflection import Bending, describe_bending
 from compplan.plan.frame_notes import ask_about_tool
 from compplan.plan.notes import describe_spindle
 from compplan.plan.slow import describe_causes, list_causes

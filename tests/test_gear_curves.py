@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from compplan.diagnosis import diagnose_campaign
-from compplan.diagnosis.answer.verdict import SHAPELESS, Finding, Structure, is_lawful, leave_shapeless
-from compplan.diagnosis.doubt import doubt
-from compplan.diagnosis.doubt.gears import is_law, repeats
-from compplan.diagnosis.ledger.proposals import find_series, wave_grid
+from compplan.diagnosis.evidence.proposals import find_series, wave_grid
+from compplan.diagnosis.results.verdict import SHAPELESS, Finding, Structure, is_lawful, leave_shapeless
 from compplan.diagnosis.search import fit
 from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.validation import unmodelled_causes as doubt
+from compplan.diagnosis.validation.gears import is_law, repeats
 from compplan.effects import Effect
 from compplan.robot import Spring, load_robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
@@ -131,7 +131,7 @@ def test_a_bent_law_of_deflection_has_to_show(
         ledger=SimpleNamespace(signatures=signatures), model=model, gains=lambda base: gains,
         without=lambda claims, *gone: [claim for claim in claims if claim not in gone],
     )
-    monkeypatch.setattr(doubt, "forms_that_hold", lambda ledger, special: {0} if special == 1 else set())
+    monkeypatch.setattr(doubt, "representable_forms", lambda ledger, special: {0} if special == 1 else set())
     told = doubt._simplify(search, model([Claim(0, 1.0)]))
     assert [names[claim.signature] for claim in told.claims] == [claimed]
 
@@ -143,7 +143,7 @@ def test_the_law_of_a_joint_is_bent_only_where_the_folder_has_one(monkeypatch: p
         for joint in ("joint_1", "joint_2")
     ]
     monkeypatch.setattr(fit, "offered_signatures", lambda at, register, excluded: offered)
-    monkeypatch.setattr(fit, "offer_again", lambda at, proposals, wanted: [])
+    monkeypatch.setattr(fit, "propose_again", lambda at, proposals, wanted: [])
     springs = (Spring("joint_2", "own", 1e-6), Spring("joint_1", "ry", 1e-6), Spring("joint_1", "own", 0.0))
     robot = replace(load_robot("kuka_kr240"), springs=springs)
     problem: Any = SimpleNamespace(robot=robot, register=(), excluded=())

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from golden_numbers import COMMANDS, GOLDEN, differences, fold_outputs, run_command_line
 
-from compplan.cli.commands.places import RESULTS
+from compplan.cli.commands.output_paths import RESULTS
 from compplan.io.transaction import read_manifest
 
 GOLD = json.loads(GOLDEN.read_text(encoding="utf-8"))

@@ -16,7 +16,7 @@ from program_moves import Move, kuka_pose, shift
 from program_readers import read_csv, read_fanuc, read_krl, read_rapid, read_val3
 from script_readers import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
-from compplan.controllers.readback.said import compare_said, read_said
+from compplan.controllers.readback.declared import compare_declared, read_declared
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.post import Post
 from compplan.robot import load_robot
@@ -258,16 +258,16 @@ def test_frames_that_a_program_asks_of_the_cell_are_read_back(language: str, tmp
     program = replace(make_program(tmp_path / "cell", language), post=Post())
     assert program.tool is not None
     write_program(program, language, tmp_path / "out")
-    paths = [path for path in (tmp_path / "out").rglob("*") if read_said(path)]
+    paths = [path for path in (tmp_path / "out").rglob("*") if read_declared(path)]
     assert paths
     millimetres = np.array([[1.0, 1, 1, 1e3]] * 3 + [[1.0, 1, 1, 1]])
     planned, tip = program.base_frame * millimetres, program.tool * millimetres
     for path in paths:
-        assert compare_said(path, planned, tip) == []
-        for name, frame in read_said(path).items():
+        assert compare_declared(path, planned, tip) == []
+        for name, frame in read_declared(path).items():
             other = np.linalg.inv(frame)
             part, tool = (planned, other) if name == "tool" else (other, tip)
-            assert compare_said(path, part, tool) == [f"the {name} that it asks of the cell is not the planned one"]
+            assert compare_declared(path, part, tool) == [f"the {name} that it asks of the cell is not the planned one"]
 
 
 @pytest.mark.parametrize("base", [None, "G54"])

@@ -15,7 +15,7 @@ from compplan.identification import (
     estimate_parameters,
     reduce_model,
 )
-from compplan.measurement.made import make_log
+from compplan.measurement.from_arrays import make_log
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import missing_springs
 

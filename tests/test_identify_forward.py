@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from simulated_campaigns import plan_rows, write_small_robot
 
-from compplan.effects import Effect, apply_effects, attain_scene, robot_effects, stage_scene
-from compplan.effects.asked import geometry_forms
-from compplan.effects.linearization import linearize_scene
+from compplan.effects import Effect, apply_effects, build_model, robot_effects, solve_model_poses
+from compplan.effects.linearization import linearize_model
+from compplan.effects.requested import geometry_forms
 from compplan.errors import InputError, UnknownNameError
 from compplan.identification import KNOWN_FRAMES, Rows, build_structure
 from compplan.identification.campaign import identify_campaign
@@ -44,8 +44,8 @@ def every_row(log: Campaign) -> Rows:
 @pytest.mark.parametrize(("name", "links"), CASES)
 def test_the_robot_that_is_written_goes_where_the_fit_said(name: str, links: str | None, tmp_path: Path) -> None:
     robot, log = load(name, tmp_path), plan_rows(load(name, tmp_path), 7, poses=6, region=0.4)
-    scene = stage_scene(robot, log)
-    forms = geometry_forms(linearize_scene(scene, attain_scene(scene)), "all")
+    scene = build_model(robot, log)
+    forms = geometry_forms(linearize_model(scene, solve_model_poses(scene)), "all")
     structure = build_structure(robot, add=candidate_springs(robot)[:4], links=links, forms=forms)
     size = np.array([SIZES[parameter.unit] for parameter in structure.parameters])
     values = structure.nominal + size * np.random.default_rng(4).uniform(0.2, 1.0, len(size))
@@ -53,7 +53,7 @@ def test_the_robot_that_is_written_goes_where_the_fit_said(name: str, links: str
     fit = SimpleNamespace(structure=structure, model_values=values)
     written, notes = update_robot(robot, fit, source="test")  # type: ignore[arg-type]
     assert notes == ()
-    attained = attain_scene(stage_scene(written, log))
+    attained = solve_model_poses(build_model(written, log))
     assert np.linalg.norm(state.position - attained.position, axis=1).max() < 1e-9
 
 
@@ -83,7 +83,7 @@ def test_derivatives_are_those_of_the_exact_model(links: str | None) -> None:
 def test_any_effect_is_fitted_beside_the_springs_and_written(effect: Effect, tmp_path: Path) -> None:
     robot = load("small", tmp_path)
     plan = plan_rows(robot, 3, poses=30, region=0.7)
-    truth = attain_scene(apply_effects(stage_scene(robot, plan), [effect]))
+    truth = solve_model_poses(apply_effects(build_model(robot, plan), [effect]))
     noise = np.random.default_rng(1)
     seen = truth.position + 1e-5 * noise.standard_normal(truth.position.shape)
     log = replace(plan, position=seen, rotation=truth.rotation, sigma=np.full(len(plan), 1e-5))

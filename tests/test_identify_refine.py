@@ -13,7 +13,7 @@ from compplan.identification import KNOWN_FRAMES, Rows, build_structure, estimat
 from compplan.identification.estimate import leave_poses_out
 from compplan.identification.forward import attain_fit, pose_residuals
 from compplan.identification.refine import GAIN_LIMIT, refine_structure
-from compplan.identification.spring_place import place_spring
+from compplan.identification.spring_position import place_spring
 from compplan.identification.update import find_unexplained
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.heldout import distance_rms, gain_score

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.round_trip import draw_candidates, simulate_observations
-from compplan.effects import attain_scene, stage_scene
-from compplan.effects.asked import geometry_forms
-from compplan.effects.linearization import linearize_scene
+from compplan.effects import build_model, solve_model_poses
+from compplan.effects.linearization import linearize_model
+from compplan.effects.requested import geometry_forms
 from compplan.identification import build_structure, estimate_parameters
 from compplan.measurement.fit.rows import KNOWN_FRAMES
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
@@ -21,8 +21,8 @@ def held(robot: Robot, wrench: np.ndarray, q: np.ndarray, **options: object) -> 
     frames = replace(KNOWN_FRAMES, parts=options.pop("parts", ()))
     if not options.pop("orientation", True):
         rows = replace(rows, rotation=None)
-    scene = stage_scene(robot, rows)
-    forms = geometry_forms(linearize_scene(scene, attain_scene(scene)), options.pop("geometry", "none"))
+    scene = build_model(robot, rows)
+    forms = geometry_forms(linearize_model(scene, solve_model_poses(scene)), options.pop("geometry", "none"))
     structure = build_structure(robot, forms=forms, **options)
     estimate = estimate_parameters(structure, rows, registration=frames, sigma="stated")
     return {item.held: (item.together_with, item.reason) for item in estimate.held}

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.diagnosis.doubt import imitation
-from compplan.diagnosis.doubt.certainty import Evidence, rate_certainty
-from compplan.diagnosis.doubt.doubt import Doubt
-from compplan.diagnosis.doubt.imitation import draw_causes, explain_squares, rate_imitations, take_out
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import Claim, Model
 from compplan.diagnosis.search.state import Fit, Problem
+from compplan.diagnosis.validation import spurious_fit as imitation
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
+from compplan.diagnosis.validation.spurious_fit import draw_causes, explain_squares, rate_imitations, take_out
+from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
 from compplan.effects import Effect
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
@@ -28,7 +28,7 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return fit_effects(Problem(robot, campaign), None)
 
 
-def doubt_of(fit: Fit, claims: tuple[Claim, ...], observed: np.ndarray | None = None) -> Doubt:
+def doubt_of(fit: Fit, claims: tuple[Claim, ...], observed: np.ndarray | None = None) -> RevisedProbabilities:
     """Claims of a fit, its observations replaced by others."""
     search = fit.search
     if observed is not None:
@@ -36,7 +36,7 @@ def doubt_of(fit: Fit, claims: tuple[Claim, ...], observed: np.ndarray | None = 
         design = ledger.designs[0].reshape(-1, ledger.p)
         total = replace(ledger.channels[0].total, against=design.T @ observed, square=float(observed @ observed))
         search = replace(search, ledger=replace(ledger, channels=(replace(ledger.channels[0], total=total),)), cache={})
-    return Doubt(search, Model(claims, fit.model.posterior, 0.0), (), ())
+    return RevisedProbabilities(search, Model(claims, fit.model.posterior, 0.0), (), ())
 
 
 def best_candidate(fit: Fit, observed: np.ndarray) -> Claim:
@@ -88,7 +88,7 @@ def test_what_columns_explain_is_least_squares(fit: Fit) -> None:
 
 def test_a_claim_that_a_nameless_cause_would_bring_as_well_is_stated_less_surely() -> None:
     def rate(imitated: float) -> float:
-        return rate_certainty(Evidence(30.0, 30.0, 1.0, 4.0, 0.9, 0.1, imitated, 1.0))
+        return calibrate_probability(Evidence(30.0, 30.0, 1.0, 4.0, 0.9, 0.1, imitated, 1.0))
 
     assert rate(0.15) < rate(0.05) < rate(0.02)
     assert rate(0.9) == rate(0.15)

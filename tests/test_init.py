@@ -9,14 +9,14 @@ import pytest
 from commandline import run_command
 
 from compplan.controllers.writers import WRITERS, list_languages
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.job.job import load_job
 from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, robot_folders
+from compplan.robot.folder_template import write_skeleton
 from compplan.robot.mounting import name_axis, outward_axis
-from compplan.robot.skeleton import write_skeleton
 from compplan.statics.chain import build_chain, locate_frames
 
 

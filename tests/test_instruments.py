@@ -14,16 +14,16 @@ import pytest
 from compplan.diagnosis import diagnose_campaign
 from compplan.diagnosis.campaign_diagnosis import refuse_open_frames
 from compplan.diagnosis.data.channels import estimate_noises
-from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, stage_scene
+from compplan.effects import Effect, apply_effects, build_model, command_campaign, solve_model_poses
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit_frames import fit_registration
 from compplan.measurement.instrument import read_instrument
+from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations
 from compplan.measurement.reading import read_campaign
 from compplan.measurement.registration import campaign_gap, fitted_parts
-from compplan.measurement.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights
 from compplan.robot import Array, Robot
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import robot_uncertainty
 from tests.commandline import Answer, run_command
 from tests.simulated_campaigns import write_small_robot
 
@@ -52,7 +52,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 def see(robot: Robot, q: Array, effects: Effects = PLANTED) -> Array:
     """Return where the point of the tool truly is. Shape (n, 3). [m]"""
     campaign = Campaign(np.array(["static"] * len(q)), q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
-    attained = attain_scene(apply_effects(stage_scene(robot, campaign), effects))
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign), effects))
     return attained.position + attained.rotation @ TOOL
 
 
@@ -137,9 +137,9 @@ def bar_log(
 LOGS = {"sockets": socket_log, "gauge": gauge_log, "bar": bar_log}
 
 
-def make_sights(kind: int, **fields: Array) -> Sights:
+def make_sights(kind: int, **fields: Array) -> Observations:
     given = {"direction": np.full((1, 3), np.nan), "value": np.full(1, np.nan), "origin": np.zeros((1, 3)), **fields}
-    return Sights(kind=np.array([kind]), contact=np.array([0]), names=("a",), **given)
+    return Observations(kind=np.array([kind]), contact=np.array([0]), names=("a",), **given)
 
 
 def test_each_kind_of_sight_says_what_its_equation_says() -> None:
@@ -184,7 +184,7 @@ def test_a_number_along_one_direction_has_its_own_noise_and_not_that_of_three() 
     unit = np.repeat(rng.normal(size=(stays, 3)), 3, axis=0)
     unit /= np.linalg.norm(unit, axis=1)[:, None]
     n = len(unit)
-    sights = Sights(
+    sights = Observations(
         np.full(n, READING), np.repeat(np.arange(stays) % 40, 3), tuple(f"g{k}" for k in range(40)), np.zeros((n, 3)),
         unit, rng.normal(0.0, SIGMA, n),
     )  # fmt: skip
@@ -209,7 +209,7 @@ def test_tool_and_unknown_places_follow_from_the_rows_of_a_robot_as_modelled(
 ) -> None:
     log, instrument = LOGS[name](robot, tmp_path, (), 0.0)
     campaign = read_campaign(log, robot, read_instrument(instrument))
-    attained = attain_scene(stage_scene(robot, campaign))
+    attained = solve_model_poses(build_model(robot, campaign))
     parts = fitted_parts(campaign, ("tool",))
     frames = fit_registration(campaign, attained.position, attained.rotation, parts)
     np.testing.assert_allclose(frames.tool[0, :3, 3], TOOL, atol=2e-7)
@@ -255,7 +255,7 @@ def test_trackers_and_contacts_go_together_in_one_log(robot: Robot, tmp_path: Pa
     campaign = read_campaign(write_log(tmp_path / "both.csv", f"run,contact,{JOINTS},x_mm,y_mm,z_mm", rows), robot)
     assert campaign.usable.all()
     assert campaign.measured.sum() == 12
-    attained = attain_scene(apply_effects(stage_scene(robot, campaign), PLANTED))
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign), PLANTED))
     frames = fit_registration(campaign, attained.position, attained.rotation, fitted_parts(campaign, ("base", "tool")))
     np.testing.assert_allclose(frames.base, np.eye(4), atol=1e-4)
     np.testing.assert_allclose(frames.places, [[1.0, 0.2, 0.7]], atol=5e-5)
@@ -282,7 +282,7 @@ def test_what_gauges_show_of_small_errors_holds_from_stay_to_stay_but_for_their_
     # gauges put up anywhere turn with the arm: the first joint's zero is as unknown as before
     known = diagnosis.deliveries[0].uncertainty
     (zero,) = (u for u in known.unknowns if u.effect == "joint_offset" and u.joint == robot.joint_names[0])
-    (before,) = (u for u in known_uncertainty(robot).unknowns if (u.effect, u.joint) == (zero.effect, zero.joint))
+    (before,) = (u for u in robot_uncertainty(robot).unknowns if (u.effect, u.joint) == (zero.effect, zero.joint))
     assert known.calibration * zero.deviation == pytest.approx(before.deviation, rel=1e-6)
     assert np.sqrt(np.mean(((held.share - 1.0) / held.deviation) ** 2)) == pytest.approx(1.0, rel=0.15)
 

@@ -13,12 +13,12 @@ from test_feed import ROBOT, arc_path, make_task, square_path
 from benchmarks.limits import sample_use
 from compplan.controllers.readback.robot import read_joints
 from compplan.job.job import LimitsTable
+from compplan.plan.checks import _vote_on_jerk
 from compplan.plan.fastest_run import time_cut
-from compplan.plan.feed import FeedWish, TorqueRules, time_run
+from compplan.plan.feed import FeedRequest, TorqueRules, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
 from compplan.plan.profile import ease, ease_times
 from compplan.plan.timing import cutting_runs, find_slowdown, time_command
-from compplan.plan.votes import _vote_on_jerk
 from compplan.robot import Array
 
 NONE = np.array([1e12])
@@ -84,7 +84,7 @@ def test_torques_are_held_by_the_timed_run_in_an_engine_of_another() -> None:
     task = replace(task, robot=replace(ROBOT, joints=joints))
     uses = []
     for torque in (False, True):
-        timing = time_run(task, task.q_start, FeedWish(torque=torque))[1]
+        timing = time_run(task, task.q_start, FeedRequest(torque=torque))[1]
         use = sample_use(
             task.q_start, timing.time, cutting_runs(task.nominal.rapid), *_limits(task),
             arm=ROBOT.folder, effort=np.array(list(weak.values())), wrench=task.wrench,

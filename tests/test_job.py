@@ -11,9 +11,9 @@ import pytest
 
 from compplan.cli import main
 from compplan.errors import InputError
+from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_nominal
-from compplan.job.text import write_job_text
 from compplan.plan.plan import job_robot, read_options
 from compplan.posture.settings import read_settings
 from compplan.process.force_models import FORCE_MODELS

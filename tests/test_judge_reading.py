@@ -8,8 +8,8 @@ from robot_library import over_robots
 
 from compplan.job.frames import ToolTable
 from compplan.robot import load_robot, robot_folders
-from compplan.simulation.judge import build_judge, judge_pose
-from compplan.simulation.reading import read_judge
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
+from compplan.simulation.exact_model import read_exact_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.sensitivity import attain_pose
 
@@ -30,12 +30,12 @@ def draw(robot, count=6):
 @pytest.mark.parametrize("name", over_robots())
 def test_the_judges_own_reading_of_a_shipped_folder_agrees_with_the_planners(name, tool):
     robot = load_robot(name)
-    judge = read_judge(robot_folders()[name], tool)
+    judge = read_exact_robot(robot_folders()[name], tool)
     if tool is not None:
         table = ToolTable(**tool)
         robot = robot.with_tool(table.pose, table.mass_kg, np.array(table.centre_of_mass_mm) * 1e-3)
     q, wrench = draw(robot)
-    ours, theirs = judge_pose(judge, q, wrench), judge_pose(build_judge(robot), q, wrench)
+    ours, theirs = solve_exact_pose(judge, q, wrench), solve_exact_pose(build_exact_robot(robot), q, wrench)
     assert ours[0] == pytest.approx(theirs[0], abs=1e-12)
     assert ours[1] == pytest.approx(theirs[1], abs=1e-12)
 
@@ -43,8 +43,8 @@ def test_the_judges_own_reading_of_a_shipped_folder_agrees_with_the_planners(nam
 def test_a_compliance_that_the_planner_reads_doubled_is_not_doubled_for_the_judge():
     robot = load_robot("kuka_kr270")
     q, wrench = draw(robot)
-    soft = judge_pose(build_judge(robot.scale_compliance(2.0)), q, wrench)[0]
-    assert np.linalg.norm(soft - judge_pose(read_judge(robot.folder), q, wrench)[0], axis=1).max() > 1e-4
+    soft = solve_exact_pose(build_exact_robot(robot.scale_compliance(2.0)), q, wrench)[0]
+    assert np.linalg.norm(soft - solve_exact_pose(read_exact_robot(robot.folder), q, wrench)[0], axis=1).max() > 1e-4
 
 
 def test_the_weight_of_a_tool_bends_an_arm_whose_folder_has_no_gravity_by_its_difference():
@@ -56,9 +56,9 @@ def test_the_weight_of_a_tool_bends_an_arm_whose_folder_has_no_gravity_by_its_di
     flange = next(joint for joint in robot.joints if joint.parent == robot.flange)
     pose[:] = flange.placement
     centre = pose[:3, :3] @ same.centre + pose[:3, 3]
-    rigid = judge_pose(build_judge(replace(robot, springs=())), q, none)[0]
+    rigid = solve_exact_pose(build_exact_robot(replace(robot, springs=())), q, none)[0]
     for mass, moves in ((5.0, False), (23.0, True)):
-        bent = judge_pose(build_judge(robot.with_tool(pose, mass, centre)), q, none)[0]
+        bent = solve_exact_pose(build_exact_robot(robot.with_tool(pose, mass, centre)), q, none)[0]
         assert (np.linalg.norm(bent - rigid, axis=1).max() > 5e-5) == moves
 
 
@@ -71,7 +71,7 @@ def test_a_tool_lighter_than_the_one_the_springs_were_identified_with_lifts_the_
     mounted = robot.with_tool(table.pose, mass, np.array(table.centre_of_mass_mm) * 1e-3)
     q, wrench = draw(robot)
     ours = attain_pose(build_chain(mounted), q, wrench, slope=False).position
-    for judge in (build_judge(mounted), read_judge(robot.folder, tool)):
-        assert judge_pose(judge, q, wrench)[0] == pytest.approx(ours, abs=1e-11)
+    for judge in (build_exact_robot(mounted), read_exact_robot(robot.folder, tool)):
+        assert solve_exact_pose(judge, q, wrench)[0] == pytest.approx(ours, abs=1e-11)
     bare = attain_pose(build_chain(robot.with_tool(table.pose)), q, wrench, slope=False).position
     assert 2e-6 < np.linalg.norm(ours - bare, axis=1).max() < 4e-4

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import tomli_w
 from commandline import run_command
-from executed_emulator import STEP, Cell, drive
+from executed_emulator import STEP, SimulatedRobot, drive
 
 import compplan as cp
 from benchmarks.executed.job import measure_beside
-from compplan.controllers.writers.counting import load_motion
+from compplan.controllers.writers.joint_convention import load_motion
 from compplan.plan.executed import lead_lag
 from compplan.robot import load_robot, write_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
@@ -53,7 +53,7 @@ def test_an_independent_drive_stays_ten_times_nearer_to_the_path_of_a_led_comman
     nominal = SimpleNamespace(rapid=np.zeros(len(q), bool), steps=np.ones(len(q) - 1))
     chain = build_chain(load_robot("ur10"))
     led = lead_lag(SimpleNamespace(nominal=nominal, rests=None, chain=chain), q, time, motion)
-    cell = Cell(lag=1e-3 * LAG)
+    cell = SimulatedRobot(lag=1e-3 * LAG)
     wanted, *reached = (locate_frames(chain, way).tcp_position for way in (q, drive(q, cell), drive(led, cell)))
     plain, better = (measure_beside(wanted, tip).max() for tip in reached)
     assert better < 0.1 * plain

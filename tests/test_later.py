@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from compplan.io.later import put_off
+from compplan.io.lazy_imports import put_off
 
 
 @pytest.fixture

@@ -13,19 +13,19 @@ from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.learning.gather import Gathered
-from compplan.learning.hold import hold_values
-from compplan.learning.learn import learn_part
+from compplan.learning.gathered_points import Gathered
 from compplan.learning.measured_path import match_points, read_measured_points
+from compplan.learning.model_update import learn_part
+from compplan.learning.part import LearnedPart, build_learned, plan_learned
+from compplan.learning.representable import fit_representable
 from compplan.learning.residual import Residual, read_residual, residual_file
-from compplan.learning.teach import Teaching, build_learned, plan_learned
-from compplan.learning.travel import state_own
-from compplan.process.force_lesson import read_learned_force
+from compplan.learning.transfer import state_own
+from compplan.process.learned_force import read_learned_force
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.band import Slopes
-from compplan.uncertainty.slopes import ForceSpread, stage_path, tip_of
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, tip_of
 from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -123,7 +123,7 @@ def test_a_robot_folder_holds_of_a_negative_compliance_what_takes_its_spring_to_
     soft = Unknown("joint_stiffness", "joint_3", None, ("compliance_change_rad_per_Nm",), np.array([1e-8]))
     cases = ((rigid, -2e-8, 0.0), (rigid, 2e-8, 2e-8), (soft, -3.0 * own, -own), (soft, -1e-9, -1e-9))
     for unknown, value, held in cases:
-        taught, part = hold_values(robot, unknown, np.array([value]))
+        taught, part = fit_representable(robot, unknown, np.array([value]))
         assert part == pytest.approx([held], abs=1e-15)
         before, after = (sum(spring.compliance for spring in r.springs) for r in (robot, taught))
         assert after - before == pytest.approx(held, abs=1e-15)
@@ -182,7 +182,7 @@ def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed
     wanted, plan = plan_learned(job.with_force(force), robot, read_residual(residual_file(robot, job), robot))
     rows, task = np.flatnonzero(plan.task.cut), plan.task
     predicted = task.wrench if force is None else force.undo(task.wrench, job.T_base_part[:3, :3])
-    tip = tip_of(stage_path(truth, plan.q, level * predicted, task.step_time), rows)
+    tip = tip_of(build_path_model(truth, plan.q, level * predicted, task.step_time), rows)
     length = np.interp(task.origin[rows], np.arange(len(wanted)), wanted.arc_length)
     path = np.stack([np.interp(length, wanted.arc_length, wanted.position[:, k]) for k in range(3)], axis=1)
     place = job.T_base_part
@@ -266,4 +266,4 @@ def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_
     path = np.stack([np.interp(rows, np.arange(len(nominal)), column) for column in nominal.position.T], axis=1)
     assert task.position == pytest.approx(path - [1e-3, 0.0, 0.0], abs=1e-9)
     lesson = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
-    assert Teaching.wanted.__get__(lesson) == pytest.approx(path, abs=1e-9)
+    assert LearnedPart.wanted.__get__(lesson) == pytest.approx(path, abs=1e-9)

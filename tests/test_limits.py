@@ -12,7 +12,7 @@ from test_strategies import make_path, make_task
 from compplan.plan.nlp import build_nlp, solve_nlp
 from compplan.plan.path_problem import smoothness_matrix
 from compplan.plan.strategies import command_path
-from compplan.plan.strategies.limits import OUT_OF_REACH, judge_limits, measure_correction, name_failures
+from compplan.plan.strategies.limits import OUT_OF_REACH, check_limits, measure_correction, name_failures
 from compplan.plan.strategies.mirror import mirror_deviation
 from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose
@@ -21,13 +21,13 @@ from compplan.statics.sensitivity import attain_pose
 def test_each_limit_alone_makes_a_command_infeasible_and_is_named() -> None:
     task = make_task(path=make_path(8))
     q, every = task.q_start, np.arange(len(task))
-    assert (judge_limits(task, q).status, judge_limits(task, q).failures) == ("solved", {})
-    missed = judge_limits(replace(task, missed=every == 5), q)
+    assert (check_limits(task, q).status, check_limits(task, q).failures) == ("solved", {})
+    missed = check_limits(replace(task, missed=every == 5), q)
     assert (missed.status, missed.failures) == ("infeasible", {5: OUT_OF_REACH})
     for side, joint, change in (("lower", 2, task.robot.lower), ("upper", 4, task.robot.upper)):
         beyond = q.copy()
         beyond[3, joint] = change[joint] + (-1e-6 if side == "lower" else 1e-6)
-        left = judge_limits(replace(task, missed=every < 0, max_correction=10.0), beyond)
+        left = check_limits(replace(task, missed=every < 0, max_correction=10.0), beyond)
         assert left.status == "infeasible" and f"{side} position limit of joint_{joint + 1}" in left.failures[3]
     for side, stop in (("lower", task.robot.lower), ("upper", task.robot.upper)):
         standing = q.copy()
@@ -39,8 +39,8 @@ def test_each_limit_alone_makes_a_command_infeasible_and_is_named() -> None:
     aside = q.copy()
     aside[6, 0] += 0.01
     far = replace(task, max_correction=0.5 * float(measure_correction(task, aside)[6]))
-    assert judge_limits(far, aside).failures == {6: "correction limit"}
-    assert not judge_limits(replace(far, compensated=every != 6), aside).failures
+    assert check_limits(far, aside).failures == {6: "correction limit"}
+    assert not check_limits(replace(far, compensated=every != 6), aside).failures
 
 
 def test_the_correction_is_the_way_of_the_unloaded_tip_from_the_path() -> None:

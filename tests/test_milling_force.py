@@ -5,10 +5,10 @@ import pytest
 
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
+from compplan.process.engagement_search import find_engagement
 from compplan.process.force_models.drill import DRILLED, HANDBOOK, DrillProcess, ask_handbook
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
-from compplan.process.meeting import find_engagement
 from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.process.stock import build_block
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, fold_effects, stage_scene
+from compplan.effects import Effect, apply_effects, build_model, command_campaign, fold_effects, solve_model_poses
 from compplan.effects.joint_stiffness import signatures
-from compplan.effects.linearization import linearize_scene
+from compplan.effects.linearization import linearize_model
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 
@@ -42,14 +42,14 @@ def tip(first: float, follower: float) -> np.ndarray:
 def test_a_follower_follows_the_true_position_of_an_offset_joint(robot: Robot) -> None:
     offset, q = 0.01, 0.4
     shifted = fold_effects(robot, [Effect("joint_offset", "one", None, {"offset_rad": offset})])
-    attained = attain_scene(stage_scene(shifted, command_campaign(np.array([[q]]))))
+    attained = solve_model_poses(build_model(shifted, command_campaign(np.array([[q]]))))
     true = q + offset
     np.testing.assert_allclose(attained.position[0], tip(true, ZERO + FOLLOWS * true), atol=1e-12)
 
 
 def test_a_follower_stays_where_its_driver_bends(robot: Robot) -> None:
     q, force = 0.4, np.array([[0.0, 50.0, 0.0, 0.0, 0.0, 0.0]])
-    attained = attain_scene(stage_scene(robot, command_campaign(np.array([[q]]), force)))
+    attained = solve_model_poses(build_model(robot, command_campaign(np.array([[q]]), force)))
     bent = float(attained.theta[0, 0])
     moment = force[0, 1] * attained.position[0, 0]
     assert bent == pytest.approx(COMPLIANCE * moment, rel=1e-6)
@@ -58,10 +58,10 @@ def test_a_follower_stays_where_its_driver_bends(robot: Robot) -> None:
 
 def test_the_signature_of_a_soft_joint_is_the_derivative_of_the_exact_model(robot: Robot) -> None:
     force = np.array([[30.0, 50.0, 0.0, 0.0, 0.0, 0.0]] * 3) * np.array([[1.0], [-0.5], [0.2]])
-    scene = stage_scene(robot, command_campaign(np.array([[0.4], [0.9], [-0.7]]), force))
-    attained = attain_scene(scene)
-    (signature,) = signatures(linearize_scene(scene, attained))
+    scene = build_model(robot, command_campaign(np.array([[0.4], [0.9], [-0.7]]), force))
+    attained = solve_model_poses(scene)
+    (signature,) = signatures(linearize_model(scene, attained))
     step = 1e-9
     softer = apply_effects(scene, [Effect("joint_stiffness", "one", None, {signature.keys[0]: step})])
-    slope = (attain_scene(softer).position - attained.position) / step
+    slope = (solve_model_poses(softer).position - attained.position) / step
     np.testing.assert_allclose(signature.twist[:, :3, 0], slope, rtol=2e-3, atol=1e-3)

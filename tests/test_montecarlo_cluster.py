@@ -18,7 +18,7 @@ from montecarlo_cases import small_study
 from compplan.errors import InputError
 from compplan.studies.cluster import ask_scheduler
 from compplan.studies.runner import Settings, run_study
-from compplan.studies.workforce import Workforce
+from compplan.studies.workers import Workers
 
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 
@@ -89,9 +89,9 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
             cluster.add_worker("heir")
             victim.send_signal(signal.SIGKILL)
 
-    there = Workforce(scheduler=cluster.address)
+    there = Workers(scheduler=cluster.address)
     run = run_study(small_study(), settings, folder=tmp_path / "samples", workforce=there, progress=watch)
-    here = run_study(small_study(), settings, workforce=Workforce(workers=1))
+    here = run_study(small_study(), settings, workforce=Workers(workers=1))
     assert killed and victim.wait(10) == -signal.SIGKILL
     for a, b in zip(run.judged, here.judged, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -103,7 +103,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(cluster, "PATIENCE", 1)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        run_study(small_study(), Settings(samples=16, seed=1), workforce=Workforce(scheduler="tcp://127.0.0.1:9"))
+        run_study(small_study(), Settings(samples=16, seed=1), workforce=Workers(scheduler="tcp://127.0.0.1:9"))
 
 
 def test_a_scheduler_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,15 +11,15 @@ from compplan.effects import Effect, fold_effects
 from compplan.errors import ConvergenceError
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.robot import load_robot
-from compplan.simulation.cell import build_cell, run_cell
-from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
+from compplan.simulation.simulated_robot import build_simulated_robot, run_simulated_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
-from compplan.studies.curves import quiet_cells
-from compplan.studies.draw import draw_cells, move_by_effect
+from compplan.studies.curves import noise_free_robots
+from compplan.studies.evaluation import run_strategy
 from compplan.studies.factors import draw_points
-from compplan.studies.judging import run_strategy
 from compplan.studies.kernel import build_kernel, settle_tips
+from compplan.studies.sampling import move_by_effect, sample_robots
 from compplan.studies.study import prepare_study
 
 RNG = np.random.default_rng(11)
@@ -35,7 +35,7 @@ def test_the_kernel_agrees_with_the_pinocchio_judge_to_a_nanometre(name: str) ->
     wrench = RNG.normal(size=(40, 6)) * level * np.array([1, 1, 1, 0.1, 0.1, 0.1])
     start = np.zeros((chain.n_springs, 40))
     tips = settle_tips(build_kernel(chain), q.T, wrench.T, np.ones_like(start), start)
-    judged, _, _ = judge_pose(build_judge(robot), q, wrench)
+    judged, _, _ = solve_exact_pose(build_exact_robot(robot), q, wrench)
     assert np.abs(tips.T - judged).max() < 1e-9
 
 
@@ -48,7 +48,7 @@ def test_a_sample_with_other_compliances_is_what_the_judge_says_of_such_a_robot(
     q, wrench = task.q_start[rows], task.wrench[rows] * 1.2
     start = np.ascontiguousarray(solve_equilibrium(chain, q, task.wrench[rows]).theta.T)
     tips = settle_tips(build_kernel(chain), q.T, wrench.T, np.repeat(factor[:, None], 20, 1), start)
-    judged, _, _ = judge_pose(build_judge(replace(robot, springs=springs)), q, wrench)
+    judged, _, _ = solve_exact_pose(build_exact_robot(replace(robot, springs=springs)), q, wrench)
     assert np.abs(tips.T - judged).max() < 1e-9
 
 
@@ -63,7 +63,7 @@ def test_a_load_beyond_buckling_is_refused() -> None:
 
 def test_in_a_cell_without_faults_every_exact_strategy_leaves_nothing() -> None:
     study = cone_study()
-    cells = quiet_cells(study, np.ones(1), np.ones(1))
+    cells = noise_free_robots(study, np.ones(1), np.ones(1))
     left = {name: np.linalg.norm(run_strategy(study, name, cells), axis=0)[0, study.cut] for name in study.strategies}
     for name in ("iterated_mirror", "nlp", "encoder_force", "force_sensor_full"):
         assert left[name].max() < 5e-8, name
@@ -76,7 +76,7 @@ def test_a_sensor_strategy_answers_as_exactly_as_its_solved_equation() -> None:
     from compplan.plan.strategies import iterated_mirror
 
     study, task = cone_study(), cone_study().task
-    cells = quiet_cells(study, np.ones(1), np.array([1.2]))
+    cells = noise_free_robots(study, np.ones(1), np.array([1.2]))
     deviation = run_strategy(study, "force_sensor_full", cells)[:, 0, study.cut]
     exact = iterated_mirror.command_path(replace(task, wrench=1.2 * task.wrench)).q
     reached = solve_equilibrium(task.chain, exact, 1.2 * task.wrench).position - task.position
@@ -88,7 +88,7 @@ def test_encoders_in_a_study_leave_what_their_exact_equilibrium_leaves() -> None
     from compplan.statics.encoders import control_equilibrium
 
     study, task = cone_study(), cone_study().task
-    cells = quiet_cells(study, np.array([1.3]), np.ones(1))
+    cells = noise_free_robots(study, np.array([1.3]), np.ones(1))
     chain = replace(task.chain, compliance=1.3 * task.chain.compliance)
     for name in ("secondary_encoder", "both_encoders"):
         answer = study.answers[name]
@@ -103,7 +103,7 @@ def test_errors_of_geometry_are_right_to_first_order() -> None:
     study = cone_study()
     at = study.surroundings
     points = draw_points(at.factors, 3, 2, range(2))
-    cells = draw_cells(at, points)
+    cells = sample_robots(at, points)
     from compplan.statics.chain import locate_frames
     from compplan.studies.factors import to_normal
 
@@ -140,7 +140,7 @@ def test_every_key_of_the_noise_spreads_what_it_names_by_its_own_size() -> None:
         moment_bias_Nm=1.2, force_gain=0.0, tracker_mm=0.02, tracker_mm_per_m=0.01,
     )  # fmt: skip
     at = prepare_study(cone_task(), noise, ["none"], most_waypoints=12).surroundings
-    cells, degree, mm = draw_cells(at, draw_points(at.factors, 5, 1, range(400))), np.pi / 180, 1e-3
+    cells, degree, mm = sample_robots(at, draw_points(at.factors, 5, 1, range(400))), np.pi / 180, 1e-3
     placements, rest = np.split(cells.causes, [6 * (len(at.q) + 1)])
     shifts = placements.reshape(-1, 2, 3, 400)
     moving = at.travel != 0.0
@@ -175,9 +175,9 @@ def test_a_periodic_gear_error_has_its_amplitude_and_as_many_periods_a_turn_as_s
     noise = NoiseTable(backlash_deg=0.0, gear_error_deg=0.03, gear_periods=2.0)
     at = prepare_study(cone_task(), noise, ["none"], most_waypoints=12).surroundings
     points = draw_points(at.factors, 6, 1, range(300))
-    drive = draw_cells(at, points).drive
+    drive = sample_robots(at, points).drive
     assert spread(drive) == pytest.approx(np.radians(0.03) / np.sqrt(2.0), rel=0.05)
-    half = draw_cells(replace(at, q=at.q + np.pi / 2), points).drive  # half a period
+    half = sample_robots(replace(at, q=at.q + np.pi / 2), points).drive  # half a period
     np.testing.assert_allclose(half, -drive, rtol=0, atol=1e-15)
 
 
@@ -187,14 +187,16 @@ def test_a_cell_may_have_any_effect_of_the_vocabulary() -> None:
     entry = EffectNoise(effect="link_compliance", joint="joint_2", axis="rx", parameters=parameters)
     task, noise = cone_task(), NoiseTable(effects=(entry,))
     robots = (fold_effects(task.robot, [Effect("link_compliance", "joint_2", "rx", parameters)]), task.robot)
-    with_it, without = (run_cell(build_cell(robot), task.q_start, task.wrench).position for robot in robots)
+    with_it, without = (
+        run_simulated_robot(build_simulated_robot(robot), task.q_start, task.wrench).position for robot in robots
+    )
     assert np.abs(with_it - without).max() > 5e-5
     np.testing.assert_allclose(move_by_effect(task, entry), with_it - without, atol=1e-9)
     study = prepare_study(task, noise, ["none"], most_waypoints=12)
     assert "effects" in study.surroundings.factors.groups
     points = np.full((2, study.surroundings.factors.size), 0.5)
     points[0, study.surroundings.factors.columns["effects"]] = norm.cdf(1.5)
-    shift = draw_cells(study.surroundings, points).shift
+    shift = sample_robots(study.surroundings, points).shift
     np.testing.assert_allclose((shift[:, 0] - shift[:, 1]).T, 1.5 * move_by_effect(study.task, entry), atol=1e-12)
 
 

@@ -14,24 +14,24 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.job.noise import NoiseTable
 from compplan.statics.sensitivity import attain_pose
 from compplan.studies.curves import trace_model_error
+from compplan.studies.evaluation import evaluate_points
 from compplan.studies.factors import draw_points
-from compplan.studies.judging import judge_points
 from compplan.studies.runner import Settings, chunk_size, run_study
 from compplan.studies.sensitivity import measure_sensitivity
 from compplan.studies.statistics import estimate_mean
 from compplan.studies.storage import discard_chunks
 from compplan.studies.study import prepare_study
 from compplan.studies.summary import summarise_run
-from compplan.studies.workforce import Workforce
+from compplan.studies.workers import Workers
 
-HERE = Workforce(workers=1)
+HERE = Workers(workers=1)
 
 
 def test_a_sample_is_the_same_in_whatever_company_it_is_computed() -> None:
     study = cone_study()
     points = draw_points(study.surroundings.factors, 1, 4, range(24))
-    together = judge_points(study, points)
-    alone = judge_points(study, points[17:18])
+    together = evaluate_points(study, points)
+    alone = evaluate_points(study, points[17:18])
     np.testing.assert_allclose(alone.rms[0], together.rms[17], rtol=0, atol=1e-9)  # what the kernel stops at
 
 
@@ -41,7 +41,7 @@ def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: py
     monkeypatch.setattr(runner, "MOST_SAMPLES", 20)
     settings = Settings(samples=50, seed=3)
     one = run_study(small_study(), settings, workforce=HERE)
-    two = run_study(small_study(), settings, workforce=Workforce(workers=2))
+    two = run_study(small_study(), settings, workforce=Workers(workers=2))
     for a, b in zip(one.judged, two.judged, strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -99,14 +99,14 @@ def test_intervals_of_a_study_hold_as_often_as_they_say() -> None:
     """400 small studies against a large one; binomial test at 1 %."""
     study = prepare_study(small_study().task, NoiseTable(), ["none"], most_waypoints=4)
     factors = study.surroundings.factors
-    truth = judge_points(study, draw_points(factors, 12345, 8, range(4096))).rms[:, 0].mean()
+    truth = evaluate_points(study, draw_points(factors, 12345, 8, range(4096))).rms[:, 0].mean()
     held = 0
     for first in range(0, 400, 20):
         points = [
             draw_points(factors, seed, 8, range(32), sequence="latin_hypercube", total=32)
             for seed in range(first, first + 20)
         ]
-        rms = judge_points(study, np.vstack(points)).rms[:, 0].reshape(20, 32)
+        rms = evaluate_points(study, np.vstack(points)).rms[:, 0].reshape(20, 32)
         for row in rms:
             interval = estimate_mean(row, 8)
             held += interval.low <= truth <= interval.high

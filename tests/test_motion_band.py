@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from compplan.job.job import check_job
 from compplan.measurement.distance import band_radius
-from compplan.plan.bending import find_inside, follow_links
+from compplan.plan.deflection import find_inside, follow_links
 from compplan.plan.plan import plan_job
 from compplan.robot.model import Body
 from compplan.simulation.inertia import average_loads

@@ -13,8 +13,8 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 from test_effects_signatures import make_linearization
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer.measurement_moves import KINDS, lay_out_moves
-from compplan.diagnosis.answer.next_measurement import (
+from compplan.diagnosis.results.measurement_moves import KINDS, list_moves
+from compplan.diagnosis.results.next_measurement import (
     DifferenceShown,
     expected_gain,
     name_approach,
@@ -22,8 +22,8 @@ from compplan.diagnosis.answer.next_measurement import (
     predict_columns,
     propose_measurements,
 )
-from compplan.diagnosis.answer.probe import probe_signature
-from compplan.effects import Effect, apply_effects, attain_scene
+from compplan.diagnosis.results.signature_at_rows import probe_signature
+from compplan.effects import Effect, apply_effects, solve_model_poses
 from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
@@ -114,7 +114,7 @@ def test_a_curve_that_one_nudge_of_its_joint_foresees_is_what_its_values_do_one_
     found = probe_signature(AT, claim)
     for k, size in enumerate(claim.scale):
         ahead, back = (
-            attain_scene(apply_effects(AT.scene, [claim.effect(step * size * np.eye(len(claim.scale))[k])]))
+            solve_model_poses(apply_effects(AT.scene, [claim.effect(step * size * np.eye(len(claim.scale))[k])]))
             for step in (0.5, -0.5)
         )
         assert found.twist[:, :3, k] * size == pytest.approx(ahead.position - back.position, abs=2e-8)
@@ -147,7 +147,7 @@ def open_proposals(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaign]) -> None:
     robot, campaign = measured
-    pool, moves = lay_out_moves(robot, campaign)
+    pool, moves = list_moves(robot, campaign)
     rows = np.array([row for move in moves for row in move.rows])
     assert {move.kind for move in moves} == set(KINDS) - {"two_speeds"}
     assert (pool.q[rows] >= robot.lower).all()
@@ -157,7 +157,7 @@ def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaig
 
 
 def test_a_move_of_two_loads_holds_one_pose_under_what_its_name_says(measured: tuple[Robot, Campaign]) -> None:
-    pool, moves = lay_out_moves(*measured)
+    pool, moves = list_moves(*measured)
     for kind, ratio in (("loaded_unloaded", 0.0), ("sign_flip", -1.0), ("two_payloads", 0.3)):
         pairs = [move.rows for move in moves if move.kind == kind]
         assert len(pairs) > 3
@@ -169,7 +169,7 @@ def test_a_move_of_two_loads_holds_one_pose_under_what_its_name_says(measured: t
 
 def test_a_reversal_comes_to_one_pose_from_both_sides(measured: tuple[Robot, Campaign]) -> None:
     robot, campaign = measured
-    pool, moves = lay_out_moves(robot, campaign)
+    pool, moves = list_moves(robot, campaign)
     for move in (m for m in moves if m.kind == "reversal"):
         index = robot.joint_names.index(str(move.joint))
         assert np.array_equal(pool.q[move.rows[0]], pool.q[move.rows[1]])
@@ -180,7 +180,7 @@ def test_a_proposed_reversal_says_by_which_joint_and_from_which_side_each_pose_i
     measured: tuple[Robot, Campaign],
 ) -> None:
     """The row before a pose is where the joint stands back; the joint turns upwards from a smaller angle."""
-    pool, moves = lay_out_moves(*measured)
+    pool, moves = list_moves(*measured)
     at = SimpleNamespace(campaign=pool, robot=measured[0])
     for move in (m for m in moves if m.kind == "reversal"):
         index = measured[0].joint_names.index(str(move.joint))

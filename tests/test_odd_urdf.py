@@ -14,7 +14,7 @@ from compplan.cli.doctor import examine_robot
 from compplan.errors import InputError
 from compplan.reporting.robot_scene import UNPAINTED, place_shapes
 from compplan.robot import load_robot
-from compplan.simulation.reading import read_judge
+from compplan.simulation.exact_model import read_exact_robot
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"
 
@@ -46,7 +46,7 @@ def test_a_colour_that_is_none_is_drawn_grey_and_stops_no_plan(colour, tmp_path,
     robot = load_robot(write_robot(tmp_path / "robot", before_end=paint.replace('"m"', '"n"') + shown + hung))
     deco = [shape for shape in place_shapes(robot, np.zeros(robot.nq)) if shape.link == "deco"]
     assert [shape.colour for shape in deco] == [UNPAINTED]
-    read_judge(tmp_path / "robot")
+    read_exact_robot(tmp_path / "robot")
     assert capfd.readouterr().err == ""
 
 
@@ -54,8 +54,8 @@ def test_the_judge_reads_a_robot_that_is_written_in_latin_1(tmp_path) -> None:
     folder = write_robot(tmp_path / "robot", before_end="<!-- f\u00fcr -->", encoding="latin-1")
     text = (folder / "elasticity.toml").read_text(encoding="utf-8")
     (folder / "elasticity.toml").write_bytes(f"# f\u00fcr\n{text}".encode("latin-1"))
-    plain = read_judge(GOOD / "robot")
-    assert read_judge(folder).model.nq == plain.model.nq
+    plain = read_exact_robot(GOOD / "robot")
+    assert read_exact_robot(folder).model.nq == plain.model.nq
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_the_judge_reads_past_what_moves_nothing(extra, tmp_path, capfd) -> None
     (folder / "robot.urdf").write_text(re.sub(r' effort="[^"]*"', "", text, count=2))
     plain, robot = load_robot(GOOD / "robot"), load_robot(folder)
     assert [joint.upper for joint in robot.joints] == [joint.upper for joint in plain.joints]
-    judges = [read_judge(place).model for place in (GOOD / "robot", folder)]
+    judges = [read_exact_robot(place).model for place in (GOOD / "robot", folder)]
     assert [str(joint) for joint in judges[0].joints] == [str(joint) for joint in judges[1].joints]
     assert capfd.readouterr().err == ""
 
@@ -87,7 +87,7 @@ def test_a_urdf_of_20000_links_is_refused_in_one_line(chain, tmp_path, monkeypat
 def test_the_judge_reads_a_chain_of_as_many_links_as_are_allowed(tmp_path) -> None:
     known = len(load_robot(GOOD / "robot").joints) + 1
     load_robot(write_robot(tmp_path / "robot", before_end=hang_links(1000 - known, chain=True)))
-    assert read_judge(tmp_path / "robot").model.nq > 0
+    assert read_exact_robot(tmp_path / "robot").model.nq > 0
 
 
 @pytest.mark.parametrize(

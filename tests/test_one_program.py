@@ -15,7 +15,7 @@ import trimesh
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
 from compplan.plan import refine
-from compplan.plan.feed import FeedWish
+from compplan.plan.feed import FeedRequest
 from compplan.plan.freedom import Freedom, find_freedom
 from compplan.plan.ground import drop_least, state_ground
 from compplan.plan.one_program import JointProgram, Prices, build_program
@@ -31,9 +31,9 @@ from compplan.posture.collision_scene import build_scene
 from compplan.posture.slides import count_reversals
 from compplan.reporting.writers.plan import write_plan
 from compplan.statics.sensitivity import attain_pose
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import band_radius
-from compplan.uncertainty.slopes import read_force_spread
+from compplan.uncertainty.sensitivities import read_force_spread
 
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
 CIRCLE: dict[str, Any] = {
@@ -178,7 +178,7 @@ def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
 def test_knowing_more_makes_the_band_of_a_posture_narrower_in_the_program_too(plan: Plan) -> None:
     robot, rows = plan.robot, slice(10, 20)
     q, wrench, force = plan.q[rows], plan.task.wrench[rows], read_force_spread(None)
-    known = known_uncertainty(robot)
+    known = robot_uncertainty(robot)
     surer = replace(robot, uncertainty=replace(known, calibration=0.5 * known.calibration))
     narrow, wide = (lead_radius(each, force, q, wrench)(q, wrench) for each in (surer, robot))
     assert (narrow < 0.9 * wide).all()
@@ -237,7 +237,7 @@ def program_of(freedom: Freedom, prices: Prices, chatter: Any = None) -> JointPr
     """Return the program of what is free; `chatter` stands for the judge of the cut."""
     start = freedom.task.start
     assert start is not None and start.request is not None
-    meter = RunMeter(FeedWish(), read_force_spread(None), lambda _: freedom.task, 0.03)
+    meter = RunMeter(FeedRequest(), read_force_spread(None), lambda _: freedom.task, 0.03)
     ground = state_ground(freedom, replace(start.request, chatter=chatter), meter, prices)
     assert ground is not None
     found = build_program(freedom, ground, prices)

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.reporting import forces_page, learn_page, posture_section, promise_section
+from compplan.reporting import error_band_section as promise_section
+from compplan.reporting import forces_page, learn_page, posture_section
 from compplan.uncertainty.band import PARTS
 
 

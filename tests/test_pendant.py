@@ -17,7 +17,7 @@ from commandline import run_command
 from robot_sources import SOURCES
 from test_robot_library import turn, walk
 
-from compplan.cli.doctor.pendant import look_at_pendant
+from compplan.cli.doctor.pendant import check_pendant
 from compplan.controllers.readback.frames import read_frame, read_part
 from compplan.controllers.writers.pendant import find_tool0, locate_pendant
 from compplan.errors import InputError
@@ -25,8 +25,8 @@ from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
 from compplan.plan.frame_notes import ask_about_form, look_at_spindle
 from compplan.robot import load_robot, robot_folders
-from compplan.simulation.judge import build_judge, judge_pose
-from compplan.simulation.reading import read_judge
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
+from compplan.simulation.exact_model import read_exact_robot
 from compplan.statics.chain import build_chain, locate_frames
 
 X, Y, Z = np.eye(3)
@@ -111,8 +111,8 @@ def test_the_judge_reads_pendant_tools_by_itself_and_stands_at_the_same_tip(name
     robot = ToolTable.model_validate(table).mount(load_robot(name))
     rng = np.random.default_rng(5)
     q, wrench = rng.uniform(-1.0, 1.0, (4, robot.nq)), rng.normal(size=(4, 6)) * [99, 99, 99, 9, 9, 9]
-    theirs = judge_pose(read_judge(robot_folders()[name], table), q, wrench)
-    ours = judge_pose(build_judge(robot), q, wrench)
+    theirs = solve_exact_pose(read_exact_robot(robot_folders()[name], table), q, wrench)
+    ours = solve_exact_pose(build_exact_robot(robot), q, wrench)
     assert theirs[0] == pytest.approx(ours[0], abs=1e-9) and theirs[1] == pytest.approx(ours[1], abs=1e-9)
 
 
@@ -249,5 +249,5 @@ def test_doctor_says_which_way_tool_0_jogs(monkeypatch, capsys) -> None:
 ])  # fmt: skip
 def test_tool_0_at_zero_stands_as_the_makers_show_it(name: str, x: str, z: str) -> None:
     # ABB: quaternion .7071 0 .7071 0; FANUC and Yaskawa: W 180, P -90, R 0; UR: x ahead of the arm, z to the side
-    remark = next(remark for remark in look_at_pendant(load_robot(name)) if remark.about == "jog check")
+    remark = next(remark for remark in check_pendant(load_robot(name)) if remark.about == "jog check")
     assert f"+x towards {x} and along +z towards {z} of" in remark.sentence

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from benchmarks.plan_check.cell import Cell, Kinematics
+from benchmarks.plan_check.cell import Kinematics, SimulatedRobot
 from benchmarks.plan_check.clearance import least_clearance
 from benchmarks.plan_check.force import contact_share, law, milling
 from benchmarks.plan_check.job import WRENCH, Job, Rows, read_job, read_joints
@@ -54,7 +54,7 @@ def make_job(folder: Path, process: str = MILLING) -> Job:
 
 def plan_rightly(job: Job) -> Rows:
     """Find the joint positions whose loaded tip stands on the path, by turning round what is left of the deviation."""
-    cell, kinematics = Cell(job.arm), Kinematics(job.arm)
+    cell, kinematics = SimulatedRobot(job.arm), Kinematics(job.arm)
     wanted, axis, n = job.path.position, job.path.axis, len(job.path.position)
     length = job.path.arc
     # slow at both ends, so that the arm starts and stops within its accelerations
@@ -265,14 +265,14 @@ def test_joint_torques_hold_the_wrench_by_virtual_work() -> None:
     arm = read_arm(ROOT / "benchmarks" / "plan_check" / "jobs" / "robots" / "parallelogram")
     q, wrench = np.array([[0.2, 0.3, 0.4, 0.3, 0.8, -0.5]]), np.array([[100.0, -200.0, 300.0, 10.0, 20.0, -30.0]])
     _, jacobian = Kinematics(arm).frames(q)
-    held = Cell(arm).torques(q, wrench, None)
+    held = SimulatedRobot(arm).torques(q, wrench, None)
     np.testing.assert_allclose(held[0], -jacobian[0].T @ wrench[0], rtol=1e-9)
 
 
 def test_a_tool_weighs_though_the_folder_has_no_gravity() -> None:
     bare = read_arm(ROOT / "robots" / "kuka_kr270")
     at_tip = {"position_mm": [0.0, 0.0, 300.0], "mass_kg": 10.0, "centre_of_mass_mm": [0.0, 0.0, 300.0]}
-    cell, q = Cell(mount_tool(bare, at_tip)), POSTURE[None]
+    cell, q = SimulatedRobot(mount_tool(bare, at_tip)), POSTURE[None]
     weight = np.array([[0.0, 0.0, -98.1, 0.0, 0.0, 0.0]])
     heavy = cell.rest(q, np.zeros((1, 6))).position
     np.testing.assert_allclose(heavy, cell.rest(q, weight, weights=False).position, atol=1e-12)
@@ -283,8 +283,8 @@ def test_an_accelerated_carriage_bends_the_arm_like_gravity_turned_round() -> No
     rail = read_arm(ROOT / "robots" / "kuka_kr240_rail")
     q = np.array([[1.5, 0.3, 1.0, -1.2, 0.2, 0.7, -0.3]])
     push = np.array([[2.0, 0, 0, 0, 0, 0, 0]])
-    moved = Cell(rail).rest(q, np.zeros((1, 6)), rate=np.zeros((1, 7)), change=push).position
-    pulled = Cell(replace(rail, gravity=np.array([0.0, -2.0, 0.0]))).rest(q, np.zeros((1, 6))).position
+    moved = SimulatedRobot(rail).rest(q, np.zeros((1, 6)), rate=np.zeros((1, 7)), change=push).position
+    pulled = SimulatedRobot(replace(rail, gravity=np.array([0.0, -2.0, 0.0]))).rest(q, np.zeros((1, 6))).position
     np.testing.assert_allclose(moved, pulled, atol=1e-10)
     assert np.linalg.norm(moved - Kinematics(rail).tip(q)[:, :3, 3]) > 1e-5
 

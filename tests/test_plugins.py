@@ -61,7 +61,7 @@ with warnings.catch_warnings(record=True) as told:
     import numpy as np
     import compplan as cp
     from compplan.job.job import Job
-    from compplan.job.text import write_job_text
+    from compplan.job.commented_job import write_job_text
     from compplan.controllers.writers import WRITERS
     from click.testing import CliRunner
     from compplan.cli import group

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.diagnosis.doubt.options import WIDE
+from compplan.diagnosis.validation.options import WIDE
 from compplan.effects import Effect, fold_effects, joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning import contacts
-from compplan.learning.campaign import Shop, add_places, design_campaign, take_frames
+from compplan.learning.campaign import Equipment, add_places, design_campaign, take_frames
 from compplan.learning.candidates import find_postures, list_candidates
-from compplan.learning.contacts import bring_tips, find_touching, list_stands, sight_candidates
+from compplan.learning.contacts import bring_tips, find_touching, list_fixtures, sight_candidates
 from compplan.learning.design import (
     Design,
     choose_measurements,
@@ -30,8 +30,8 @@ from compplan.learning.design import (
 from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.instrument import read_instrument
+from compplan.measurement.observations import CONTACT
 from compplan.measurement.reading import read_campaign
-from compplan.measurement.sights import CONTACT
 from compplan.plan.plan import plan_job
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
@@ -40,7 +40,7 @@ from compplan.simulation.predict import predict_campaign
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.uncertainty.assumed import widen_uncertainty
 from compplan.uncertainty.band import linearise_path
-from compplan.uncertainty.slopes import ForceSpread, stage_path
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model
 from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"
@@ -59,7 +59,7 @@ def make_design(frames: tuple[str, ...] = ()) -> tuple[Design, np.ndarray]:
     q = np.radians([0.0, -60, 80, 10, 50, 5]) + 0.2 * np.sin(np.linspace(0, 6, 30)[:, None] + np.arange(6))
     wrench = np.tile([400.0, 900.0, -600.0, 0, 0, 0], (30, 1))
     known = stiffness_unknowns()
-    path = linearise_path(stage_path(robot, q, wrench), known, ForceSpread(0, 0, 0, "known"), np.ones(30, bool))
+    path = linearise_path(build_path_model(robot, q, wrench), known, ForceSpread(0, 0, 0, "known"), np.ones(30, bool))
     return Design(known, path, 3e-5, frames), q
 
 
@@ -167,21 +167,21 @@ def fill(empty: Path, file: Path, robot: Robot) -> None:
 def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
     """Compliances make most of the band of a KR 270 that pushes with 1.6 kN; unloaded poses do not see them."""
     plan = plan_job(load_job(small_job))
-    shops = Shop(register=()), Shop((0.0, 60.0), register=())
+    shops = Equipment(register=()), Equipment((0.0, 60.0), register=())
     asked, loaded = (design_campaign(plan, shop, 3).notes for shop in shops)
     assert any("--weights-kg" in note for note in asked)
     assert not any("--weights-kg" in note for note in loaded)
     # 1.4 kN sideways is what no weight shows
     assert any("sideways with up to 1439 N" in note and "--pull-N 400" in note for note in loaded)
-    pulled = design_campaign(plan, Shop((0.0, 60.0), 400.0, register=()), 3).notes
+    pulled = design_campaign(plan, Equipment((0.0, 60.0), 400.0, register=()), 3).notes
     assert not any("--pull-N" in note for note in pulled)
 
 
 def test_poses_for_a_tracker_tell_base_and_tool_from_the_arm_unless_these_are_known() -> None:
-    assert Shop().frames == ("base", "tool")
-    assert Shop(register=()).frames == ()
-    assert Shop(instrument="sockets").frames == ()
-    assert Shop(register=("base", "tool"), instrument="sockets").frames == ("tool",)
+    assert Equipment().frames == ("base", "tool")
+    assert Equipment(register=()).frames == ()
+    assert Equipment(instrument="sockets").frames == ()
+    assert Equipment(register=("base", "tool"), instrument="sockets").frames == ("tool",)
 
 
 def test_a_plan_takes_another_robot_than_its_job_names(small_job, tmp_path, monkeypatch) -> None:
@@ -225,7 +225,7 @@ def test_twelve_poses_for_a_calibration_leave_less_than_random_ones() -> None:
     known = widen_uncertainty(robot, loaded=False)
     reach = find_postures(robot, np.zeros((1, 6)), 0.5, None, seed=3, kept=40)
     still = np.zeros((len(reach), 6))
-    scene = stage_path(robot, reach, still)
+    scene = build_path_model(robot, reach, still)
     path = linearise_path(scene, known, ForceSpread(0, 0, 0, "known"), np.ones(len(reach), bool))
     design = take_frames(Design(known, path, 3e-5, ("base", "tool")), scene)
     # a turned base moves all of the reach and is no error of the arm
@@ -293,7 +293,7 @@ def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_th
     if first:
         idle = find_idle(candidates, np.array([*first, np.flatnonzero(sights.contact == 0)[1]]))
         assert idle.tolist() == [name.split("/")[0] != "1" for name in sights.names]
-    stands, away = list_stands(instrument, sights, tip), length if instrument in ("ball_bar", "sphere") else 0.0
+    stands, away = list_fixtures(instrument, sights, tip), length if instrument in ("ball_bar", "sphere") else 0.0
     assert [stand.label for stand in stands] == list(sights.names)
     for number, stand in enumerate(stands):
         off = np.linalg.norm(tip[sights.contact == number] - stand.place, axis=1)

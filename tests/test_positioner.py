@@ -24,11 +24,11 @@ from compplan.plan.plan import job_robot, plan_job
 from compplan.reporting.robot_scene import locate_links
 from compplan.reporting.view.motion import locate_chain
 from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
-from compplan.reporting.writers.cell import summarise_cell
 from compplan.reporting.writers.plan import deliver_plan
+from compplan.reporting.writers.recording import summarise_cell
 from compplan.robot import Array, Robot, load_robot, read_robot_folder, write_robot_folder
-from compplan.simulation.judge import build_judge, judge_pose
-from compplan.simulation.reading import read_judge
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
+from compplan.simulation.exact_model import read_exact_robot
 from compplan.statics.chain import build_chain, joint_jacobian, load_elements, locate_frames
 from compplan.statics.elastic import load_derivative, solve_equilibrium
 from compplan.statics.inertia import build_moving_chain, load_motion
@@ -88,8 +88,8 @@ def test_the_judge_reads_the_table_from_its_files_and_finds_the_same(tmp_path: P
     assert read_robot_folder(tmp_path).base == "plate"
     q, wrench = draw(2, 12)
     found = solve_equilibrium(build_chain(table()), q, wrench)
-    for judge in (read_judge(tmp_path), build_judge(table())):
-        position, rotation, _ = judge_pose(judge, q, wrench)
+    for judge in (read_exact_robot(tmp_path), build_exact_robot(table())):
+        position, rotation, _ = solve_exact_pose(judge, q, wrench)
         np.testing.assert_allclose(position, found.position, atol=1e-11)
         np.testing.assert_allclose(rotation, found.rotation, atol=1e-11)
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from script_readers import read_urscript
 
 from compplan.controllers.writers import Program, build_program, write_program
-from compplan.controllers.writers.counting import from_controller, load_controller
+from compplan.controllers.writers.joint_convention import from_controller, load_controller
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.post import Post
 from compplan.controllers.writers.program import joint_percent, split_parts

@@ -17,7 +17,7 @@ from compplan.measurement.fit_frames import fit_registration
 from compplan.measurement.registration import Registration, read_registration, write_registration
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder
-from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.predict import predict_campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
@@ -127,7 +127,7 @@ def test_the_command_keeps_all_rows(robot: Robot, tmp_path: Path) -> None:
     assert len(lines) == 3
     assert lines[2].startswith(",,")
     told = dict(zip(lines[0].split(","), map(float, lines[1].split(",")), strict=True))
-    (position,), (rotation,), _ = judge_pose(build_judge(robot), np.radians([[1.0, 2, 3, 4, 5, 6]]))
+    (position,), (rotation,), _ = solve_exact_pose(build_exact_robot(robot), np.radians([[1.0, 2, 3, 4, 5, 6]]))
     assert [told[f"{axis}_mm"] for axis in "xyz"] == pytest.approx(1e3 * position, abs=1e-5)
     turn = np.degrees(Rotation.from_matrix(rotation).as_rotvec())
     assert [told[f"{axis}_deg"] for axis in ("rx", "ry", "rz")] == pytest.approx(turn, abs=1e-5)

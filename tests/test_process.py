@@ -13,7 +13,7 @@ from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.force_models.file import FileProcess
 from compplan.process.force_models.isf import IsfProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
-from compplan.process.process import predict_wrench
+from compplan.process.wrench import predict_wrench
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.generators import Pace, generate_circle, generate_cone
 from compplan.toolpath.toolpath import Toolpath, place_toolpath

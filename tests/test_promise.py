@@ -17,9 +17,9 @@ from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.toolpath.generators import Pace, generate_circle
 from compplan.toolpath.toolpath import place_toolpath
-from compplan.uncertainty.assumed import free_base, known_uncertainty
-from compplan.uncertainty.band import draw_paths, linearise_path, promise_path, split_covariance
-from compplan.uncertainty.slopes import ForceSpread, measure_slopes, stage_path
+from compplan.uncertainty.assumed import free_base, robot_uncertainty
+from compplan.uncertainty.band import draw_paths, estimate_band, linearise_path, split_covariance
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes
 from compplan.uncertainty.touch_off import TouchedPart
 from tests.arms import one_joint_arm
 from tests.drawn_robots import draw_field, draw_robots, draw_values, sample_promise
@@ -55,8 +55,8 @@ def test_a_soft_joint_moves_the_tip_by_load_times_lever_squared(tmp_path: Path) 
     """dz = C F L^2: with F = 100 N, L = 1.5 m and a deviation of 1e-8 rad/(N m) the band is 1.96 * 2.25 um."""
     robot = replace(one_joint_arm(tmp_path, length=1.5), uncertainty=soft_joint(1e-8))
     wrench = np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1))
-    scene = stage_path(robot, np.zeros((4, 1)), wrench)
-    promise = promise_path(robot, scene, np.ones(4, bool), SURE)
+    scene = build_path_model(robot, np.zeros((4, 1)), wrench)
+    promise = estimate_band(robot, scene, np.ones(4, bool), SURE)
     assert promise.radius == pytest.approx(1.959964 * 1e-8 * 100.0 * 1.5**2, rel=2e-3)
     assert promise.parts["force"] == pytest.approx(0.0, abs=1e-12)
     assert promise.leading[0] == ("joint_stiffness joint_1", pytest.approx(1.0))
@@ -68,8 +68,8 @@ def test_the_parts_of_the_band_are_what_makes_it(tmp_path: Path) -> None:
     known = replace(soft_joint(0.0, unexplained=3e-5), repeatability=1e-5)
     robot = replace(robot, uncertainty=known)
     wrench = np.tile([0.0, 0, 200.0, 0, 0, 0], (3, 1))
-    scene = stage_path(robot, np.zeros((3, 1)), wrench)
-    promise = promise_path(robot, scene, np.ones(3, bool), ForceSpread(0.1, 0.0, 0.0, "made up"))
+    scene = build_path_model(robot, np.zeros((3, 1)), wrench)
+    promise = estimate_band(robot, scene, np.ones(3, bool), ForceSpread(0.1, 0.0, 0.0, "made up"))
     assert promise.parts["force"] == pytest.approx(1.959964 * 0.1 * 1e-6 * 200.0, rel=2e-3)
     assert promise.parts["unexplained"] == pytest.approx(2.795483 * 3e-5 / np.sqrt(3.0), rel=1e-6)
     assert promise.parts["repeatability"] == pytest.approx(2.795483e-5, rel=1e-6)
@@ -79,10 +79,10 @@ def test_the_calibration_factor_widens_parameters_and_what_is_unexplained_and_no
     """Factor 1 -> 3: their covariance is nine times as large, by split_covariance and by drawn paths alike."""
     robot = load_robot("kuka_kr270")
     q = np.radians([0.0, -70, 90, 0, 60, 0]) + np.linspace(0, 0.2, 8)[:, None]
-    scene = stage_path(robot, q, np.tile([200.0, 100, -300, 0, 0, 0], (8, 1)))
-    known, cut = known_uncertainty(robot), np.ones(8, bool)
+    scene = build_path_model(robot, q, np.tile([200.0, 100, -300, 0, 0, 0], (8, 1)))
+    known, cut = robot_uncertainty(robot), np.ones(8, bool)
     wide = replace(known, calibration=3.0)
-    one, three = (promise_path(replace(robot, uncertainty=k), scene, cut, UNSURE) for k in (known, wide))
+    one, three = (estimate_band(replace(robot, uncertainty=k), scene, cut, UNSURE) for k in (known, wide))
     slopes = linearise_path(scene, known, UNSURE, cut)
     parts, wider = split_covariance(slopes, known), split_covariance(slopes, wide)
     for name in ("model", "unexplained", "force", "repeatability"):
@@ -124,11 +124,11 @@ def test_a_part_that_was_touched_off_moves_with_the_first_joint_zero() -> None:
     tool = Unknown("tool_frame", None, None, ("tx_m",), np.zeros(1))
     robot = replace(robot, uncertainty=Uncertainty("measured", "test", (zero, tool), np.eye(2), repeatability=0.0))
     q = np.radians([20.0, -70, 90, 0, 60, 0]) + np.linspace(0, 0.2, 4)[:, None]
-    scene = stage_path(robot, q, np.zeros((4, 6)))
+    scene = build_path_model(robot, q, np.zeros((4, 6)))
     tip = linearise_path(scene, robot.uncertainty, SURE, np.ones(4, bool)).tip
     touched = TouchedPart(robot, q[:3], tip[:3], None)
     for found, share in ((None, 1.0), (touched, 0.0)):
-        promise = promise_path(robot, scene, np.ones(4, bool), SURE, touched=found)
+        promise = estimate_band(robot, scene, np.ones(4, bool), SURE, touched=found)
         reach = np.linalg.norm(tip[:, :2], axis=1)
         assert promise.radius == pytest.approx(share * 1.959964 * turn * reach, rel=2e-3, abs=1e-8)
 
@@ -138,7 +138,7 @@ def test_lost_motion_counts_by_the_direction_of_travel(tmp_path: Path) -> None:
     robot = one_joint_arm(tmp_path, length=2.0, compliance=0.0)
     play = Unknown("backlash", "joint_1", None, ("width_rad",), np.array([1e-5]))
     q = np.r_[np.linspace(0, 0.1, 6), np.linspace(0.1, 0, 6)[1:]][:, None]
-    slopes = measure_slopes(stage_path(robot, q, np.zeros((11, 6))), [play], np.array([3, 8]))
+    slopes = measure_slopes(build_path_model(robot, q, np.zeros((11, 6))), [play], np.array([3, 8]))
     assert np.linalg.norm(slopes[:, :, 0], axis=1) == pytest.approx(1.0, rel=1e-4)
     assert slopes[0, :, 0] == pytest.approx(-slopes[1, :, 0], abs=0.1)
 
@@ -150,15 +150,15 @@ def test_the_band_holds_the_tips_of_drawn_robots(name: str) -> None:
     middle = 0.5 * (robot.lower + robot.upper)
     bent = middle + np.array([0.0, 0.4, 0.6, 0.2, 0.5, 0.1]) + 0.1 * np.sin(phase + np.arange(6))
     wrench = np.tile([300.0, -200.0, 500.0, 0, 0, 0], (40, 1))
-    scene = stage_path(robot, bent, wrench)
-    promise = promise_path(robot, scene, np.ones(40, bool), ForceSpread(0.15, 0.05, 0.05, "made up"))
+    scene = build_path_model(robot, bent, wrench)
+    promise = estimate_band(robot, scene, np.ones(40, bool), ForceSpread(0.15, 0.05, 0.05, "made up"))
     sampled = sample_promise(scene, promise, 200, seed=11, most=8)
     assert 0.92 < sampled.held < 0.98
 
 
 def test_drawn_robots_follow_their_seed_and_their_covariance() -> None:
     robot = load_robot("kuka_kr270")
-    known = known_uncertainty(robot)
+    known = robot_uncertainty(robot)
     first, again, other = (list(draw_robots(robot, 2, seed)) for seed in (1, 1, 2))
     assert np.array_equal(first[0].values, again[0].values)
     assert not np.array_equal(first[0].values, other[0].values)
@@ -216,8 +216,8 @@ def test_plan_states_its_promise_and_what_it_rests_on(tmp_path, monkeypatch, cap
 def test_the_oracle_is_the_quantile_of_the_tips_and_unmodelled_ones_leave_the_band(tmp_path: Path) -> None:
     """A band of 1.96 sigma is an oracle's; where the truth scatters twice as far the oracle is twice as wide."""
     robot = replace(one_joint_arm(tmp_path, length=1.5), uncertainty=soft_joint(1e-8))
-    scene = stage_path(robot, np.zeros((4, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1)))
-    promise = promise_path(robot, scene, np.ones(4, bool), SURE)
+    scene = build_path_model(robot, np.zeros((4, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (4, 1)))
+    promise = estimate_band(robot, scene, np.ones(4, bool), SURE)
     honest = sample_promise(scene, promise, 600, seed=3)
     assert honest.oracle == pytest.approx(promise.radius[honest.rows], rel=0.06)
     wider = sample_promise(scene, promise, 600, seed=3, true=soft_joint(2e-8))

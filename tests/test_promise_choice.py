@@ -9,20 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.effects import attain_scene
-from compplan.effects.linearization import linearize_scene
+from compplan.effects import solve_model_poses
+from compplan.effects.linearization import linearize_model
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
 from compplan.plan.plan import job_robot, plan_job
-from compplan.posture.choose import choose_stance
+from compplan.posture.choose import choose_posture_path
 from compplan.posture.settings import read_settings
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.uncertainty.assumed import known_uncertainty
-from compplan.uncertainty.band import promise_path
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import estimate_band
 from compplan.uncertainty.posture_errors import PostureErrors, derive_force, derive_unknowns, posture_errors
-from compplan.uncertainty.slopes import ForceSpread, measure_force_slopes, measure_slopes, read_force_spread, stage_path
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    measure_force_slopes,
+    measure_slopes,
+    read_force_spread,
+)
 from tests.arms import one_joint_arm
 
 Z = 1.959964
@@ -46,9 +52,9 @@ def test_what_is_gained_by_knowing_a_compliance_or_the_force_has_a_closed_form(t
     """
     robot = one_joint_arm(tmp_path, length=1.5, compliance=1e-6)
     robot = replace(robot, uncertainty=known_by(stiffness("joint_1", 3e-7)))
-    scene = stage_path(robot, np.zeros((3, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (3, 1)))
+    scene = build_path_model(robot, np.zeros((3, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (3, 1)))
     level = ForceSpread(0.1, 0.0, 0.0, "made up")
-    promise = promise_path(robot, scene, np.ones(3, bool), level, left=np.full(3, 1e-6), between=2e-6)
+    promise = estimate_band(robot, scene, np.ones(3, bool), level, left=np.full(3, 1e-6), between=2e-6)
     unit = Z * 1e-6 * 100.0 * 1.5**2
     assert promise.greatest == pytest.approx(unit * np.hypot(0.3, 0.1) + 3e-6, rel=2e-3)
     best, second = promise.narrowings[:2]
@@ -69,8 +75,8 @@ def test_knowing_one_of_two_parameters_that_go_together_tells_the_other_too(tmp_
     together = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     known = Uncertainty("measured", "made up", (zero, turn, tool), together, repeatability=0.0)
     robot = replace(robot, uncertainty=known)
-    scene = stage_path(robot, np.zeros((2, 1)), np.zeros((2, 6)))
-    promise = promise_path(robot, scene, np.ones(2, bool), ForceSpread(0, 0, 0, "none"))
+    scene = build_path_model(robot, np.zeros((2, 1)), np.zeros((2, 6)))
+    promise = estimate_band(robot, scene, np.ones(2, bool), ForceSpread(0, 0, 0, "none"))
     assert promise.greatest == pytest.approx(Z * 2e-5, rel=1e-3)
     assert promise.narrowings[0].promise == pytest.approx(Z * 2e-5 / 4, rel=1e-3)
 
@@ -79,7 +85,7 @@ def test_knowing_one_of_two_parameters_that_go_together_tells_the_other_too(tmp_
 def test_errors_of_postures_to_first_order_are_the_secants_of_the_exact_equilibrium(name: str) -> None:
     """Every assumed unknown, one that only a secant tells, and the force: within 3 % of the greatest column."""
     robot = load_robot(name)
-    errors = PostureErrors(robot, known_uncertainty(robot), FORCE)
+    errors = PostureErrors(robot, robot_uncertainty(robot), FORCE)
     some = np.random.default_rng(5)
     q = 0.5 * (robot.lower + robot.upper) + np.array([0, 0.4, 0.6, 0.2, 0.7, 0.1]) + 0.2 * some.standard_normal((12, 6))
     wrench = np.tile([300.0, -200.0, 500.0, 5.0, 0, -8.0], (12, 1))
@@ -88,8 +94,8 @@ def test_errors_of_postures_to_first_order_are_the_secants_of_the_exact_equilibr
         {"compliance": 1e-7, "reference_load": 2000.0, "zone_load": 2000.0},
     )  # fmt: skip
     unknowns = (*errors.known.unknowns, hardening)
-    scene = stage_path(robot, q, wrench)
-    at = linearize_scene(scene, attain_scene(scene))
+    scene = build_path_model(robot, q, wrench)
+    at = linearize_model(scene, solve_model_poses(scene))
     close, exact = derive_unknowns(at, unknowns), measure_slopes(scene, unknowns, np.arange(12))
     size = np.abs(exact).max(axis=(0, 1))
     seen = size > 1e-7  # equilibria settle to 1e-12 m, secants over 1e-4 are known to 1e-8
@@ -128,9 +134,9 @@ def measure_choice(job: Job, robot: Robot) -> float:
     """Return the rms of the exact band along the posture that a job's preset chooses."""
     nominal = load_nominal(job)
     settings = read_settings(job, robot, posture_errors(job, robot))
-    stance = choose_stance(robot, nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
-    scene = stage_path(robot, stance.q, nominal.wrench)
-    promise = promise_path(robot, scene, ~nominal.rapid, read_force_spread(job))
+    stance = choose_posture_path(robot, nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
+    scene = build_path_model(robot, stance.q, nominal.wrench)
+    promise = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
 
 

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.diagnosis.data.conventions import find_conventions, list_countings, name_counting
-from compplan.diagnosis.data.questions import QuestionRows, ask_unit, question_campaign
+from compplan.diagnosis.data.plausibility import QuestionRows, ask_unit, check_plausibility
 from compplan.effects import Effect
 from compplan.io.tables import write_table
 from compplan.measurement.campaign import Campaign
@@ -39,7 +39,7 @@ def draw(robot: Robot, effects: list[Effect] = SOUND["nothing"], path: int = 60)
 
 
 def about(robot: Robot, campaign: Campaign, register: tuple[str, ...] = ()) -> list[str]:
-    return [question.about for question in question_campaign(robot, campaign, register)]
+    return [question.about for question in check_plausibility(robot, campaign, register)]
 
 
 @pytest.mark.parametrize("name", SOUND)
@@ -83,7 +83,7 @@ def test_a_unit_is_told_by_distances_however_small_the_workspace(reach: float) -
 
 def test_a_reversed_wrench_is_told_from_reversed_deviations(robot: Robot) -> None:
     campaign = draw(robot, path=0)
-    (question,) = question_campaign(robot, replace(campaign, wrench=-campaign.wrench))
+    (question,) = check_plausibility(robot, replace(campaign, wrench=-campaign.wrench))
     assert question.about == "sign" and "under its weight but against the external load" in question.sentence
 
 
@@ -118,7 +118,7 @@ def test_mirrored_deviations_of_a_log_without_load_and_orientation_are_asked_abo
     campaign = measure(robot, plan_rows(robot, 11, poses=60, path=0, loads=0), [], seed=11, orientation=False)
     assert about(stiff, campaign) == []
     mirrored = replace(campaign, position=2 * rigid(robot, campaign) - campaign.position)
-    (question,) = question_campaign(stiff, mirrored)
+    (question,) = check_plausibility(stiff, mirrored)
     assert question.about == "sign" and "against its weight" in question.sentence and "mirrored" in question.sentence
 
 
@@ -131,7 +131,7 @@ def test_poses_that_were_jogged_by_hand_beside_those_of_a_program_are_asked_abou
         measure(robot, replace(rows, run=run), effects, seed=11, orientation=False) for effects in ([], wrong)
     )
     mixed = np.where((run == "static_program")[:, None], sound.position, off.position)
-    (question,) = question_campaign(robot, replace(sound, position=mixed))
+    (question,) = check_plausibility(robot, replace(sound, position=mixed))
     assert question.about == "jogged poses" and "'static_jogged'" in question.sentence
     assert about(robot, sound) == about(robot, off) == []
     gross = sound.position.copy()

@@ -22,16 +22,16 @@ import compplan as cp
 from compplan.cli import group
 from compplan.controllers.writers import WRITERS
 from compplan.controllers.writers.zones import widest_zone
-from compplan.diagnosis.answer.small_errors import kind_of
+from compplan.diagnosis.results.small_errors import kind_of
 from compplan.effects import robot_effects
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
+from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job
 from compplan.job.names import EFFECTS
-from compplan.job.text import write_job_text
 from compplan.plan.strategies.online import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
-from compplan.reporting.effect_words import describe_effect
+from compplan.reporting.effect_text import describe_effect
 from compplan.toolpath.readers import READERS
 
 
@@ -147,7 +147,7 @@ def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -
 
     at_work = [attain_with_effects(r, rows.q, rows.wrench, np.ones(len(rows) - 1))[0] for r in (again, robot)]
     np.testing.assert_allclose((at_work[0] - at_work[1])[:, 2], expected, atol=1e-12)
-    cell = [cp.run_cell(cp.build_cell(r), rows.q, rows.wrench).position for r in (again, robot)]
+    cell = [cp.run_simulated_robot(cp.build_simulated_robot(r), rows.q, rows.wrench).position for r in (again, robot)]
     np.testing.assert_allclose((cell[0] - cell[1])[:, 2], expected, atol=1e-9)
 
     diagnosis = cp.diagnose_campaign(robot, measure(robot, rows, [effect], seed=6))

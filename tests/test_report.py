@@ -16,9 +16,9 @@ from robot_library import over_robots
 
 from compplan.errors import ShapeError
 from compplan.plan.approach import Passage
-from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.compare import Comparison
+from compplan.plan.deflection import Bending
 from compplan.plan.evaluate import Evaluation, measure_margins
 from compplan.plan.result import Plan
 from compplan.plan.task import Command, PlanTask
@@ -49,7 +49,7 @@ from compplan.reporting.posture_section import show_map
 from compplan.reporting.robot_scene import draw_robot, place_meshes, shade_faces
 from compplan.reporting.style import format_angle, format_length, format_number, format_percent, mark_decades
 from compplan.robot import load_robot
-from compplan.simulation.cell import build_cell
+from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
 from compplan.toolpath.toolpath import Toolpath
@@ -440,7 +440,7 @@ def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_pa
     away = plan.before.deviation
     runs = {cell: {name: replace(plan.before, deviation=share * away) for name, share in own.items()}
             for cell, own in left.items()}  # fmt: skip
-    cells = tuple(build_cell(plan.robot, name) for name in left)
+    cells = tuple(build_simulated_robot(plan.robot, name) for name in left)
     commands = dict.fromkeys(("none", "mirror", "nlp"), plan.command)
     comparison = Comparison("Job", plan.task, cells, commands, runs)
     text = describe_comparison(comparison)
@@ -481,6 +481,6 @@ def test_only_plot_methods_touch_the_users_figures_and_nothing_their_backend() -
     """A notebook that writes a plan keeps its inline pictures."""
     root = Path(__file__).parents[1] / "compplan"
     texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in root.rglob("*.py")}
-    told = {"io/shown.py", "io/later.py"}  # the second puts it off
+    told = {"io/display.py", "io/lazy_imports.py"}  # the second puts it off
     assert {name for name, text in texts.items() if "pyplot" in text} == told
     assert not [name for name, text in texts.items() if "matplotlib.use(" in text]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import compplan as cp
-from compplan.effects import attain_scene
-from compplan.uncertainty.vary import stage_robot, vary_scene
+from compplan.effects import solve_model_poses
+from compplan.uncertainty.perturbation import build_varied_model, vary_model
 from tests.drawn_robots import draw_values
 
 SIGMA = 3e-5
@@ -23,7 +23,7 @@ def test_a_soft_first_joint_and_a_soft_base_are_as_probable_and_do_the_same() ->
     wrench[:, 1], wrench[:, 2] = np.where(np.arange(n) % 2, 900.0, 0.0), -300.0
     rows = cp.Campaign(np.array(["static"] * n), q, wrench, np.zeros((n, 3)), sigma=np.full(n, SIGMA))
     truth = [cp.Effect("joint_stiffness", "joint_1", None, {key: soft})]
-    seen = cp.attain_scene(cp.apply_effects(cp.stage_scene(robot, rows), truth)).position
+    seen = cp.solve_model_poses(cp.apply_effects(cp.build_model(robot, rows), truth)).position
     log = cp.Campaign(rows.run, q, wrench, seen + random.normal(0.0, SIGMA, seen.shape), sigma=rows.sigma)
     updated = cp.diagnose_campaign(robot, log, without=("wrench_scale", "wrench_bias")).updated
 
@@ -35,8 +35,8 @@ def test_a_soft_first_joint_and_a_soft_base_are_as_probable_and_do_the_same() ->
     moved = rival.shift[np.flatnonzero(rival.shift)]
     assert sorted(moved) == pytest.approx([-soft, soft], rel=0.03)
     # whichever it is: where the tip goes under these loads is the same
-    scene = stage_robot(updated, log)
-    tips = [attain_scene(vary_scene(scene, known.unknowns, s)).position for s in (0.0 * rival.shift, rival.shift)]
+    scene = build_varied_model(updated, log)
+    tips = [solve_model_poses(vary_model(scene, known.unknowns, s)).position for s in (0.0 * rival.shift, rival.shift)]
     assert np.abs(tips[1] - tips[0]).max() < 0.1 * SIGMA
     # every second robot that is drawn has the other spring
     first = np.flatnonzero(rival.shift)[0]

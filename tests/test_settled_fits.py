@@ -9,26 +9,26 @@ import numpy as np
 import pytest
 
 from compplan.diagnosis.data.outliers import OUTLYING
-from compplan.diagnosis.doubt.likeness import rate_likenesses
-from compplan.diagnosis.ledger.evidence import Hyper, Prior, find_posterior
-from compplan.diagnosis.ledger.ledger import ChannelProducts, Ledger, Products
+from compplan.diagnosis.evidence.evidence import Hyper, Prior, find_posterior
+from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products
 from compplan.diagnosis.search.descent import descend
 from compplan.diagnosis.search.fit import fit_effects, is_rigid
 from compplan.diagnosis.search.search import Claim, Search
 from compplan.diagnosis.search.state import Fit, Problem, advance_state
+from compplan.diagnosis.validation.residual_similarity import rate_likenesses
 from compplan.effects import Effect, gravity_sag
 from compplan.measurement.campaign import Campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 
-def make_ledger(rows: int, columns: int, size: float) -> Ledger:
+def make_ledger(rows: int, columns: int, size: float) -> NormalEquations:
     rng = np.random.default_rng(11)
     design = rng.normal(size=(rows, columns))
     observed = design @ (size * rng.normal(size=columns)) + rng.normal(size=rows)
     total = Products(rows, design.T @ design, design.T @ observed, float(observed @ observed))
     names = tuple(f"c{k}" for k in range(columns))
     channel = ChannelProducts("position", total, {1: total}, 30.0)
-    return Ledger((), (), names, np.ones(columns), (channel,), (design[:, None],), (observed[:, None],), ())
+    return NormalEquations((), (), names, np.ones(columns), (channel,), (design[:, None],), (observed[:, None],), ())
 
 
 @pytest.mark.parametrize("size", [3.0, 12.0])

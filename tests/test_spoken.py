@@ -10,7 +10,7 @@ import pytest
 
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.readback.posture import PostureWord, read_words
-from compplan.controllers.readback.spoken import Spoken
+from compplan.controllers.readback.reported import ReportedProgram
 
 ROOT = Path(__file__).parent.parent
 #: Joints of three rows, and the words that they stand in.
@@ -24,7 +24,7 @@ WORDS = {
     key: PostureWord(np.array(ABOVE[key]), np.ones(3, bool), NAMES[key], STATUS[key], LETTERS[key]) for key in NAMES
 }
 NONE = np.zeros(3, bool)
-WANTED = Spoken(ARM, WORDS, NONE, NONE, np.full(3, np.nan), 12.0, np.array([1.0, 2.0, 3.0]))
+WANTED = ReportedProgram(ARM, WORDS, NONE, NONE, np.full(3, np.nan), 12.0, np.array([1.0, 2.0, 3.0]))
 #: Written by hand from the manuals: S and T of KRL, CONFIG of FANUC, cf1 cf4 cf6 cfx of RAPID, RCONF of INFORM.
 SAID: dict[str, list[tuple[object, ...]]] = {
     "krl": [(2, 10), (7, 52), (4, 63)],

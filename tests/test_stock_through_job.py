@@ -13,11 +13,11 @@ from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
-from compplan.process.blank import Cut, take_away, triangulate_stock
 from compplan.process.cutter import Cutter
+from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS
-from compplan.process.meeting import find_engagement
 from compplan.process.stock import StockColumns, build_block, read_mesh
+from compplan.process.stock_table import Cut, take_away, triangulate_stock
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FLAT = Cutter(5e-3, 0.03)

@@ -10,10 +10,10 @@ from compplan.errors import UnknownNameError
 from compplan.plan.evaluate import evaluate_run
 from compplan.plan.plan import PlanOptions, build_task
 from compplan.plan.strategies import STRATEGIES, command_path, nlp
-from compplan.posture.stance import Wish
+from compplan.posture.configuration import Preference
 from compplan.robot import LinkElasticity, Spring, load_robot
 from compplan.robot.beam import hollow_beam_compliance
-from compplan.simulation.cell import build_cell
+from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.toolpath.toolpath import Toolpath
 
@@ -33,7 +33,7 @@ def make_task(robot="kuka_kr270", *, spin_free=False, path=None, **options):
 
 
 def worst(task, strategy):
-    run = evaluate_run(task, command_path(task, strategy).q, build_cell(task.robot))
+    run = evaluate_run(task, command_path(task, strategy).q, build_simulated_robot(task.robot))
     return run.max_deviation, run.max_tilt
 
 
@@ -101,7 +101,7 @@ def test_what_the_mirror_leaves_falls_with_the_square_of_the_force():
 
 def test_without_compensation_the_deviation_is_the_deflection():
     task = make_task()
-    deflection = np.linalg.norm(evaluate_run(task, task.q_start, build_cell(task.robot)).deviation, axis=1)
+    deflection = np.linalg.norm(evaluate_run(task, task.q_start, build_simulated_robot(task.robot)).deviation, axis=1)
     assert worst(task, "none")[0] == pytest.approx(deflection.max())
     assert worst(task, "none")[0] > 1e-3
 
@@ -132,7 +132,7 @@ def test_rotating_base_path_and_wrench_together_changes_nothing():
     tilted = replace(robot, joints=(first, *robot.joints[1:]))
     wrench = np.hstack([path.wrench[:, :3] @ turn.T, path.wrench[:, 3:] @ turn.T])
     moved = replace(path, position=path.position @ turn.T, axis=path.axis @ turn.T, wrench=wrench)
-    wish = Wish(shoulder="front", elbow="up", wrist="noflip")
+    wish = Preference(shoulder="front", elbow="up", wrist="noflip")
     here = make_task(robot, path=path, wish=wish)
     there = make_task(tilted, path=moved, tool_x=turn @ [1.0, 0, 0], wish=wish)
     for strategy in STRATEGIES:
@@ -145,7 +145,7 @@ def test_effects_of_the_robot_folder_are_compensated():
     robot = replace(load_robot("kuka_kr270"), effects=(table,))
     task = make_task(robot)
     ignorant = replace(task, robot=replace(robot, effects=()))
-    cell = build_cell(robot)
+    cell = build_simulated_robot(robot)
     assert evaluate_run(task, command_path(ignorant, "nlp").q, cell).max_deviation > 3e-4
     assert evaluate_run(task, command_path(task, "nlp").q, cell).max_deviation < 2e-8
 
@@ -168,7 +168,7 @@ def test_a_correction_limit_is_kept_where_it_binds_and_exact_elsewhere():
     correction = np.linalg.norm(locate_frames(task.chain, command.q).tcp_position - task.position, axis=1)
     assert correction.max() < limit + 1e-7
     assert correction[failing].min() > limit - 1e-6
-    run = evaluate_run(task, command.q, build_cell(task.robot))
+    run = evaluate_run(task, command.q, build_simulated_robot(task.robot))
     others = np.setdiff1d(np.arange(60), failing)
     assert run.distance[others].max() < 1e-6
     unlimited = np.linalg.norm(locate_frames(task.chain, free.q).tcp_position - task.position, axis=1)
@@ -194,7 +194,7 @@ def test_position_limits_are_used_up_by_rotating_about_the_tool_axis():
     assert command.status == "solved"
     assert command.q[:, 4].max() <= top[4] + 1e-12
     assert command.q[:, 4].max() > top[4] - 1e-4
-    assert evaluate_run(narrow, command.q, build_cell(robot)).max_deviation < 1e-8
+    assert evaluate_run(narrow, command.q, build_simulated_robot(robot)).max_deviation < 1e-8
 
 
 def test_velocity_limits_are_kept_at_the_programmed_feed_where_the_rotation_can_help():
@@ -211,4 +211,4 @@ def test_velocity_limits_are_kept_at_the_programmed_feed_where_the_rotation_can_
     after = np.abs(np.diff(command.q, axis=0) / task.step_time[:, None])[:, 5].max()
     assert command.facts["rate_rows"] > 0
     assert after <= limits[5] * (1 + 1e-5)
-    assert evaluate_run(task, command.q, build_cell(robot)).max_deviation < 1e-8
+    assert evaluate_run(task, command.q, build_simulated_robot(robot)).max_deviation < 1e-8

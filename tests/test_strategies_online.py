@@ -13,9 +13,9 @@ from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
-from compplan.studies.curves import quiet_cells
+from compplan.studies.curves import noise_free_robots
 from compplan.studies.encoder_table import compare_encoders
-from compplan.studies.judging import run_strategy
+from compplan.studies.evaluation import run_strategy
 
 
 def test_klimchiks_ordering_and_ratios_come_out_under_loads_of_all_directions() -> None:
@@ -86,10 +86,10 @@ def test_the_filter_of_a_loop_is_its_law_taken_step_by_step() -> None:
 def test_the_cone_of_johra_online_and_offline_under_one_model_error() -> None:
     """Uncorrected 1.6 to 6.7 mm at the centre of the part by the direction of the lateral force, here on its rim."""
     study = cone_study()
-    plain = np.linalg.norm(run_strategy(study, "none", quiet_cells(study, np.ones(1), np.ones(1))), axis=0)[0]
+    plain = np.linalg.norm(run_strategy(study, "none", noise_free_robots(study, np.ones(1), np.ones(1))), axis=0)[0]
     loaded = study.cut & (np.linalg.norm(study.task.wrench[:, :3], axis=1) > 1290.0)
     assert 1.6e-3 < plain[loaded].min() < 2.2e-3 and 6.2e-3 < plain[loaded].max() < 7.2e-3
-    cells = quiet_cells(study, np.array([1.25]), np.ones(1))
+    cells = noise_free_robots(study, np.array([1.25]), np.ones(1))
     left = {
         name: np.linalg.norm(run_strategy(study, name, cells), axis=0)[0, loaded] / plain[loaded]
         for name in ("nlp", "force_sensor_full", "online_pi", "online_pid")

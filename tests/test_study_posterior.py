@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from compplan.effects import attain_scene
-from compplan.effects.scene import own_springs
+from compplan.effects import solve_model_poses
+from compplan.effects.forward_model import own_springs
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable, describe_noise
 from compplan.plan.plan import build_task, prepare_job
-from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
-from compplan.studies import judging
-from compplan.studies.draw import _Noises, draw_cells
-from compplan.studies.judging import run_strategy
+from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
+from compplan.studies import evaluation as judging
+from compplan.studies.evaluation import run_strategy
 from compplan.studies.posterior import MODES, count_coordinates, settle_robot
+from compplan.studies.sampling import _Noises, sample_robots
 from compplan.studies.study import Study, prepare_study
 from compplan.studies.summary import _describe_draws
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import draw_paths, linearise_path
-from compplan.uncertainty.slopes import ForceSpread, push_scene, stage_path
-from compplan.uncertainty.vary import vary_scene
+from compplan.uncertainty.perturbation import vary_model
+from compplan.uncertainty.sensitivities import ForceSpread, apply_wrench_to_model, build_path_model
 
 JOB = {
     "schema": 1,
@@ -55,27 +55,27 @@ def tips(study: Study, z: np.ndarray) -> np.ndarray:
     columns = study.surroundings.factors.columns
     points = np.full((len(z), study.surroundings.factors.size), 0.5)
     points[:, columns["posterior"]] = ndtr(z)
-    return np.moveaxis(run_strategy(study, "none", draw_cells(study.surroundings, points)), 0, -1)
+    return np.moveaxis(run_strategy(study, "none", sample_robots(study.surroundings, points)), 0, -1)
 
 
 def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_does(study: Study) -> None:
     """Compliances, zeros, lost motion, gear waves, geometry and tool at once, drawn to one standard deviation."""
-    task, known = study.task, known_uncertainty(study.task.robot)
+    task, known = study.task, robot_uncertainty(study.task.robot)
     z = np.random.default_rng(2).standard_normal((3, count_coordinates(task.robot)))
     z[:, known.factor.shape[1] :] = 0.0
     moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
-    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    rest = attain_scene(scene).position
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    rest = solve_model_poses(scene).position
     for seen, one in zip(moved, z, strict=True):
         values = known.spread @ one[: known.factor.shape[1]]
-        exact = attain_scene(vary_scene(scene, known.unknowns, values)).position - rest
+        exact = solve_model_poses(vary_model(scene, known.unknowns, values)).position - rest
         # a joint that has not moved yet is off by half its lost motion one way or the other: from the first turn on
         size = np.linalg.norm(exact, axis=1).max()
         assert np.linalg.norm((seen - exact)[12:], axis=1).max() < 0.05 * size
 
 
 def test_what_is_unexplained_has_its_size_along_the_path(study: Study) -> None:
-    known = known_uncertainty(study.task.robot)
+    known = robot_uncertainty(study.task.robot)
     z = np.zeros((400, count_coordinates(study.task.robot)))
     z[:, -3 * MODES :] = np.random.default_rng(3).standard_normal((400, 3 * MODES))
     moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
@@ -91,7 +91,7 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
     )
     shift, own = np.array([4e-4, -6e-4]), np.diag([1e-5, 1e-5]) ** 2
     unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
-    known = Uncertainty("measured", "test", unknowns, factor, rivals=(RivalRobot("b", "a", 0.3, shift),))
+    known = Uncertainty("measured", "test", unknowns, factor, rivals=(AlternativeRobot("b", "a", 0.3, shift),))
     robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior", **REST}}, "job.toml"))
     z = np.random.default_rng(1).standard_normal((400, count_coordinates(replace(robot, uncertainty=known))))
     for factor_on in (1.0, 3.0):
@@ -99,8 +99,11 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
         task = build_task(armed, nominal, replace(options, posture=None))
         study = prepare_study(task, NoiseTable(robot="posterior", **REST), ["none"])
         moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
-        scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-        other = attain_scene(vary_scene(scene, unknowns, factor_on * shift)).position - attain_scene(scene).position
+        scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+        other = (
+            solve_model_poses(vary_model(scene, unknowns, factor_on * shift)).position
+            - solve_model_poses(scene).position
+        )
         there = np.linalg.norm(moved - other, axis=(1, 2)) < np.linalg.norm(moved, axis=(1, 2))
         assert there.mean() == pytest.approx(0.3, abs=0.07)
         assert moved[there].mean(axis=0) == pytest.approx(other, abs=0.02 * np.abs(other).max())
@@ -131,12 +134,12 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too() ->
     points = np.full((3, study.surroundings.factors.size), 0.5)
     points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
     points[2:, columns["wrench_level"]] = ndtr(1.0)
-    seen = np.moveaxis(run_strategy(study, "none", draw_cells(study.surroundings, points)), 0, -1)
-    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    seen = np.moveaxis(run_strategy(study, "none", sample_robots(study.surroundings, points)), 0, -1)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     alone = np.sqrt(1.0 - 0.9**2)
     for row, (softer, level) in enumerate([(0.0, 0.0), (1.5, -0.9 * 1.5), (1.5, -0.9 * 1.5 + alone)]):
-        pushed = push_scene(scene, np.array([level, 0.0, 0.0, 0.0]), force)
-        exact = attain_scene(vary_scene(pushed, [soft], np.array([softer * spring]))).position - task.position
+        pushed = apply_wrench_to_model(scene, np.array([level, 0.0, 0.0, 0.0]), force)
+        exact = solve_model_poses(vary_model(pushed, [soft], np.array([softer * spring]))).position - task.position
         assert seen[row] == pytest.approx(exact, abs=2e-6)
     assert any("(10%, 1.1 deg) go with the robot: process.toml" in words for words in _describe_draws(study))
 
@@ -145,10 +148,10 @@ def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:
     robot = study.task.robot
     settled = settle_robot(robot, NoiseTable(robot="posterior"))
     assert settled.joint_compliance == settled.geometry_mm == settled.backlash_deg == 0.0
-    assert settled.repeatability_mm == pytest.approx(1e3 * known_uncertainty(robot).repeatability)
+    assert settled.repeatability_mm == pytest.approx(1e3 * robot_uncertainty(robot).repeatability)
     assert not any("joint_compliance" in sentence for sentence in describe_noise(settled))
     assert settle_robot(robot, NoiseTable()) == NoiseTable()
-    with pytest.raises(InputError, match="backlash_deg is stated, and robot = \"posterior\""):
+    with pytest.raises(InputError, match='backlash_deg is stated, and robot = "posterior"'):
         settle_robot(robot, NoiseTable(robot="posterior", backlash_deg=0.01))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_feed import ROBOT, arc_path, make_task
 
-from compplan.controllers.writers.counting import locate_link
+from compplan.controllers.writers.joint_convention import locate_link
 from compplan.plan.feed import TorqueRules
 from compplan.plan.narrow import INERTIA_WINDOWS
 from compplan.plan.task import PlanTask

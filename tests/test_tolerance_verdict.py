@@ -15,7 +15,7 @@ from commandline import run_command
 from compplan.job.job import check_job
 from compplan.plan.plan import plan_compensation, plan_job, prepare_job
 from compplan.plan.tolerance_verdict import MEASURE, TOUCH_OFF, explain_width, find_change, find_stretches, share_length
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import widen_to_path
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
@@ -63,7 +63,7 @@ def test_a_plan_that_leaves_the_limits_never_keeps() -> None:
 def test_a_job_that_leaves_inertia_alone_says_so_and_so_does_the_basis_of_a_robot_that_nobody_measured() -> None:
     job = check_job({**JOB, "plan": {"tolerance_mm": 30.0, "inertia": False}}, "job.toml")
     robot, nominal, options = prepare_job(job)
-    known = replace(known_uncertainty(robot), grade="measured")
+    known = replace(robot_uncertainty(robot), grade="measured")
     plain = plan_job(job).verdict
     measured = plan_compensation(replace(robot, uncertainty=known), nominal, options).verdict
     assert plain.word == measured.word == "keeps"

@@ -8,24 +8,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import run_command
-from executed_emulator import Cell, emulate, write_log, write_program, zigzag
+from executed_emulator import SimulatedRobot, emulate, write_log, write_program, zigzag
 from scipy.ndimage import uniform_filter1d
 
 from compplan.controllers.motion.align import find_nearest, measure_way, place_rows
 from compplan.controllers.motion.geometry import Path as Laid
 from compplan.controllers.motion.log import clean_log, read_log
 from compplan.controllers.motion.run import execute_program
-from compplan.controllers.writers.counting import load_controller, to_controller
-from compplan.controllers.writers.servo import MotionTable, read_motion, tabulate_motion
+from compplan.controllers.writers.joint_convention import load_controller, to_controller
+from compplan.controllers.writers.motion_table import MotionTable, read_motion, tabulate_motion
 from compplan.reporting.writers.executed import share_causes
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
 
-CELL = Cell(zone_share=0.8, lag=np.array([0.03, 0.025, 0.02, 0.015, 0.012, 0.01]))
+CELL = SimulatedRobot(zone_share=0.8, lag=np.array([0.03, 0.025, 0.02, 0.015, 0.012, 0.01]))
 
 
-def draw(folder: Path, name: str, feed: float, seed: int, cell: Cell = CELL, **careless: float) -> tuple[Path, Path]:
+def draw(
+    folder: Path, name: str, feed: float, seed: int, cell: SimulatedRobot = CELL, **careless: float
+) -> tuple[Path, Path]:
     """Write program and log of a zigzag."""
     points = zigzag(seed, 16)
     program = write_program(folder / f"p{name}.csv", points, feed, 0.005)
@@ -97,7 +99,7 @@ def test_another_path_at_another_speed_is_executed_three_times_nearer(traced: Pa
 
 
 def test_a_log_of_a_drive_that_follows_exactly_is_no_lag(tmp_path, monkeypatch, capsys) -> None:
-    exact = Cell(zone_share=0.0, lag=np.full(6, 1e-3), noise=0.0, acceleration=50.0)
+    exact = SimulatedRobot(zone_share=0.0, lag=np.full(6, 1e-3), noise=0.0, acceleration=50.0)
     program, log = draw(tmp_path, "0", 0.02, 3, exact, torn=0.05, noise=0.0)
     words = ["trace", log, "--program", program, "--robot", "ur10", "--out", tmp_path / "out", "--json"]
     answer = run_command(words, monkeypatch, capsys)

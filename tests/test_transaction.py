@@ -10,14 +10,14 @@ import pytest
 
 from compplan.errors import InputError
 from compplan.io import transaction
-from compplan.io.origin import record_inputs
+from compplan.io.provenance import record_inputs
 from compplan.io.tables import read_text
 from compplan.io.transaction import (
     MANIFEST,
     READY,
     clear_parts,
-    hold_folder,
     list_files,
+    lock_folder,
     replace_file,
     replace_folder,
 )
@@ -125,7 +125,7 @@ def test_a_process_that_dies_at_any_step_leaves_the_old_result_or_the_new_one(st
     code = f"""
 import os, pathlib, shutil, signal, sys
 from compplan.io import transaction
-from compplan.io.origin import record_inputs
+from compplan.io.provenance import record_inputs
 from compplan.io.tables import read_text
 left = [{step}]
 def count(function):
@@ -157,7 +157,7 @@ def test_what_a_dead_run_had_ready_is_finished_first(tmp_path):
     (out / "mine").write_text("mine")
     write(tmp_path / "later", {"a": "2", "b": "2"})
     (tmp_path / "later").rename(tmp_path / f".out.x{READY}")
-    with hold_folder(out):
+    with lock_folder(out):
         assert read(out) == {"a": "2", "b": "2", "mine": "mine"}
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
@@ -185,8 +185,8 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path):
     code = f"""
 import sys
 from pathlib import Path
-from compplan.io.transaction import hold_folder
-with hold_folder({str(tmp_path / "out")!r}):
+from compplan.io.transaction import lock_folder
+with lock_folder({str(tmp_path / "out")!r}):
     print("held", flush=True)
     sys.stdin.read()
 """

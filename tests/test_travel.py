@@ -17,28 +17,28 @@ from test_learn import cut_part
 from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.learning.elsewhere import try_elsewhere
-from compplan.learning.gather import Gathered
-from compplan.learning.hold import add_effect, teach_robot
-from compplan.learning.learn import learn_part
-from compplan.learning.teach import build_learned
-from compplan.learning.travel import choose_travel, learn_force, state_own
-from compplan.process.force_lesson import (
+from compplan.learning.gathered_points import Gathered
+from compplan.learning.generalisation import check_generalisation
+from compplan.learning.model_update import learn_part
+from compplan.learning.part import build_learned
+from compplan.learning.representable import add_effect, apply_update
+from compplan.learning.transfer import choose_transfer, learn_force, state_own
+from compplan.process.force_models.constant import ConstantProcess
+from compplan.process.learned_force import (
     FILE,
     SCATTER,
     LearnedForce,
-    TaughtPartTable,
+    LearnedPartTable,
     add_part,
     read_learned_force,
     write_learned_force,
 )
-from compplan.process.force_models.constant import ConstantProcess
 from compplan.reporting.writers.plan import deliver_plan
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.uncertainty.band import Slopes, split_covariance
-from compplan.uncertainty.slopes import ForceSpread, read_force_spread, tie_force
+from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread, tie_force
 
 PATHS = Path(__file__).parents[1] / "paths"
 UNIT = Unknown("link_geometry", "joint_1", "ty", ("ty_m",), np.array([1e-4]))
@@ -46,8 +46,8 @@ PUSH = ConstantProcess(model="constant", force_N=(0.0, 1.0, 0.0), frame="base")
 DAY = datetime.date(2026, 11, 23)
 
 
-def part_of(level: float, sigma: float = 0.01) -> TaughtPartTable:
-    return TaughtPartTable(date=DAY, job="circle", level=level, sigma=sigma)
+def part_of(level: float, sigma: float = 0.01) -> LearnedPartTable:
+    return LearnedPartTable(date=DAY, job="circle", level=level, sigma=sigma)
 
 
 def force_of(level: float, *parts: float, scatter: float = SCATTER) -> LearnedForce:
@@ -214,7 +214,7 @@ def test_stretches_that_were_left_out_say_what_travels(lift: float, push: float,
         return slopes.model @ values + slopes.shared @ force
 
     lesson = learn_part(slopes, known, gathered, exact, own)
-    travel = choose_travel(lesson.model, gathered)
+    travel = choose_transfer(lesson.model, gathered)
     assert (travel.force, travel.robot) == told
     # one part: the level that all parts share is told apart from this part's own by their variances alone
     assert lesson.force[0] * 1e-4 == pytest.approx(push * 0.15**2 / (0.15**2 + 0.07**2), rel=0.05)
@@ -232,9 +232,9 @@ def test_a_taught_robot_is_tried_on_paths_that_the_part_did_not_see(job: Job) ->
     known = Uncertainty("measured", "test", (zero,), np.eye(1), unexplained=1e-6, repeatability=1e-6)
     sure, nothing = ForceSpread(0.0, 0.0, 0.0, "known"), np.zeros(4)
     for turn, fits in ((1.5e-4, True), (3e-4, False)):  # 95 % of it stays within 1.96e-4
-        taught, held = teach_robot(robot, known, np.array([turn]), np.array([[1e-12]]))
+        taught, held = apply_update(robot, known, np.array([turn]), np.array([[1e-12]]))
         assert held == pytest.approx([turn])
-        found, said = try_elsewhere(task, taught, known, nothing, sure)
+        found, said = check_generalisation(task, taught, known, nothing, sure)
         assert found == fits
         numbers = [float(word) for word in said.replace("(", " ").split() if word.replace(".", "", 1).isdigit()]
         assert numbers[0] == 3 and numbers[1] / numbers[2] == pytest.approx(turn / 1.96e-4, rel=0.02)
@@ -249,9 +249,9 @@ def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() ->
                    {"cycles_per_turn": [1.0]})  # fmt: skip
     known = Uncertainty("measured", "test", (play, gear), np.eye(3))
     values = np.array([2e-5, 1e-5, -4e-5])
-    taught, held = teach_robot(robot, known, values, np.diag([1e-10] * 3))
+    taught, held = apply_update(robot, known, values, np.diag([1e-10] * 3))
     assert held == pytest.approx(values)
-    again, more = teach_robot(taught, known, np.array([-5e-5, 1e-5, 0.0]), np.diag([1e-10] * 3))
+    again, more = apply_update(taught, known, np.array([-5e-5, 1e-5, 0.0]), np.diag([1e-10] * 3))
     assert more == pytest.approx([-2e-5, 1e-5, 0.0])  # no play below zero
     assert again.uncertainty is not None
     width = again.uncertainty.spread[0]

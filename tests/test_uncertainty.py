@@ -12,7 +12,7 @@ import pytest
 from compplan.errors import InputError
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import (
-    RivalRobot,
+    AlternativeRobot,
     Uncertainty,
     Unknown,
     factor_covariance,
@@ -20,7 +20,7 @@ from compplan.robot.uncertainty import (
     read_uncertainty,
     spread_unknowns,
 )
-from compplan.uncertainty.assumed import assume_uncertainty, known_uncertainty, list_assumed
+from compplan.uncertainty.assumed import assume_uncertainty, list_assumed, robot_uncertainty
 from tests.drawn_robots import draw_values
 
 GOOD = """schema = 1
@@ -120,7 +120,7 @@ def test_draws_take_a_rival_as_often_as_its_weight_says_and_keep_the_covariance(
     shift, own = np.array([-4.0, 3.0]), np.diag([0.01, 0.0025])
     unknowns = random_uncertainty().unknowns[:2]
     unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
-    rival = RivalRobot("b", "a", 0.3, shift)
+    rival = AlternativeRobot("b", "a", 0.3, shift)
     known = Uncertainty("measured", "test", unknowns, factor, calibration=2.0, rivals=(rival,))
     values = draw_values(known, 4000, 1) / 2.0
     there = np.linalg.norm(values - shift, axis=1) < np.linalg.norm(values, axis=1)
@@ -202,7 +202,7 @@ def test_an_unknown_that_the_robot_does_not_have_is_refused(tmp_path: Path, old:
     shutil.copytree(Path(__file__).parent.parent / "robots" / "kuka_kr270", folder)
     write(folder, GOOD.replace(old, new, 1))
     with pytest.raises(InputError, match="unknown") as error:
-        known_uncertainty(load_robot(folder))
+        robot_uncertainty(load_robot(folder))
     assert said in str(error.value)
 
 
@@ -222,7 +222,7 @@ def test_a_new_tool_is_not_where_the_old_one_was_known_to_be() -> None:
     mounted = robot.with_tool(np.eye(4))
     assert mounted.uncertainty is not None
     assert all(unknown.effect != "tool_frame" for unknown in mounted.uncertainty.unknowns)
-    known = known_uncertainty(mounted)
+    known = robot_uncertainty(mounted)
     assert known.unknowns[-1].effect == "tool_frame"
     assert known.covariance[:4, :4] == pytest.approx(base.covariance, abs=0.0)
     assert any("tool tip" in sentence and "assumed" in sentence for sentence in list_assumed(mounted))
@@ -231,7 +231,7 @@ def test_a_new_tool_is_not_where_the_old_one_was_known_to_be() -> None:
 @pytest.mark.parametrize("name", ["kuka_kr270", "kuka_kr270_full", "ur10", "kuka_kr240_rail", "staubli_tx200"])
 def test_a_folder_without_the_file_gets_widths_by_its_grade_that_are_labelled(name: str) -> None:
     robot = load_robot(name)
-    known = known_uncertainty(robot)
+    known = robot_uncertainty(robot)
     assert known.grade == ("literature" if robot.grade == "literature" else "assumed")
     assert (known.width > 0).all()
     assert "assumed" in known.source

@@ -73,7 +73,7 @@ def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, s
 def test_the_links_of_the_cell_are_where_the_robot_has_them(name: str, tmp_path: Path) -> None:
     from compplan.io.tables import write_json
     from compplan.reporting.view.recording import read_cell
-    from compplan.reporting.writers.cell import summarise_cell
+    from compplan.reporting.writers.recording import summarise_cell
 
     robot = load_robot(name)
     write_json(tmp_path / "cell.json", summarise_cell(robot), indent=None)
@@ -132,7 +132,7 @@ def test_the_part_takes_the_colour_of_the_path_beside_it_and_keeps_its_own_elsew
 
 def test_rings_of_the_promise_stand_off_the_path_by_its_radius(scene: PlanScene) -> None:
     record = scene.recording
-    ring = scene.draw_promise(3.0).points[:, 0]
+    ring = scene.draw_error_band(3.0).points[:, 0]
     distance = np.linalg.norm(ring[:, None] - record.tip[None].astype(np.float32), axis=2).min(axis=1)
     assert distance.max() <= 3.0 * np.nanmax(record.promise) + 1e-6
     assert PROMISE in scene.ways
@@ -204,7 +204,7 @@ def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> No
     from compplan.io.tables import write_json
     from compplan.reporting.view.motion import slope_tip
     from compplan.reporting.view.recording import read_cell
-    from compplan.reporting.writers.cell import summarise_cell
+    from compplan.reporting.writers.recording import summarise_cell
     from compplan.robot import Mimic
 
     robot = load_robot(name)
@@ -227,7 +227,7 @@ def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> No
 
 def make_gap() -> GapScene:
     from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
-    from compplan.reporting.writers.cell import summarise_cell
+    from compplan.reporting.writers.recording import summarise_cell
 
     robot = load_robot("ur10")
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
@@ -258,7 +258,7 @@ def test_arrows_start_at_the_measured_points_and_wear_the_colour_of_their_cause(
 def test_a_row_is_named_after_the_cause_whose_motion_lies_in_its_gap() -> None:
     from types import SimpleNamespace
 
-    from compplan.reporting.writers.cell import name_rows
+    from compplan.reporting.writers.recording import name_rows
 
     gap = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
     motions = {

@@ -13,7 +13,7 @@ from oracles.plan_check import check_plan
 from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
-import compplan.plan.bending as bending
+import compplan.plan.deflection as bending
 import compplan.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, check_job, load_job
 from compplan.plan import executed
@@ -22,8 +22,8 @@ from compplan.plan.timing import Timing
 from compplan.plan.verdict import hold_load
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
+from compplan.simulation.exact import build_exact_robot
 from compplan.simulation.inertia import fit_parabolas
-from compplan.simulation.judge import build_judge
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import Toolpath, place_toolpath
 
@@ -64,7 +64,7 @@ def test_a_tool_that_leans_takes_its_x_along_and_a_kept_program_stands_so_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "part.nc").write_text(NC)
-    leaning = '[plan]\nrotate_about_tool_axis = false\n[posture]\nlead_deg = 8.0\nlean_deg = 8.0\n'
+    leaning = "[plan]\nrotate_about_tool_axis = false\n[posture]\nlead_deg = 8.0\nlean_deg = 8.0\n"
     absolute = JOB.replace("[part]\n", "[part]\ntouched_off = false\n")
     (tmp_path / "part.toml").write_text(absolute + leaning)
     plan = plan_job(load_job(tmp_path / "part.toml"))
@@ -92,7 +92,11 @@ def test_own_weight_is_no_bending_by_the_process() -> None:
 
 def test_the_torque_that_holds_a_wrench_is_its_virtual_work_with_the_sign_turned() -> None:
     robot = load_robot("ur20")
-    judge, q, wrench = build_judge(robot), np.array([0.3, -1.2, 1.4, -0.9, 0.7, 0.2]), np.array([40.0, -70.0, 90.0])
+    judge, q, wrench = (
+        build_exact_robot(robot),
+        np.array([0.3, -1.2, 1.4, -0.9, 0.7, 0.2]),
+        np.array([40.0, -70.0, 90.0]),
+    )
     step = 1e-6 * np.vstack([np.eye(6), -np.eye(6)])
     place = locate_frames(build_chain(robot), q + step).tcp_position
     work = (place[:6] - place[6:]) @ wrench / 2e-6

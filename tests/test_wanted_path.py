@@ -5,19 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles.forces import DrivenRows
-from oracles.wanted import Vote, vote_on_path
+from oracles.wanted import Check, check_required_path
 
 PROGRAM = "G21 G90 G94\nG0 X0 Y0 Z10.\nG1 Z0. F600\nG1 X20. F1200\nG1 Y20.\nM30\n"
 """A plunge of 10 mm/s and two cuts of 20 mm/s."""
 
 
-def _ask(folder: Path, feed_table: dict[str, object], feed: list[float]) -> Vote:
+def _ask(folder: Path, feed_table: dict[str, object], feed: list[float]) -> Check:
     (folder / "part.nc").write_text(PROGRAM)
     position = np.array([[0, 0, 10], [0, 0, 0], [20, 0, 0], [20, 20, 0]]) * 1e-3
     rapid, axis = np.array([True, False, False, False]), np.tile([0.0, 0.0, 1.0], (4, 1))
     rows = DrivenRows(position, axis, rapid, np.zeros(4, bool), np.arange(4.0))
     tables = {"toolpath": "part.nc", "feed": {"corner_tolerance_mm": 0.0, **feed_table}}
-    return vote_on_path(tables, folder, rows, np.array([0.0, *feed]))
+    return check_required_path(tables, folder, rows, np.array([0.0, *feed]))
 
 
 def test_programmed_feeds_are_those_of_the_file(tmp_path: Path) -> None:
@@ -56,4 +56,4 @@ def test_rows_on_chords_may_stray_from_an_arc_of_the_file_by_what_the_job_allows
     tables = {"toolpath": "arc.nc", "feed": {"corner_tolerance_mm": 0.0}}
     if allowed is not None:
         tables["cam"] = {"chord_tolerance_mm": allowed}
-    assert bool(vote_on_path(tables, tmp_path, rows, np.where(rapid, 0.0, 0.02)).breaches) == strays
+    assert bool(check_required_path(tables, tmp_path, rows, np.where(rapid, 0.0, 0.02)).breaches) == strays

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.answer.shares import CALIBRATION, UNEXPLAINED, Part, PosteriorMotion, list_parts
-from compplan.diagnosis.answer.where import Split, split_diagnosis
-from compplan.diagnosis.data.agreed import SAMPLE
+from compplan.diagnosis.data.shared import SAMPLE
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Part, PosteriorMotion, list_parts
+from compplan.diagnosis.results.where import Split, split_diagnosis
 from tests.drawn_campaigns import Drawn, draw_robot_files
 from tests.effect_cases import CASES, FITTED, ROBOTS, Place
 

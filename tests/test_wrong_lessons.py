@@ -14,7 +14,7 @@ from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
 from compplan.job.noise import NoiseTable
-from compplan.learning.teach import teach_part
+from compplan.learning.part import learn_from_part
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 
@@ -111,7 +111,7 @@ def test_a_wrong_lesson_is_asked_about_and_never_learned(name: str, shop: tuple[
     job, robot, folder = shop
     file = write_points(folder / "part.csv", "x_mm,y_mm,z_mm", WRONG[name](measure(job)[0]))
     with pytest.raises(InputError, match=r"part\.csv:.*(\?|assume-ok|state s_mm|places|of the cut)"):
-        teach_part(job, robot, file)
+        learn_from_part(job, robot, file)
 
 
 @pytest.mark.parametrize("name", ["reversed", "shifted", "metres"])
@@ -121,7 +121,7 @@ def test_lengths_that_are_not_those_of_the_points_are_asked_about(name: str, sho
     wrong = {"reversed": s[::-1], "shifted": np.roll(s, 15), "metres": 1e-3 * s}[name]
     file = write_points(folder / "placed.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, wrong]))
     with pytest.raises(InputError, match=r"placed\.csv:"):
-        teach_part(job, robot, file)
+        learn_from_part(job, robot, file)
 
 
 def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: tuple[Job, Robot, Path]) -> None:
@@ -135,10 +135,10 @@ def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: 
     ]
     asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*did the part stand so\?.*part_frame_mm"
     with pytest.raises(InputError, match=asked):
-        teach_part(job, robot, files[0])
-    lesson = teach_part(job, robot, files[0], align="datum")
+        learn_from_part(job, robot, files[0])
+    lesson = learn_from_part(job, robot, files[0], align="datum")
     assert any("of the whole part" in note and "learned as the robot's" in note for note in lesson.notes)
-    assert not any("of the whole part" in note for note in teach_part(job, robot, files[1]).notes)
+    assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
 
 
 def test_a_stated_clamping_takes_its_share_of_a_part_that_stood_elsewhere(shop: tuple[Job, Robot, Path]) -> None:
@@ -148,7 +148,7 @@ def test_a_stated_clamping_takes_its_share_of_a_part_that_stood_elsewhere(shop: 
     moved = np.column_stack([points + np.array([0.1, -0.05, 0.0]), s])
     file = write_points(folder / "moved.csv", "x_mm,y_mm,z_mm,s_mm", moved)
     loose = job.model_copy(update={"noise": NoiseTable(part_frame_mm=0.2, part_frame_deg=0.05)})
-    plain, told = teach_part(job, robot, file, align="datum").lesson, teach_part(loose, robot, file).lesson
+    plain, told = learn_from_part(job, robot, file, align="datum").lesson, learn_from_part(loose, robot, file).lesson
     shifts = [np.linalg.norm((one.physics + one.pushed + one.residual).mean(axis=0)) for one in (plain, told)]
     assert shifts[0] > 8e-5 and shifts[1] < 0.4 * shifts[0]
     assert told.band_after.min() > 4e-4 > plain.band_after.max()

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
 from compplan.posture.lattice import orient_tool
-from compplan.posture.summary import Stance
+from compplan.posture.summary import PostureSummary
 from compplan.robot import Array
 from compplan.statics.ik import Arm, build_arm
 from compplan.statics.sensitivity import attain_pose
@@ -159,7 +159,7 @@ class Freedom:
 
 
 def find_freedom(
-    task: PlanTask, stance: Stance, nominal: Toolpath, tool_x: Array, most: int, tube: float = 0.0,
+    task: PlanTask, stance: PostureSummary, nominal: Toolpath, tool_x: Array, most: int, tube: float = 0.0,
     window: tuple[int, int] | None = None,
 ) -> Freedom | None:  # fmt: skip
     """Find what a stance leaves free; None where nothing is.

@@ -9,7 +9,7 @@ from compplan.plan.freedom import TUBE, Freedom
 from compplan.plan.one_program import Ground, JointProgram, Point, Prices, TorquesAlong
 from compplan.plan.run_meter import RunMeter, lead_radius
 from compplan.plan.swept import STATIONS, SweptClearance
-from compplan.posture.start import PostureRequest
+from compplan.posture.initial_branches import PostureRequest
 from compplan.robot import Array
 
 

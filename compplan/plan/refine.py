@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.controllers.writers.counting import load_motion
+from compplan.controllers.writers.joint_convention import load_motion
 from compplan.errors import InfeasibleError
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
 from compplan.plan.ground import drop_least, state_ground
@@ -18,12 +18,12 @@ from compplan.plan.program_step import solve_program
 from compplan.plan.run_meter import RunMeter, TimedStart
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs, time_rapids
+from compplan.posture.configuration import Preference
 from compplan.posture.costs import Weights
+from compplan.posture.initial_branches import Bettered, PostureRequest, Start, find_plain, find_start, stand
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs, search_line
-from compplan.posture.stance import Wish
-from compplan.posture.start import Bettered, PostureRequest, Start, find_plain, find_start, stand
-from compplan.posture.summary import Stance, summarise_costs
+from compplan.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.contact import path_axes, tool_axes
@@ -73,7 +73,7 @@ class StartChoice:
     robot: Robot
     nominal: Toolpath
     tool_x: Array
-    stance: Wish
+    stance: Preference
     request: PostureRequest
     meter: RunMeter
     tube: float = 0.0
@@ -226,7 +226,7 @@ def _least_time(task: PlanTask) -> float:
     return float(task.step_time[~rapid].sum() + between + runs * smooth)
 
 
-def _bound_by_graph(task: PlanTask, stance: Stance, choice: StartChoice) -> float:
+def _bound_by_graph(task: PlanTask, stance: PostureSummary, choice: StartChoice) -> float:
     """Return the least time of any way through the ladder graph's grid by feed and joint velocities alone. [s]."""
     settings, arm, nominal = stance.settings, build_arm(task.robot), choice.nominal
     stations = pick_stations(nominal, BOUND_STATIONS)
@@ -313,8 +313,8 @@ def _keep_in_tube(freedom: Freedom, moved: Array) -> Array:
 
 
 def _follow(
-    freedom: Freedom, point: Point, stance: Stance, nominal: Toolpath, request: PostureRequest
-) -> Stance | None:
+    freedom: Freedom, point: Point, stance: PostureSummary, nominal: Toolpath, request: PostureRequest
+) -> PostureSummary | None:
     """Follow a choice of the free coordinates at every waypoint of its window; None where that tears."""
     robot, arm, place = freedom.task.robot, freedom.arm, freedom.task.origin[freedom.rows]
     every = np.arange(int(np.ceil(place[0])), int(place[-1]) + 1)

@@ -19,25 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from compplan.effects.scene import Scene
+from compplan.effects.forward_model import ForwardModel
 from compplan.errors import ConvergenceError
-from compplan.plan.bending import measure_motion
-from compplan.plan.feed import FeedWish, TorqueRules, time_run
+from compplan.plan.deflection import measure_motion
+from compplan.plan.feed import FeedRequest, TorqueRules, time_run
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
-from compplan.posture.start import Easing, Start
+from compplan.posture.initial_branches import Easing, Start
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.vibration import Dynamics, build_dynamics
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import Slopes, band_radius, split_covariance
-from compplan.uncertainty.slopes import (
+from compplan.uncertainty.sensitivities import (
     ForceSpread,
+    build_path_model,
     measure_force_slopes,
     measure_slopes,
     pick_rows,
-    rest_scene,
-    stage_path,
+    unload_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
@@ -90,7 +90,7 @@ class RunMeter:
 
     """
 
-    wish: FeedWish
+    wish: FeedRequest
     force: ForceSpread
     state: Callable[[Start], PlanTask]
     damping: float
@@ -182,8 +182,8 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
     """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
-    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    return _spread_scene(scene, known_uncertainty(task.robot), force, rows, task.touched)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    return _spread_scene(scene, robot_uncertainty(task.robot), force, rows, task.touched)
 
 
 def lead_radius(
@@ -201,11 +201,11 @@ def lead_radius(
         touched: The part as the robot found it by touching, or None where its frame is absolute.
 
     """
-    known, some = known_uncertainty(robot), np.unique(np.linspace(0, len(q) - 1, LEADING_ROWS).astype(int))
+    known, some = robot_uncertainty(robot), np.unique(np.linspace(0, len(q) - 1, LEADING_ROWS).astype(int))
     near = np.concatenate([q[some], *(q[some] + MOVED * side for side in np.eye(q.shape[1]))])
-    scene = stage_path(robot, near, np.tile(wrench[some], (q.shape[1] + 1, 1)))
+    scene = build_path_model(robot, near, np.tile(wrench[some], (q.shape[1] + 1, 1)))
     every = np.arange(len(near))
-    rest = rest_scene(scene, every)
+    rest = unload_model(scene, every)
     model = measure_slopes(scene, known.unknowns, every, rest)
     model = subtract_touch(model, rest.position, touched, known.unknowns)
     part = ((model * known.width) ** 2).sum(axis=1)
@@ -219,16 +219,16 @@ def lead_radius(
     fewer = replace(known, unknowns=names, factor=known.factor[kept], rivals=())
 
     def radius(q: Array, wrench: Array) -> Array:
-        scene = stage_path(robot, q, wrench)
+        scene = build_path_model(robot, q, wrench)
         return band_radius(_spread_scene(scene, fewer, force, np.arange(len(q)), touched) + left)
 
     return radius
 
 
 def _spread_scene(
-    scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_], touched: TouchedPart | None
+    scene: ForwardModel, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_], touched: TouchedPart | None
 ) -> Array:
-    rest = rest_scene(scene, rows)
+    rest = unload_model(scene, rows)
     shared, local = measure_force_slopes(scene, rows, force, rest)
     model = measure_slopes(scene, known.unknowns, rows, rest)
     model = subtract_touch(model, rest.position, touched, known.unknowns)

@@ -23,7 +23,7 @@ from compplan.plan.strategies.equations import differentiate_equations, pose_equ
 from compplan.plan.strategies.limits import (
     AT_CORRECTION,
     OUT_OF_REACH,
-    judge_limits,
+    check_limits,
     measure_correction,
     name_failures,
 )
@@ -133,7 +133,7 @@ def _finish(task: PlanTask, problem: PathProblem, q: Array, command: Command) ->
     if task.robot.effects:
         # what no command can mend, such as lost motion at a reversal, is no matter of reach: the judge sees the tip
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
-    failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
+    failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
 
 
