@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from commandline import run_command
 from numpy.typing import NDArray
 
 from compplan.robot.folder import find_robot_folder
-from tests.commandline import run_command
 
 Array = NDArray[np.float64]
 ARMS, SEED = 50, 44
