@@ -233,12 +233,11 @@ def test_a_mirror_strategy_keeps_the_posture_of_the_graph() -> None:
     assert task.start is not None and task.start.bettered is None
 
 
-def program_of(freedom: Freedom, prices: Prices, chatter: Any = None) -> JointProgram:
-    """Return the program of what is free; `chatter` stands for the judge of the cut."""
+def program_of(freedom: Freedom, prices: Prices) -> JointProgram:
     start = freedom.task.start
     assert start is not None and start.request is not None
     meter = RunMeter(FeedRequest(), read_force_spread(None), lambda _: freedom.task, 0.03)
-    ground = state_ground(freedom, replace(start.request, chatter=chatter), meter, prices)
+    ground = state_ground(freedom, start.request, meter, prices)
     assert ground is not None
     found = build_program(freedom, ground, prices)
     assert found is not None
@@ -287,32 +286,6 @@ def test_a_post_shapes_the_motion_and_rows_for_it_bring_more_than_refusing_steps
     loose, kept, refused = (solve_program(each) for each in (free_of_it, program, blind))
     assert measure_margin(scene, loose.q, 5e-3).min() < 0.0 <= measure_margin(scene, kept.q, 5e-3).min()
     assert kept.energy < 0.99 * refused.energy
-
-
-class FakeChatter:
-    """A cut whose depth by its limit rises as one joint turns away from where it starts."""
-
-    source = "made up"
-
-    def __init__(self, q: np.ndarray, joint: int) -> None:
-        self.q, self.joint = q, joint
-
-    def touches(self, waypoints: np.ndarray) -> np.ndarray:
-        return np.ones(len(waypoints), bool)
-
-    def share(self, q: np.ndarray, waypoints: np.ndarray) -> np.ndarray:
-        return np.asarray(0.3 + 2.0 * np.abs(q - self.q[waypoints])[:, self.joint])
-
-    def excess(self, q: np.ndarray, waypoints: np.ndarray, reserve: float) -> np.ndarray:
-        return np.maximum(reserve * self.share(q, waypoints) - 1.0, 0.0)
-
-
-def test_the_program_keeps_the_cut_at_half_of_its_limit_of_chatter(spin: Freedom) -> None:
-    prices, judge = Prices(most_band=np.inf), FakeChatter(spin.task.q_start, 5)
-    loose, kept = (solve_program(program_of(spin, prices, each)) for each in (None, judge))
-    share = [judge.share(point.q, spin.rows).max() for point in (loose, kept)]
-    assert share[0] > 0.75 and share[1] < 0.55  # judged at some stations, between them a little more
-    assert kept.change.any()
 
 
 def test_a_first_step_keeps_the_limits_of_a_rail_that_stands() -> None:
