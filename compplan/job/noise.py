@@ -41,10 +41,6 @@ SOURCES: dict[str, str] = {
     "force_bias_N": "assumed; drift since taring",
     "moment_bias_Nm": "assumed; drift since taring",
     "force_gain": "assumed; datasheets state 1 %",
-    "tracker_mm": "tracker datasheets: 15 um ...",
-    "tracker_mm_per_m": "... and 6 um a metre",
-    "plant_lag_ms": "derived from the gains of [Johra2022] by the rule of Ziegler and Nichols read backwards",
-    "plant_delay_ms": "derived from the gains of [Johra2022] by the rule of Ziegler and Nichols read backwards",
     "effects": "none assumed beside the keys above",
 }
 
@@ -96,10 +92,6 @@ class NoiseTable(StrictTable):
     force_bias_N: float = Field(default=5.0, ge=0.0, le=10000.0)
     moment_bias_Nm: float = Field(default=0.5, ge=0.0, le=10000.0)
     force_gain: float = Field(default=0.01, ge=0.0, le=0.5)
-    tracker_mm: float = Field(default=0.015, ge=0.0, le=100.0)
-    tracker_mm_per_m: float = Field(default=0.006, ge=0.0, le=100.0)
-    plant_lag_ms: float = Field(default=13.5, gt=0.0)
-    plant_delay_ms: float = Field(default=37.0, ge=0.0)
     effects: Annotated[tuple[EffectNoise, ...], Field(strict=False)] = ()
 
 

@@ -20,6 +20,8 @@ REMOVED = {
     "process.holder_mm": CAM,
     "tool.process.part": CAM,
     "tool.process.holder_mm": CAM,
+    **dict.fromkeys(("noise.tracker_mm", "noise.tracker_mm_per_m"), "no strategy measures a first part; delete it"),
+    **dict.fromkeys(("noise.plant_lag_ms", "noise.plant_delay_ms"), "no strategy runs a control loop; delete it"),
 }
 
 

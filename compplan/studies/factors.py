@@ -21,8 +21,6 @@ from compplan.robot import Array, Robot
 from compplan.studies.posterior import count_coordinates
 
 Sequence = Literal["sobol", "latin_hypercube"]
-#: Parts of one sample that have a scatter of their own: measured ones and the one that is judged.
-PARTS = 3
 #: Coordinates of a placement: three translations, three rotations.
 TWIST = 6
 
@@ -72,10 +70,9 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         "wrench_direction": 3,
         "wrench_path": 1,
         "encoders": 1,
-        "repeatability": 3 * PARTS,
+        "repeatability": 3,
         "force_bias": 7,
         "force_noise": 1,
-        "tracker": 1,
         "effects": len(noise.effects),
         "posterior": count_coordinates(robot) if noise.robot == "posterior" else 0,
     }
@@ -98,7 +95,6 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
             max(noise.force_noise_N, noise.moment_noise_Nm, noise.force_bias_N, noise.moment_bias_Nm, noise.force_gain),
             ("force_bias", "force_noise"),
         ),
-        "tracker": (max(noise.tracker_mm, noise.tracker_mm_per_m), ("tracker",)),
         "effects": (float(len(noise.effects)), ("effects",)),
         "robot": (1.0, ("posterior",)),
     }

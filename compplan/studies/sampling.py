@@ -27,18 +27,16 @@ from compplan.effects.linearization import AXES, linearize_model
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.studies.factors import PARTS, Factors, link_blocks, to_normal
+from compplan.studies.factors import Factors, link_blocks, to_normal
 from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.sensitivities import ForceSpread
 
 #: Assumed where neither job nor robot folder states one, an axis. [m]
 REPEATABILITY = 2e-5
-#: Assumed distance of the tracker. [m]
-TRACKER_DISTANCE = 3.0
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
-_PATH, _ENCODERS, _FORCE, _TRACKER = range(4)
+_PATH, _ENCODERS, _FORCE = range(3)
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class Surroundings:
 
 
 class Cells(NamedTuple):
-    """b cells; each has PARTS parts cut in it, the last one is judged.
+    """b cells; a part is cut in each.
 
     Attributes:
         factor: Factor on each compliance. Shape (s, b).
@@ -90,12 +88,11 @@ class Cells(NamedTuple):
         drive: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
         causes: Placement errors, growth, tool and part frame. Shape (k, b). [m, rad, 1]
         shift: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
-        wrench: Wrench on the tool, by part. PARTS arrays of shape (6, b, n). [N, N m]
-        repeat: Scatter of the tip from part to part. Shape (PARTS, 3, b). [m]
-        motor: Error of motor-side encoders, by part. Shape (nq, b, n) each. [rad or m]
-        link: Error of link-side encoders, by part. Shape (nq, b, n) each. [rad or m]
-        force: Error of the force sensor on the judged part. Shape (6, b, n). [N, N m]
-        tracker: Error of the tracker, by measured part. Shape (3, b, n) each. [m]
+        wrench: Wrench on the tool. Shape (6, b, n). [N, N m]
+        repeat: Scatter of the tip from part to part. Shape (3, b). [m]
+        motor: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
+        link: Error of link-side encoders. Shape (nq, b, n). [rad or m]
+        force: Error of the force sensor. Shape (6, b, n). [N, N m]
 
     """
 
@@ -104,12 +101,11 @@ class Cells(NamedTuple):
     drive: Array
     causes: Array
     shift: Array
-    wrench: list[Array]
+    wrench: Array
     repeat: Array
-    motor: list[Array]
-    link: list[Array]
+    motor: Array
+    link: Array
     force: Array
-    tracker: list[Array]
 
 
 def survey_surroundings(
@@ -226,11 +222,11 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     shares = np.vstack([take("wrench_level"), take("wrench_direction")])
     if at.posterior is not None:
         shares = at.posterior.push(robot, shares)
-    wrench = [_draw_wrench(at, shares, noises, part) for part in range(PARTS)]
+    wrench = _draw_wrench(at, shares, noises)
     force = noises.white(_FORCE, "force_noise", 0, 6)
     force *= _six(noise.force_noise_N, noise.moment_noise_Nm)
     force += (bias[:6, :, None] * _six(noise.force_bias_N, noise.moment_bias_Nm)
-              + noise.force_gain * bias[6, :, None] * wrench[-1])  # fmt: skip
+              + noise.force_gain * bias[6, :, None] * wrench)  # fmt: skip
     zero, drive = at.zero[:, None] * take("joint_zero"), _draw_drive(at, take, points)
     if at.posterior is not None:
         at.posterior.draw(robot, factor, zero, drive)
@@ -241,11 +237,10 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
         causes=causes,
         shift=shift_tip(causes, at.shift),
         wrench=wrench,
-        repeat=at.repeatability * take("repeatability").reshape(PARTS, 3, -1),
-        motor=[noises.encoder(part, 0) for part in range(PARTS)],
-        link=[noises.encoder(part, 1) for part in range(PARTS)],
+        repeat=at.repeatability * take("repeatability"),
+        motor=noises.encoder(0),
+        link=noises.encoder(1),
         force=force,
-        tracker=[noises.tracker(part) for part in range(PARTS - 1)],
     )
 
 
@@ -272,20 +267,19 @@ def _draw_drive(at: Surroundings, take: Callable[[str], Array], points: Array) -
     return drive
 
 
-def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises, part: int) -> Array:
+def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises) -> Array:
     """Draw the wrench on the tool: level and direction hold for the cell, what varies along the path for a part.
 
     Args:
         at: What all samples share.
         shares: Level and turns, in their deviations. Shape (4, b).
         noises: What varies along the path.
-        part: Number of the part.
     """
     noise = at.noise
     turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()
     level = 1.0 + noise.wrench_level * shares[0]
     turned = np.concatenate([np.einsum("bij,jn->ibn", turn, half) for half in (at.wrench[:3], at.wrench[3:])])
-    turned *= level[:, None] + noise.wrench_path * noises.along_path(part)
+    turned *= level[:, None] + noise.wrench_path * noises.along_path()
     return turned
 
 
@@ -313,25 +307,19 @@ class _Noises:
         """Draw white noise. Shape (rows, b, n)."""
         return self._fill(kind, factor, part, (rows, self.n))
 
-    def along_path(self, part: int) -> Array:
+    def along_path(self) -> Array:
         """Draw noise of variance 1 that is correlated along the path. Shape (b, n)."""
         at = self.at
         forget, knots = at.forget, int(at.knot[-1]) + 2
-        white = self._fill(_PATH, "wrench_path", part, (1, knots))[0]
+        white = self._fill(_PATH, "wrench_path", 0, (1, knots))[0]
         white[:, 1:] *= np.sqrt(1.0 - forget**2)
         coloured = lfilter([1.0], [1.0, -forget], white, axis=-1)
         before = at.knot.astype(int)
         share = at.knot - before
         return np.asarray(coloured[:, before] * (1.0 - share) + coloured[:, before + 1] * share)
 
-    def encoder(self, part: int, side: int) -> Array:
+    def encoder(self, side: int) -> Array:
         """Draw the errors of motor-side (0) or link-side (1) encoders. Shape (nq, b, n). [rad]"""
         noise = self.at.noise
         level = (noise.motor_encoder_deg, noise.link_encoder_deg)[side]
-        return np.radians(level) * self.white(_ENCODERS, "encoders", 2 * part + side, len(self.at.q))
-
-    def tracker(self, part: int) -> Array:
-        """Draw the errors of the tracker. Shape (3, b, n). [m]"""
-        noise = self.at.noise
-        level = (noise.tracker_mm + noise.tracker_mm_per_m * TRACKER_DISTANCE) * 1e-3
-        return level * self.white(_TRACKER, "tracker", part, 3)
+        return np.radians(level) * self.white(_ENCODERS, "encoders", side, len(self.at.q))

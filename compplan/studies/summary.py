@@ -17,9 +17,7 @@ from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 
 #: What a study leaves out.
 UNCOUPLED = "the stiffness of the process (the force does not change with where the tool stands), "
-LEFT_OUT = (
-    "the steps of quantised encoders (their errors are drawn as normal noise), and the limiter of online corrections"
-)
+LEFT_OUT = "the steps of quantised encoders (their errors are drawn as normal noise)"
 
 
 def _describe_reach(study: Study) -> list[str]:

@@ -158,7 +158,7 @@ def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:
 def test_noise_along_the_path_has_variance_one_at_its_knots_however_slowly_it_forgets() -> None:
     white = np.random.default_rng(2).standard_normal((1, 4000, 22))
     at = SimpleNamespace(forget=0.8, knot=np.arange(20.0))
-    drawn = _Noises.along_path(SimpleNamespace(at=at, _fill=lambda *_: white.copy()), 0)  # type: ignore[arg-type]
+    drawn = _Noises.along_path(SimpleNamespace(at=at, _fill=lambda *_: white.copy()))  # type: ignore[arg-type]
     assert drawn.std(axis=0) == pytest.approx(np.ones(20), abs=0.05)
     assert np.mean(drawn[:, 10] * drawn[:, 11]) == pytest.approx(0.8, abs=0.05)
 
@@ -171,11 +171,11 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
         offset=np.zeros((3, 3)), touch=None,
     )  # fmt: skip
     cells = SimpleNamespace(
-        zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=[2.0 * one], link=[0.5 * one], factor=np.ones((1, 1)),
-        shift=np.zeros((3, 1, 3)), repeat=[np.zeros((3, 1))], wrench=[np.zeros((6, 1, 3))],
+        zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=2.0 * one, link=0.5 * one, factor=np.ones((1, 1)),
+        shift=np.zeros((3, 1, 3)), repeat=np.zeros((3, 1)), wrench=np.zeros((6, 1, 3)),
     )  # fmt: skip
     asked = []
     monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
     study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), coupling=None)
-    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)), 0)  # type: ignore[arg-type]
+    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
     assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])
