@@ -18,6 +18,7 @@ SOURCES: dict[str, str] = {
     "robot": "spread: the keys below; posterior: what the robot folder knows of itself",
     "joint_compliance": "assumed; identified to 2 to 9 % [Dumas2011], reduced models to 15 % [Mamedov2018]",
     "link_compliance": "assumed; beams stand for castings whose walls are not known [Mamedov2018]",
+    "link_share": "assumed; share of a joint spring beyond its link-side encoder where one spring stands for both",
     "joint_zero_deg": "assumed, after calibration",
     "geometry_mm": "assumed, after calibration (0.1 to 0.5 mm at the TCP in all)",
     "geometry_deg": "assumed, after calibration",
@@ -69,6 +70,7 @@ class NoiseTable(StrictTable):
     robot: Literal["spread", "posterior"] = "spread"
     joint_compliance: float = Field(default=0.10, ge=0.0, le=1.0)
     link_compliance: float = Field(default=0.20, ge=0.0, le=1.0)
+    link_share: float = Field(default=0.15, ge=0.0, le=1.0)
     joint_zero_deg: float = Field(default=0.003, ge=0.0, le=10.0)
     geometry_mm: float = Field(default=0.03, ge=0.0, le=100.0)
     geometry_deg: float = Field(default=0.001, ge=0.0, le=10.0)

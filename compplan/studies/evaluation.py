@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from compplan.plan.strategies.answer import answer_reading
 from compplan.robot import Array
+from compplan.statics.encoders import feedback_scale
 from compplan.studies.kernel import settle_tips
 from compplan.studies.sampling import Cells, sample_robots, shift_tip
 from compplan.studies.study import Study, Worker
@@ -88,12 +89,13 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
     gain = worker.spring_gain[:, None, None]
     true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor - (1 - gain) * cells.link
     b, n = true.shape[1:]
-    factor = np.repeat(cells.factor * worker.spring_factor[:, None], n, axis=1)
+    scale = feedback_scale(worker.spring_factor[:, None], cells.link_share)
+    factor = np.repeat(cells.factor * scale, n, axis=1)
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
     shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
     found = study.nominal[:, None, :]
     if worker.touch is not None:
-        found = found + move_part(worker.touch, study.kernel, cells, worker.spring_factor, study.nominal)
+        found = found + move_part(worker.touch, study.kernel, cells, scale, study.nominal)
     moved = shift + cells.repeat[:, :, None] + worker.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:

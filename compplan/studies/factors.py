@@ -59,6 +59,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     sizes = {
         "gear_compliance": sum(1 for spring in robot.springs if spring.actuator),
         "link_compliance": len(link_blocks(robot)),
+        "link_share": sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0),
         "joint_zero": nq,
         "geometry": TWIST * (nq + 1),
         "tool_frame": 3,
@@ -81,6 +82,7 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     groups = {
         "joint_compliance": (noise.joint_compliance, ("gear_compliance",)),
         "link_compliance": (noise.link_compliance, ("link_compliance",)),
+        "link_share": (noise.link_share, ("link_share",)),
         "joint_zero": (noise.joint_zero_deg, ("joint_zero",)),
         "geometry": (max(noise.geometry_mm, noise.geometry_deg), ("geometry",)),
         "frames": (max(noise.tool_frame_mm, noise.part_frame_mm, noise.part_frame_deg), ("tool_frame", "part_frame")),

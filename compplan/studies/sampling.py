@@ -51,6 +51,7 @@ class Surroundings:
         travel: Direction of travel of each joint, -1, 0 or 1. Shape (nq, n).
         gears: Elastic coordinates between the encoders. Shape (g,).
         links: Elastic coordinates beside them, by block.
+        link_share: Share of each compliance beyond the link-side encoder. Shape (s,).
         n_springs: Number of elastic coordinates.
         zero: Standard deviation of each joint's zero; the place of a rail is the part's. Shape (nq,). [rad]
         shift: Motion of the tip per placement error, growth, tool and part frame. Shape (k, 3, n). [m per m, rad, 1]
@@ -69,6 +70,7 @@ class Surroundings:
     travel: Array
     gears: NDArray[np.int_]
     links: list[list[int]]
+    link_share: Array
     n_springs: int
     zero: Array
     shift: Array
@@ -84,6 +86,7 @@ class Cells(NamedTuple):
 
     Attributes:
         factor: Factor on each compliance. Shape (s, b).
+        link_share: Share of each compliance beyond the link-side encoder. Shape (s, b).
         zero: True minus read position of each joint. Shape (nq, b). [rad or m]
         drive: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
         causes: Placement errors, growth, tool and part frame. Shape (k, b). [m, rad, 1]
@@ -97,6 +100,7 @@ class Cells(NamedTuple):
     """
 
     factor: Array
+    link_share: Array
     zero: Array
     drive: Array
     causes: Array
@@ -126,6 +130,7 @@ def survey_surroundings(
         travel=find_travel(q).T,
         gears=np.flatnonzero(chain.actuator),
         links=link_blocks(task.robot),
+        link_share=chain.link_share,
         n_springs=chain.n_springs,
         zero=np.where(task.robot.prismatic, 0.0, np.radians(noise.joint_zero_deg)),
         shift=shift,
@@ -214,6 +219,9 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
     factor[at.gears] = log_normal(take("gear_compliance"), noise.joint_compliance)
     for block, z in zip(at.links, take("link_compliance"), strict=True):
         factor[block] = log_normal(z, noise.link_compliance)
+    share = np.repeat(at.link_share[:, None], len(points), axis=1)
+    unsure = (at.link_share > 0.0) & (at.link_share < 1.0)
+    share[unsure] = np.clip(share[unsure] + noise.link_share * take("link_share"), 0.0, 1.0)
     moving = ("geometry", "temperature", "tool_frame", "part_frame", "effects")
     robot = take("posterior") if at.posterior is None else at.posterior.settle(take("posterior"))
     causes = np.vstack([*(take(name) for name in moving), robot])
@@ -232,6 +240,7 @@ def sample_robots(at: Surroundings, points: Array) -> Cells:
         at.posterior.draw(robot, factor, zero, drive)
     return Cells(
         factor=factor,
+        link_share=share,
         zero=zero,
         drive=drive,
         causes=causes,

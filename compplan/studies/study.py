@@ -50,7 +50,7 @@ class Worker(NamedTuple):
         gain: Shape (nq, k, n), or None.
         expected: Shape (k, 1, n), or None.
         spring_gain: Factor on what each gear yields. Shape (nq,).
-        spring_factor: The same for every elastic coordinate. Shape (s,).
+        spring_factor: The same for every elastic coordinate, 1 where no encoder measures it. Shape (s,).
         theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
         offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
         placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).

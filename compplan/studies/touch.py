@@ -68,11 +68,20 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
     return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
 
 
-def move_part(touch: Touch, kernel: Kernel, cells: Cells, spring_factor: Array, position: Array) -> Array:
-    """Return where the part of every cell stands beside the found frame, at positions (3, n). Shape (3, b, n). [m]."""
+def move_part(touch: Touch, kernel: Kernel, cells: Cells, scale: Array, position: Array) -> Array:
+    """Return where the part of every cell stands beside the found frame. Shape (3, b, n). [m].
+
+    Args:
+        touch: The touched points.
+        kernel: The kernel.
+        cells: The cells.
+        scale: Share of each spring's deflection that the feedback leaves. Shape (s, b).
+        position: Positions on the path. Shape (3, n). [m]
+
+    """
     b, k = cells.zero.shape[1], touch.q.shape[2]
     q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)
-    factor = np.repeat(cells.factor * spring_factor[:, None], k, axis=1)
+    factor = np.repeat(cells.factor * scale, k, axis=1)
     tips = settle_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
     gap = tips + shift_tip(cells.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
     twist = touch.fit @ np.moveaxis(gap, 1, 0).transpose(0, 2, 1).reshape(b, -1).T

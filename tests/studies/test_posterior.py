@@ -172,6 +172,7 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
     )  # fmt: skip
     cells = SimpleNamespace(
         zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=2.0 * one, link=0.5 * one, factor=np.ones((1, 1)),
+        link_share=np.zeros((1, 1)),
         shift=np.zeros((3, 1, 3)), repeat=np.zeros((3, 1)), wrench=np.zeros((6, 1, 3)),
     )  # fmt: skip
     asked = []

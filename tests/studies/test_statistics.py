@@ -70,8 +70,8 @@ def test_factors_of_a_full_model_follow_its_springs_and_links() -> None:
     assert [len(block) for block in blocks] == [6] * len(robot.link_elasticities)
     factors = list_factors(robot, NoiseTable())
     assert len(factors.group_names()) == factors.size and all(factors.group_names())
-    quiet = NoiseTable(link_compliance=0.0, tracker_mm=0.0, tracker_mm_per_m=0.0)
-    assert {"link_compliance", "tracker"}.isdisjoint(list_factors(robot, quiet).groups)
+    quiet = NoiseTable(temperature_K=0.0, wrench_path=0.0)
+    assert {"temperature", "wrench_path"}.isdisjoint(list_factors(robot, quiet).groups)
 
 
 def test_every_default_says_where_it_comes_from() -> None:

@@ -60,6 +60,7 @@ def noise_free_robots(study: Study, compliance: Array, level: Array) -> Cells:
     wrench = at.wrench[:, None, :] * level[:, None]
     return Cells(
         factor=np.tile(compliance, (at.n_springs, 1)),
+        link_share=np.repeat(at.link_share[:, None], b, axis=1),
         zero=np.zeros((nq, b)),
         drive=still,
         causes=np.zeros((len(at.scale), b)),

@@ -12,7 +12,7 @@ from compplan.plan.strategies import iterated_mirror
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.elastic import loaded_compliance
-from compplan.statics.encoders import actuator_selection
+from compplan.statics.encoders import gear_compliance
 from compplan.statics.sensitivity import attain_pose
 
 #: Poses and loads that a reduced model stands for: their number, and their spread about the path. [rad or m]
@@ -66,7 +66,7 @@ class PathMaps:
     @cached_property
     def gear_compliance(self) -> Array:
         """Compliance between the encoders of each joint, 0 where there is none. Shape (nq,). [rad/(N m)]"""
-        return np.abs(actuator_selection(self.task.chain)) @ np.diag(self.task.chain.compliance)
+        return gear_compliance(self.task.chain)
 
 
 def reduce_near_path(task: PlanTask) -> Robot:
