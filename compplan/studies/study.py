@@ -24,7 +24,7 @@ from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium
 from compplan.studies.factors import list_factors
 from compplan.studies.kernel import Kernel, build_kernel
-from compplan.studies.posterior import settle_force, settle_robot
+from compplan.studies.posterior import settle_force
 from compplan.studies.sampling import (
     Surroundings,
     differentiate_placements,
@@ -130,7 +130,7 @@ def prepare_study(
         InputError: If a strategy does not suit the robot, or nothing of the path is cut.
 
     """
-    noise = settle_force(settle_robot(task.robot, noise or NoiseTable()), force)
+    noise = settle_force(noise or NoiseTable(), force)
     if not task.compensated.any():
         raise InputError("nothing of the path is cut, there is nothing to compare")
     gears = bool(task.chain.actuator.any())
@@ -212,7 +212,7 @@ def thin_study(study: Study, most: int) -> Study:
         for name, c in study.answers.items()
     }
     posterior, thin = study.surroundings.posterior, thin_task(study.task, most)
-    force = None if posterior is None else posterior.force
+    force = posterior.force
     return assemble_study(thin, study.noise, answers, study.waypoints_of_path, force)
 
 

@@ -18,8 +18,8 @@ from compplan.studies.sampling import Cells, differentiate_placements, shift_tip
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.touch_off import TouchedPart, locate_touching
 
-#: Columns of `differentiate_placements`: of each joint and of the flange, growth, tool frame, part frame.
-PLACED, GROWN, TOOL_AXES, PART_AXES = 6, 1, 3, 6
+#: Columns of `differentiate_placements`: growth, part frame.
+GROWN, PART_AXES = 1, 6
 
 
 class Touch(NamedTuple):
@@ -54,13 +54,12 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
         touched=None,
     )  # fmt: skip
     rates = differentiate_placements(there, noise)[0]
-    first = PLACED * (len(robot.actuated) + 1) + GROWN + TOOL_AXES
+    first = GROWN
     rates[first : first + PART_AXES] = 0.0  # the part does not move between touch and cut
     for number, entry in enumerate(noise.effects):
         if entry.effect in TRANSIENT:
             rates[first + PART_AXES + number] = 0.0
-    if noise.robot == "posterior":
-        rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
+    rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
     offset = np.zeros((k, 3))
     if robot.effects:
         plain = attain_with_effects(replace(robot, effects=()), touched.q, np.zeros((k, 6)), np.ones(k - 1))[0]

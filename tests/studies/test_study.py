@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.stats import binomtest
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.noise import NoiseTable
+from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.sensitivity import attain_pose
 from compplan.studies.evaluation import evaluate_points
 from compplan.studies.factors import draw_points
@@ -114,15 +116,19 @@ def test_intervals_of_a_study_hold_as_often_as_they_say() -> None:
 
 def test_total_indices_find_what_matters() -> None:
     quiet = dict.fromkeys(NoiseTable.model_fields, 0.0)
-    kept = ("gear_periods", "correlation_mm", "expansion_per_K", "effects", "robot")
+    kept = ("correlation_mm", "expansion_per_K", "effects")
     for key in kept:
         del quiet[key]
-    noise = NoiseTable(**{**quiet, "wrench_level": 0.2, "joint_zero_deg": 0.0005})
-    study = prepare_study(small_study().task, noise, ["none"], most_waypoints=6)
+    noise = NoiseTable(**{**quiet, "wrench_level": 0.2, "part_frame_mm": 0.02})
+    task = small_study().task
+    unknown = Unknown("joint_offset", "joint_1", None, ("offset_rad",), np.array([1e-6]))
+    known = Uncertainty("measured", "test", (unknown,), np.eye(1), repeatability=0.0)
+    task = replace(task, robot=replace(task.robot, uncertainty=known))
+    study = prepare_study(task, noise, ["none"], most_waypoints=6)
     found = measure_sensitivity(study, 1, base=64, workforce=HERE)
-    assert found is not None and set(found.groups) == {"wrench_level", "joint_zero"}
+    assert found is not None and set(found.groups) == {"wrench_level", "part", "robot"}
     total = dict(zip(found.groups, found.total["none"], strict=True))
-    assert total["wrench_level"] > 0.9 and 0 <= total["joint_zero"] < 0.2
+    assert total["wrench_level"] > 0.9 and 0 <= total["part"] < 0.2
 
 
 def test_the_summary_has_the_agreed_form() -> None:
