@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from compplan.files.notes import Crash
+from compplan.io.notes import Crash
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_path, load_toolpath
 from compplan.job.operations import split_job
-from compplan.path.toolpath import Toolpath
+from compplan.toolpath.toolpath import Toolpath
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 RAPID, FLUTE, HOLDER, GOUGE = "Rapid moves", "flute", "holder", "gouge"

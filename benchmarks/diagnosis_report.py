@@ -32,7 +32,7 @@ from benchmarks.diagnosis_sections import (
     word_of,
 )
 from benchmarks.real_campaign import cut_campaign, other_part, repeat_claims
-from compplan.report.page import Provenance, Section, write_page
+from compplan.reporting.page import Provenance, Section, write_page
 
 Table = dict[str, Any]
 #: What the page assumes.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.answer_scores import BESIDE, CONFIDENT, Score
-from compplan.report import figure as go
-from compplan.report.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell
-from compplan.report.style import AFTER, BEFORE, NEUTRAL, TOLERANCE, format_number
+from compplan.reporting import figure as go
+from compplan.reporting.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell
+from compplan.reporting.style import AFTER, BEFORE, NEUTRAL, TOLERANCE, format_number
 
 Table = Mapping[str, Any]
 #: Words and colours of the contestants.

@@ -12,9 +12,9 @@ import sys
 
 import numpy as np
 
-from compplan.path.force_models.drill import DrillProcess, ask_handbook
-from compplan.path.forces.meeting import find_engagement
-from compplan.path.forces.stock import build_block
+from compplan.process.force_models.drill import DrillProcess, ask_handbook
+from compplan.process.meeting import find_engagement
+from compplan.process.stock import build_block
 
 #: Diameter [mm], feed [mm a turn], thrust [N], torque [N m], source. No source says material or point: low carbon steel
 #: is taken (assumed), and the product's own point, whose web is thinned.

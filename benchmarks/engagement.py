@@ -14,11 +14,11 @@ import time
 
 import numpy as np
 
-from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.meeting import find_engagement
-from compplan.path.forces.milling import shape_milling
-from compplan.path.forces.stock import build_block
+from compplan.process.cutter import Cutter
+from compplan.process.engagement import Engagement
+from compplan.process.meeting import find_engagement
+from compplan.process.milling import shape_milling
+from compplan.process.stock import build_block
 
 CUBE = 0.0625  # mm: depths and widths of the straight cuts are whole cubes
 WINDOW = 8  # moves

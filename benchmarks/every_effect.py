@@ -14,8 +14,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from compplan.diagnose import diagnose_campaign
-from compplan.diagnose.answer.result import Diagnosis
+from compplan.diagnosis import diagnose_campaign
+from compplan.diagnosis.answer.result import Diagnosis
 from compplan.effects import Effect
 from tests.drawn_campaigns import draw_robot_files
 from tests.effect_cases import CASES, ROBOTS, Place

@@ -18,11 +18,11 @@ from scipy.signal import lfilter
 
 from compplan.job.job import load_job
 from compplan.job.loading import load_path
-from compplan.path.contact import cutting_progress, path_axes
-from compplan.path.force_law import ForceLaw
-from compplan.path.forces.fit import fit_forces
-from compplan.path.forces.log import ForceLog
-from compplan.path.toolpath import Toolpath
+from compplan.process.fit import fit_forces
+from compplan.process.force_law import ForceLaw
+from compplan.process.log import ForceLog
+from compplan.toolpath.contact import cutting_progress, path_axes
+from compplan.toolpath.toolpath import Toolpath
 
 POCKET = Path(__file__).parents[1] / "examples" / "forces" / "pocket.toml"
 TRUTH = np.array([900.0, 300.0, 120.0, 20.0, 18.0, 1.0])

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from compplan.files.tables import write_table
+from compplan.io.tables import write_table
 
 Array = NDArray[np.float64]
 

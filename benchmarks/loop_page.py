@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from compplan.report import figure as go
-from compplan.report.page import Block, Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
-from compplan.report.style import CATEGORIES, format_length, format_percent
+from compplan.reporting import figure as go
+from compplan.reporting.page import Block, Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
+from compplan.reporting.style import CATEGORIES, format_length, format_percent
 
 #: Programs of a shop, by folder, and what people call them.
 ROUNDS = {

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.materials import Coefficients
-from compplan.path.forces.meeting import find_engagement
-from compplan.path.forces.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.path.forces.stock import build_block
+from compplan.process.cutter import Cutter
+from compplan.process.materials import Coefficients
+from compplan.process.meeting import find_engagement
+from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.process.stock import build_block
 
 RADIUS, TEETH, HELIX, FEED = 5.0, 3, np.radians(30.0), 0.06  # mm, -, rad, mm a tooth
 BLOCK = np.array([[-40.0, -40.0, -20.0], [40.0, 40.0, 0.0]])

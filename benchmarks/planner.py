@@ -21,14 +21,14 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import least_squares
 
-from compplan.cell.cell import build_cell
 from compplan.job.job import load_job
-from compplan.path.toolpath import select_waypoints
 from compplan.plan.evaluate import evaluate_run
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import command_path
 from compplan.plan.task import PlanTask
+from compplan.simulation.cell import build_cell
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.toolpath import select_waypoints
 
 JOB = Path(__file__).parents[1] / "paths" / "isf_cone_50k.toml"
 

@@ -23,19 +23,19 @@ from scipy.ndimage import minimum_filter1d
 
 from benchmarks.posture_cases import Array, Case, list_cases
 from benchmarks.posture_peers import run_peer
-from compplan.cell.judge import Judge
 from compplan.errors import CompplanError
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
-from compplan.path.contact import tool_axes
-from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
 from compplan.posture.lattice import orient_tool, pick_stations
 from compplan.posture.settings import read_settings
 from compplan.posture.stance import choose_posture
 from compplan.posture.summary import Stance
 from compplan.robot import Robot
+from compplan.simulation.judge import Judge
 from compplan.statics.ik import build_arm, solve_branches
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import Toolpath
 
 #: Errors of wrench and compliance, samples, stations and steps of the brute force.
 ERROR, SAMPLES, STATIONS, STEP = 0.1, 1000, 80, np.radians(1.0)

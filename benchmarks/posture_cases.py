@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.judge import Judge, build_judge
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
-from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import job_robot
 from compplan.robot import Robot
+from compplan.simulation.judge import Judge, build_judge
+from compplan.toolpath.toolpath import Toolpath
 
 Array = NDArray[np.float64]
 PATHS = Path(__file__).resolve().parent.parent / "paths"

@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.posture_cases import Array, Case
-from compplan.cell.judge import build_judge, judge_pose
-from compplan.path.contact import tool_axes
 from compplan.plan.plan import PlanOptions, PostureRequest, plan_compensation
 from compplan.posture.settings import read_settings
+from compplan.simulation.judge import build_judge, judge_pose
+from compplan.toolpath.contact import tool_axes
 
 #: Steps of pink on every waypoint, and its time step.
 STEPS, STEP = 3, 1.0

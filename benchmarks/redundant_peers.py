@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.redundant import Row, measure_task, show
 from compplan.job.job import Job, check_job
-from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.plan import PlanOptions, _state_task, prepare_job
 from compplan.posture.lattice import orient_tool, pick_stations
 from compplan.posture.start import Start
 from compplan.robot import Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.ik import build_arm, pose_error, refine_ik, solve_branches
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 Array = NDArray[np.float64]
 #: Stations, nodes at most at each, greatest motion of a turning joint from one to the next. [1, 1, rad]

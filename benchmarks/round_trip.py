@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify.estimate import Estimate, estimate_parameters
-from compplan.identify.forward import attain_fit
-from compplan.identify.parameters import FreeRobot, build_structure
-from compplan.measure.campaign import Campaign
-from compplan.measure.fit.rows import KNOWN_FRAMES, Rows
-from compplan.measure.made import make_log
-from compplan.measure.poses.pool import take_clear
+from compplan.identification.estimate import Estimate, estimate_parameters
+from compplan.identification.forward import attain_fit
+from compplan.identification.parameters import FreeRobot, build_structure
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
+from compplan.measurement.made import make_log
+from compplan.measurement.poses.pool import take_clear
 from compplan.robot import Array, Body, LinkElasticity, Robot, Spring
 from compplan.robot.springs import link_springs, missing_springs
 from compplan.statics.chain import build_chain, locate_frames

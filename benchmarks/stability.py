@@ -15,10 +15,10 @@ import time
 
 import numpy as np
 
-from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement, middle_angles
-from compplan.path.forces.materials import Coefficients
-from compplan.path.forces.stability import (
+from compplan.process.cutter import Cutter
+from compplan.process.engagement import Engagement, middle_angles
+from compplan.process.materials import Coefficients
+from compplan.process.stability import (
     CutDynamics,
     Modes,
     Spread,

@@ -33,7 +33,7 @@ ROWS, SECONDS = 300, 8.0
 def measure(folder: Path, browser: bool) -> dict[str, float]:
     """Measure the viewer on one plan."""
     clock = time.perf_counter()
-    from compplan.report.view.server import start_server
+    from compplan.reporting.view.server import start_server
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

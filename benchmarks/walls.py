@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from compplan.path.force_models.end_mill import EndMillProcess
-from compplan.path.forces.cutting import CuttingForce, prepare_cutting
-from compplan.path.forces.thin_wall import ThinWallTable
-from compplan.path.forces.tool_beam import ToolBeamTable
-from compplan.path.forces.walls import judge_walls
-from compplan.path.toolpath import Toolpath
+from compplan.process.cutting import CuttingForce, prepare_cutting
+from compplan.process.force_models.end_mill import EndMillProcess
+from compplan.process.thin_wall import ThinWallTable
+from compplan.process.tool_beam import ToolBeamTable
+from compplan.process.walls import judge_walls
+from compplan.toolpath.toolpath import Toolpath
 
 CUTTING, EDGE = (800.0, 300.0), (15.0, 12.0)  # tangential, radial [N/mm2, N/mm]
 LENGTH, CELL, SLICES = 7.0, 0.0025, 10  # of the block, of the field along the path [mm], slices of the edge

@@ -30,71 +30,71 @@ from typing import Any as _Any
 from compplan.version import VERSION
 
 if TYPE_CHECKING:
-    from compplan.cell.cell import Cell, build_cell, run_cell
-    from compplan.cell.predict import Prediction, predict_campaign
-    from compplan.commands.verbs.measure import diagnose, learn
-    from compplan.commands.verbs.plan import compare, plan
-    from compplan.diagnose.answer.next_measurement import propose_measurements
-    from compplan.diagnose.answer.result import Diagnosis
-    from compplan.diagnose.campaign_diagnosis import diagnose_campaign
+    from compplan.api.measure import diagnose, learn
+    from compplan.api.plan import compare, plan
+    from compplan.controllers.writers import Program, build_program, write_program
+    from compplan.diagnosis.answer.next_measurement import propose_measurements
+    from compplan.diagnosis.answer.result import Diagnosis
+    from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.effects import EFFECTS, Effect, fold_effects
     from compplan.errors import CompplanError, InfeasibleError, InputError
-    from compplan.identify.campaign import Identification, identify_campaign
+    from compplan.identification.campaign import Identification, identify_campaign
     from compplan.job.force_prediction import ForcePrediction, predict_forces
     from compplan.job.job import Job, check_job, load_job
     from compplan.job.operations import split_job
-    from compplan.loop.campaign import design_campaign
-    from compplan.loop.teach import Teaching, teach_part
-    from compplan.measure.campaign import Campaign
-    from compplan.measure.reading import read_campaign
-    from compplan.outputs.montecarlo import write_study
-    from compplan.outputs.operations import write_operations
-    from compplan.outputs.plan import write_comparison, write_plan
-    from compplan.outputs.post import Posted, post
-    from compplan.path.reading import read_toolpath
-    from compplan.path.toolpath import Toolpath, place_toolpath, write_toolpath
+    from compplan.learning.campaign import design_campaign
+    from compplan.learning.teach import Teaching, teach_part
+    from compplan.measurement.campaign import Campaign
+    from compplan.measurement.reading import read_campaign
     from compplan.plan.compare import Comparison, compare_job
     from compplan.plan.evaluate import Evaluation, evaluate_run
     from compplan.plan.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.posture.place import place_part
-    from compplan.program import Program, build_program, write_program
-    from compplan.report.maps.survey import map_robot
+    from compplan.reporting.maps.survey import map_robot
+    from compplan.reporting.writers.montecarlo import write_study
+    from compplan.reporting.writers.operations import write_operations
+    from compplan.reporting.writers.plan import write_comparison, write_plan
+    from compplan.reporting.writers.post import Posted, post
     from compplan.robot import Robot, load_robot, write_robot_folder
-    from compplan.study.job_study import JobStudy, study_job
-    from compplan.study.runner import Settings
+    from compplan.simulation.cell import Cell, build_cell, run_cell
+    from compplan.simulation.predict import Prediction, predict_campaign
+    from compplan.studies.job_study import JobStudy, study_job
+    from compplan.studies.runner import Settings
+    from compplan.toolpath.reading import read_toolpath
+    from compplan.toolpath.toolpath import Toolpath, place_toolpath, write_toolpath
 
 __version__ = VERSION
 
 _MODULES = {
-    "commands.verbs.measure": ("diagnose", "learn"),
-    "commands.verbs.plan": ("compare", "plan"),
-    "cell.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
-    "cell.predict": ("Prediction", "predict_campaign", "write_prediction"),
-    "diagnose.campaign_diagnosis": ("diagnose_campaign",),
-    "diagnose.answer.result": ("Diagnosis",),
+    "api.measure": ("diagnose", "learn"),
+    "api.plan": ("compare", "plan"),
+    "simulation.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
+    "simulation.predict": ("Prediction", "predict_campaign", "write_prediction"),
+    "diagnosis.campaign_diagnosis": ("diagnose_campaign",),
+    "diagnosis.answer.result": ("Diagnosis",),
     "effects": (
         "EFFECTS", "Effect", "apply_effects", "attain_scene", "fold_effects", "robot_effects", "stage_scene",
     ),
     "errors": ("CompplanError", "InfeasibleError", "InputError"),
-    "identify.campaign": ("Identification", "identify_campaign"),
-    "identify.problem": ("IdentifyOptions",),
+    "identification.campaign": ("Identification", "identify_campaign"),
+    "identification.problem": ("IdentifyOptions",),
     "job.job": ("Job", "check_job", "load_job"),
     "job.loading": ("load_nominal",),
     "job.operations": ("load_one_job", "split_job"),
-    "measure.campaign": ("Campaign",),
-    "measure.fit_frames": ("fit_registration",),
-    "measure.instrument": ("read_instrument",),
-    "measure.reading": ("read_campaign",),
-    "measure.registration": ("Registration",),
-    "outputs.identify": ("write_identification",),
-    "outputs.montecarlo": ("write_study",),
-    "outputs.operations": ("write_operations",),
-    "outputs.plan": ("write_comparison", "write_plan"),
-    "outputs.post": ("Posted", "post"),
-    "path.events": ("Event",),
-    "path.reading": ("read_toolpath",),
-    "program": ("Program", "Wiring", "build_program", "write_program"),
-    "path.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
+    "measurement.campaign": ("Campaign",),
+    "measurement.fit_frames": ("fit_registration",),
+    "measurement.instrument": ("read_instrument",),
+    "measurement.reading": ("read_campaign",),
+    "measurement.registration": ("Registration",),
+    "reporting.writers.identify": ("write_identification",),
+    "reporting.writers.montecarlo": ("write_study",),
+    "reporting.writers.operations": ("write_operations",),
+    "reporting.writers.plan": ("write_comparison", "write_plan"),
+    "reporting.writers.post": ("Posted", "post"),
+    "toolpath.events": ("Event",),
+    "toolpath.reading": ("read_toolpath",),
+    "controllers.writers": ("Program", "Wiring", "build_program", "write_program"),
+    "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run"),
     "plan.nlp": ("build_nlp", "solve_nlp"),
@@ -103,25 +103,25 @@ _MODULES = {
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),
     "robot": ("Robot", "load_robot", "write_robot_folder"),
-    "study.job_study": ("JobStudy", "study_job"),
-    "study.runner": ("Run", "Settings", "run_study"),
-    "study.study": ("Study", "prepare_study"),
-    "study.summary": ("summarise_run",),
-    "diagnose.answer.next_measurement": ("propose_measurements",),
-    "diagnose.answer.where": ("split_diagnosis",),
+    "studies.job_study": ("JobStudy", "study_job"),
+    "studies.runner": ("Run", "Settings", "run_study"),
+    "studies.study": ("Study", "prepare_study"),
+    "studies.summary": ("summarise_run",),
+    "diagnosis.answer.next_measurement": ("propose_measurements",),
+    "diagnosis.answer.where": ("split_diagnosis",),
     "job.force_prediction": ("ForcePrediction", "predict_forces"),
-    "loop.campaign": ("PoseCampaign", "Shop", "design_campaign"),
-    "loop.teach": ("Teaching", "teach_part"),
-    "report.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
+    "learning.campaign": ("PoseCampaign", "Shop", "design_campaign"),
+    "learning.teach": ("Teaching", "teach_part"),
+    "reporting.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
     "plan.correction_loop": ("largest_pole",),
     "plan.strategies.online_correction": ("LOOPS",),
     "posture.place": ("PlaceResult", "place_part"),
     "robot.skeleton": ("write_skeleton",),
     "statics.chain": ("build_chain", "joint_jacobian", "locate_frames"),
     "statics.elastic": ("solve_equilibrium",),
-    "study.curves": ("trace_model_error",),
-    "study.encoder_table": ("compare_encoders",),
-    "study.sensitivity": ("measure_sensitivity",),
+    "studies.curves": ("trace_model_error",),
+    "studies.encoder_table": ("compare_encoders",),
+    "studies.sensitivity": ("measure_sensitivity",),
 }  # fmt: skip
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
@@ -151,7 +151,7 @@ __all__ = [  # noqa: RUF022 (by subject)
 
 
 #: Verbs that share their name with a room of the package.
-_SHARED = ("plan", "diagnose")
+_SHARED = ("plan",)
 
 
 def __getattr__(name: str) -> _Any:

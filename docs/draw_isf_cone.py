@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import compplan as cp
-from compplan.report.robot_picture import draw_robot_flat, project_points
+from compplan.reporting.robot_picture import draw_robot_flat, project_points
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -13,8 +13,8 @@ import numpy as np
 import tomli_w
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
-from compplan.files.tables import write_table, write_text
-from compplan.measure.campaign import Campaign
+from compplan.io.tables import write_table, write_text
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot, load_robot
 
 HERE = Path(__file__).parent / "diagnose_campaign"

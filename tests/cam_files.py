@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from compplan.path.cam import CamFile, CamTable, read_cam
+from compplan.toolpath.readers import CamFile, CamTable, read_cam
 
 
 def read_cam_text(folder: Path, text: str, suffix: str, **options: object) -> CamFile:

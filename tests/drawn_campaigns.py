@@ -17,13 +17,13 @@ from benchmarks.campaigns.description import Array, RobotDescription, Spring, wr
 from benchmarks.campaigns.logbook import Log, tabulate
 from benchmarks.campaigns.simulate import Reading, Rows, Scenario, nominal_scenario, simulate_rows
 from benchmarks.campaigns.visits import Visits
-from compplan.cell.predict import Prediction, predict_campaign
 from compplan.effects import Effect, fold_effects
-from compplan.measure.campaign import Campaign
-from compplan.measure.reading import read_campaign
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.reading import read_campaign
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 from compplan.robot.folder import write_robot_folder as write_updated_folder
+from compplan.simulation.predict import Prediction, predict_campaign
 from tests.template_robots import TEMPLATES, draw_robot
 
 REFERENCE_C = 21.0

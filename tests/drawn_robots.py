@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from compplan.effects import Effect, apply_effects, attain_scene, fold_effects
 from compplan.effects.scene import Scene
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import pick_rows, take_scene, turn_wrench
-from compplan.known.vary import pick_rivals, vary_robot, vary_scene
-from compplan.measure.distance import LEVEL
-from compplan.promise.band import Promise
+from compplan.measurement.distance import LEVEL
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import Promise
+from compplan.uncertainty.slopes import pick_rows, take_scene, turn_wrench
+from compplan.uncertainty.vary import pick_rivals, vary_robot, vary_scene
 
 #: Waves that a drawn field is made of.
 WAVES = 64

@@ -1,6 +1,6 @@
 """A controller of another author: constant speed, corners in which the velocity turns evenly, drives in fine steps.
 
-It shares kinematics with the package and nothing of `compplan.executed`.
+It shares kinematics with the package and nothing of `compplan.controllers.motion`.
 """
 
 from __future__ import annotations

@@ -21,20 +21,20 @@ import numpy as np
 from scipy.special import logit
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.assessment import Assessment, assess_diagnosis
-from compplan.diagnose.answer.measurement_moves import lay_out_moves
-from compplan.diagnose.answer.next_measurement import propose_measurements
-from compplan.diagnose.answer.where import Split, split_diagnosis
-from compplan.diagnose.data.conventions import expect_targets, typical_gap
-from compplan.diagnose.data.noise import estimate_noise
-from compplan.diagnose.data.outliers import find_outliers
-from compplan.diagnose.data.questions import SIGNS, question_campaign
-from compplan.diagnose.data.signs import fit_positive, shape_elastics
-from compplan.diagnose.doubt.bounds import find_breach
-from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer.assessment import Assessment, assess_diagnosis
+from compplan.diagnosis.answer.measurement_moves import lay_out_moves
+from compplan.diagnosis.answer.next_measurement import propose_measurements
+from compplan.diagnosis.answer.where import Split, split_diagnosis
+from compplan.diagnosis.data.conventions import expect_targets, typical_gap
+from compplan.diagnosis.data.noise import estimate_noise
+from compplan.diagnosis.data.outliers import find_outliers
+from compplan.diagnosis.data.questions import SIGNS, question_campaign
+from compplan.diagnosis.data.signs import fit_positive, shape_elastics
+from compplan.diagnosis.doubt.bounds import find_breach
+from compplan.diagnosis.doubt.certainty import Evidence, rate_certainty
 from compplan.effects import Effect
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
 
 FILE = Path(__file__).parent / "known_truth.json"

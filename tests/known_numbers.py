@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 from known_campaigns import CAMPAIGNS, diagnose_known, differences
 
-import compplan.diagnose
+import compplan.diagnosis
 
-ROOM = Path(compplan.diagnose.__file__).parent
+ROOM = Path(compplan.diagnosis.__file__).parent
 SEEN = Path(__file__).parent / "known_numbers.json"
 TABLE = ROOM.parent.parent / "docs" / "concepts" / "diagnosis_numbers.md"
 #: Shares near one are moved by what they lack of it.
@@ -52,7 +52,7 @@ class Number:
     @property
     def short(self) -> str:
         """Return module and name without the package."""
-        return f"{self.module.removeprefix('compplan.diagnose.')}.{self.name}"
+        return f"{self.module.removeprefix('compplan.diagnosis.')}.{self.name}"
 
     @property
     def near_one(self) -> bool:
@@ -220,7 +220,7 @@ def write_table() -> None:
 
 HEAD = """# Numbers of the diagnosis
 
-The {count} numbers that the diagnosis holds at the heads of its modules (`compplan/diagnose`), without those that
+The {count} numbers that the diagnosis holds at the heads of its modules (`compplan/diagnosis`), without those that
 follow from another one by a formula. Of {tried} moves to twice or half the value that were tried, the known campaigns
 (`tests/known_campaigns.py`) see {seen}: an answer, or what it rests on, changes by more than 1 %. A share near one is
 moved by what it lacks of one. The last column names the first campaign that sees a move; a move that is not seen was

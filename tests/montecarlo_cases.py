@@ -8,7 +8,7 @@ from compplan.job.job import Job, check_job
 from compplan.job.noise import NoiseTable
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.task import PlanTask
-from compplan.study.study import Study, prepare_study
+from compplan.studies.study import Study, prepare_study
 
 
 def cone_job(*, pitch_mm: float = 5.0, step_mm: float = 3.0, robot: str = "staubli_tx200", **noise: float) -> Job:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.files.columns import to_unit
-from compplan.files.tables import write_table
-from compplan.measure.campaign import Campaign
+from compplan.io.columns import to_unit
+from compplan.io.tables import write_table
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
 
 

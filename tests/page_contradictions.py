@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from compplan.commands.diagnose import describe_assessment, describe_diagnosis, describe_next
-from compplan.diagnose import Diagnosis
-from compplan.diagnose.answer.assessment import Assessment
-from compplan.diagnose.answer.verdict import CLAIMED, FLOORS_LEFT
-from compplan.diagnose.answer.where import Split
-from compplan.diagnose.ledger.unmodelled import names_alike
-from compplan.report.diagnosis_page import write_diagnosis_page
-from compplan.report.style import format_length
+from compplan.cli.commands.diagnose import describe_assessment, describe_diagnosis, describe_next
+from compplan.diagnosis import Diagnosis
+from compplan.diagnosis.answer.assessment import Assessment
+from compplan.diagnosis.answer.verdict import CLAIMED, FLOORS_LEFT
+from compplan.diagnosis.answer.where import Split
+from compplan.diagnosis.ledger.unmodelled import names_alike
+from compplan.reporting.diagnosis_page import write_diagnosis_page
+from compplan.reporting.style import format_length
 
 #: Words of a status on the first screen.
 STATUSES = {

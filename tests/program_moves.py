@@ -1,6 +1,6 @@
-"""What readers of programs have in common; see `compplan.second.programs`."""
+"""What readers of programs have in common; see `compplan.controllers.readback`."""
 
-from compplan.second.programs.poses import (
+from compplan.controllers.readback.poses import (
     NUMBER,
     Move,
     Pose,

@@ -1,5 +1,5 @@
-"""Readers of further languages; see `compplan.second.programs`."""
+"""Readers of further languages; see `compplan.controllers.readback`."""
 
-from compplan.second.programs.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
+from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
 __all__ = ["read_inform", "read_kawasaki", "read_sinumerik", "read_urscript"]

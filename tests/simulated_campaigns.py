@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 

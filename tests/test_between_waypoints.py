@@ -11,8 +11,6 @@ from arms import one_joint_arm
 from scipy.integrate import odeint
 
 import compplan as cp
-from compplan.cell.inertia import load_springs
-from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.job.job import check_job
 from compplan.plan.agreement import _resolve_starts
 from compplan.plan.approach import DWELL
@@ -23,6 +21,8 @@ from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import cutting_runs
 from compplan.plan.verdict import find_breaches, set_up_bench
+from compplan.simulation.inertia import load_springs
+from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import locate_frames
 from compplan.statics.inertia import build_moving_chain, load_motion
 from compplan.statics.sensitivity import attain_pose
@@ -108,9 +108,9 @@ def test_the_milling_force_is_that_of_the_feed_that_is_driven_and_vanishes_at_co
 
 
 def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_path):
-    from compplan.path.force_law import ForceLaw
-    from compplan.path.force_models.milling import MillingProcess
-    from compplan.path.toolpath import Toolpath
+    from compplan.process.force_law import ForceLaw
+    from compplan.process.force_models.milling import MillingProcess
+    from compplan.toolpath.toolpath import Toolpath
 
     position = np.array([[0, 0, 5.0], [10, 0, 5], [10, 0, 1], [10, 0, -1], [20, 0, -1], [30, 0, -0.5]]) * 1e-3
     path = Toolpath(position, np.tile([0.0, 0, 1], (6, 1)), np.full(6, 0.02), np.zeros(6, bool))

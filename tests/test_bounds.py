@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.doubt.bounds import MOST_BENT, find_breach, stretched_moment
+from compplan.diagnosis.doubt.bounds import MOST_BENT, find_breach, stretched_moment
 from compplan.effects import Effect, attain_scene, command_campaign
 from compplan.effects.payload import carried_payload
-from compplan.known.vary import stage_robot
 from compplan.robot.folder import read_robot_folder
+from compplan.uncertainty.vary import stage_robot
 
 ROBOT = next(Path(__file__).parent.parent.glob("robots/ur10*"))
 
@@ -53,7 +53,7 @@ def test_what_a_lighter_tool_leaves_hangs_before_the_flange(fit: Any) -> None:
         at=SimpleNamespace(robot=robot, own_weight_load=np.full((1, 6), np.inf), attained=None),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("compplan.diagnose.doubt.bounds._check_torque", lambda fit, payload: "")
+        patch.setattr("compplan.diagnosis.doubt.bounds._check_torque", lambda fit, payload: "")
         assert not ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[0.0, 0.0, -0.25])
         said = ask(own, "payload", None, mass_kg=-2.5, first_moment_kg_m=[1.3, 0.8, -4.1])
     assert said.startswith("2.5 kg less on the flange leave 2.5 kg with their centre 1.51e+03 mm behind")

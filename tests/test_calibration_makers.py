@@ -12,8 +12,8 @@ from commandline import run_command
 from scipy.spatial.transform import Rotation
 from test_calibration import locate, walk
 
+from compplan.controllers.writers.counting import load_controller
 from compplan.effects.folding import shift_origin, shift_zero
-from compplan.program.counting import load_controller
 from compplan.robot import load_robot
 from compplan.robot.folder import write_robot_folder
 

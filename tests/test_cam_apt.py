@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, read_cam
+from compplan.toolpath.readers import CamFile, CamTable, read_cam
 
 
 @pytest.fixture

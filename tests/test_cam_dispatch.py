@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from compplan.errors import InputError
-from compplan.path.cam import READERS, find_reader, read_cam
+from compplan.toolpath.readers import READERS, find_reader, read_cam
 
 NC = "%\nO1001 (PART)\nN10 T1 M6\nN20 S800 M3 G90 G21\nN30 G0 X0 Y0 Z5.\nG1 Z0. F100.\nX10.\nM30\n%\n"
 APT = "PARTNO BRACKET\nUNITS/MM\nFEDRAT/60,MMPM\nGOTO/0,0,0\nGOTO/10,0,0\nFINI\n"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from cam_files import read_cam_text
 
-from compplan.path.cam import CamFile
-from compplan.path.events import Event, find_halts, move_events
-from compplan.path.toolpath import Toolpath, divide_toolpath, resample_toolpath
+from compplan.toolpath.events import Event, find_halts, move_events
+from compplan.toolpath.readers import CamFile
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath, resample_toolpath
 
 KRL = "DEF part( )\n$VEL.CP=0.05\nPTP {X 0,Y 0,Z 0,A 0,B 180,C 0}\n%s\nLIN {X 10}\nEND\n"
 TARGET = "[[{},0,0],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from compplan.cli import main
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, CamTable, read_cam
-from compplan.path.reading import read_toolpath
+from compplan.toolpath.readers import CamFile, CamTable, read_cam
+from compplan.toolpath.reading import read_toolpath
 
 SHIPPED = Path(__file__).parent.parent / "paths" / "jsdc.gcode"
 
@@ -101,7 +101,7 @@ def test_a_clockwise_arc_bends_to_the_right(read) -> None:
 def test_chords_keep_to_the_arc_and_hold_its_extremes(
     radius: float, start: float, sweep: float, counter: bool, rise: float, chord: float
 ) -> None:
-    from compplan.path.cam.arcs import arc_about, sample_arcs
+    from compplan.toolpath.readers.arcs import arc_about, sample_arcs
 
     sense = 1 if counter else -1
     first = (radius * np.cos(start), radius * np.sin(start), 0.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.bad_inputs.cam_mutants import PROGRAMS, SLOWEST, run_mutants
-from compplan.path.cam import READERS, CamTable, read_cam
+from compplan.toolpath.readers import READERS, CamTable, read_cam
 
 
 @pytest.mark.parametrize("language", list(READERS))

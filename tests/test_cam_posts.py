@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.path.cam import read_cam
+from compplan.toolpath.readers import read_cam
 
 POSTS = sorted(path for path in (Path(__file__).parent / "posts").iterdir() if path.suffix != ".moves")
 

@@ -10,8 +10,8 @@ import pytest
 from cam_files import read_cam_text
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile
-from compplan.path.toolpath import check_toolpath
+from compplan.toolpath.readers import CamFile
+from compplan.toolpath.toolpath import check_toolpath
 
 KRL = "&ACCESS RVP\n&REL 1\nDEF part( )\n;FOLD INI\nINTERRUPT ON 3\nBAS (#INITMOV,0)\n;ENDFOLD\n{}\nEND\n"
 DOWN = "A 0,B 180,C 0"  # z of the TCP frame points down: the tool axis is 0 0 1

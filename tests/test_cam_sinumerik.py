@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.path.cam import CamFile, sinumerik_flow
+from compplan.toolpath.readers import CamFile, sinumerik_flow
 
 HEAD = "G17 G71 G90 G40 G54\nT1 M6\nS3000 M3\nG0 X0 Y0\nG0 Z10\n"
 

@@ -10,10 +10,10 @@ import pytest
 
 from compplan.errors import InputError
 from compplan.job.job import check_job
-from compplan.path.cam import CamFile, CamTable, read_cam
-from compplan.path.cam.gcode_vendor import find_geometry
-from compplan.path.cam.gcode_words import check_words
-from compplan.path.reading import read_toolpath
+from compplan.toolpath.readers import CamFile, CamTable, read_cam
+from compplan.toolpath.readers.gcode_vendor import find_geometry
+from compplan.toolpath.readers.gcode_words import check_words
+from compplan.toolpath.reading import read_toolpath
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
 
@@ -242,8 +242,8 @@ def test_notes_stay_with_the_toolpath_and_strict_refuses_them(read, tmp_path: Pa
 
 
 def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
-    from compplan.outputs.plan import summarise_plan
     from compplan.plan.plan import plan_job
+    from compplan.reporting.writers.plan import summarise_plan
 
     (tmp_path / "part.nc").write_text("G0 X0 Y0 Z0\nG41\nG1 X20 F600\n")
     data = {

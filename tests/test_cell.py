@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 
-from compplan.cell.cell import AS_MODELLED, build_cell, run_cell, standard_cells
-from compplan.cell.vibration import build_dynamics, inertial_loads, natural_frequencies
 from compplan.robot import load_robot
+from compplan.simulation.cell import AS_MODELLED, build_cell, run_cell, standard_cells
+from compplan.simulation.vibration import build_dynamics, inertial_loads, natural_frequencies
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
 

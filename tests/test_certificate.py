@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cell.predict import predict_campaign
 from compplan.effects import Effect, fold_effects
 from compplan.errors import InputError
 from compplan.job.job import check_job
-from compplan.known.assumed import known_uncertainty
-from compplan.loop.certificate import measure_drift, measure_drives, measure_stiffness
-from compplan.loop.iso9283 import measure_pose_accuracy
-from compplan.loop.reference import Reference, plan_jobs, plan_references, promise_plan
-from compplan.measure.campaign import Campaign
-from compplan.measure.sights import POSITION, READING, Sights
-from compplan.path.toolpath import Toolpath
+from compplan.learning.certificate import measure_drift, measure_drives, measure_stiffness
+from compplan.learning.iso9283 import measure_pose_accuracy
+from compplan.learning.reference import Reference, plan_jobs, plan_references, promise_plan
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.sights import POSITION, READING, Sights
 from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.simulation.predict import predict_campaign
+from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.assumed import known_uncertainty
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnose.ledger.cholesky import (
+from compplan.diagnosis.ledger.cholesky import (
     factorize,
     invert_factor,
     invert_triangle,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cell.judge import build_judge, judge_pose
-from compplan.files.columns import FileColumn
-from compplan.files.tables import read_table
+from compplan.io.columns import FileColumn
+from compplan.io.tables import read_table
 from compplan.robot import load_robot
+from compplan.simulation.judge import build_judge, judge_pose
 
 PATHS = Path(__file__).parents[1] / "paths"
 

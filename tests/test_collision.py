@@ -7,18 +7,18 @@ import pytest
 import trimesh
 
 from compplan.errors import InputError
-from compplan.files.meshes import load_mesh
+from compplan.io.meshes import load_mesh
 from compplan.job.job import check_job
-from compplan.path.toolpath import Toolpath
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_clearance, measure_margin, sweep_margin
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.posture.contacts import describe_contact, find_contacts, find_near, locate_link_frames
 from compplan.posture.settings import PostureSettings
 from compplan.posture.start import read_request
-from compplan.report.robot_scene import locate_links
+from compplan.reporting.robot_scene import locate_links
 from compplan.robot import load_robot
 from compplan.robot.solids import cut_tip
+from compplan.toolpath.toolpath import Toolpath
 
 ROBOT = load_robot("kuka_kr240")
 REST = np.array([[0.0, 0.3, 0.5, 0.0, 0.8, 0.0]])

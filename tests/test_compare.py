@@ -9,12 +9,12 @@ import pytest
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.job.names import STRATEGIES
-from compplan.known.slopes import ForceSpread
-from compplan.outputs.plan import summarise_comparison
 from compplan.plan.compare import draw_strategies
 from compplan.plan.evaluate import evaluate_run
-from compplan.report.compare_page import find_left
+from compplan.reporting.compare_page import find_left
+from compplan.reporting.writers.plan import summarise_comparison
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.uncertainty.slopes import ForceSpread
 
 PATHS = Path(__file__).parents[1] / "paths"
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from robot_library import over_robots
 
-from compplan.errors import InputError
-from compplan.program.counting import (
+from compplan.controllers.writers.counting import (
     believed_robot,
     from_controller,
     krl_status,
@@ -19,6 +18,7 @@ from compplan.program.counting import (
     rates_to_controller,
     to_controller,
 )
+from compplan.errors import InputError
 from compplan.robot import Joint, Robot, load_robot, robot_folders, write_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 

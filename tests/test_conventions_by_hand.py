@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 from benchmarks.campaigns.description import write_robot_folder
 from benchmarks.campaigns.effects import play
 from benchmarks.campaigns.simulate import Scenario, nominal_scenario, simulate_rows
-from compplan.cell.predict import predict_campaign
-from compplan.diagnose import diagnose_campaign
-from compplan.diagnose.search.fit import fit_effects
-from compplan.diagnose.search.state import Problem
+from compplan.diagnosis import diagnose_campaign
+from compplan.diagnosis.search.fit import fit_effects
+from compplan.diagnosis.search.state import Problem
 from compplan.effects import EFFECTS, Effect, command_campaign
-from compplan.measure.campaign import Campaign
-from compplan.measure.fit_frames import fit_registration
-from compplan.measure.registration import write_registration
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.registration import write_registration
 from compplan.robot.folder import read_robot_folder
+from compplan.simulation.predict import predict_campaign
 from tests.drawn_campaigns import REFERENCE_C, Drawn, draw_robot_files, lay_out_rows, rail_arm, turned_arm
 from tests.effect_cases import CASES, KEYS, ROBOTS, STEP, Place, caused, named
 

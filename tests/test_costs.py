@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.cell.judge import build_judge, judge_pose
 from compplan.errors import InputError, UnknownNameError
 from compplan.posture.costs import (
     ModelScatter,
@@ -17,6 +16,7 @@ from compplan.posture.costs import (
     measure_nodes,
 )
 from compplan.robot import load_robot
+from compplan.simulation.judge import build_judge, judge_pose
 from compplan.statics.chain import build_chain, locate_frames
 
 ROBOT = load_robot("kuka_kr270")

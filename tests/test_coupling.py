@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cell.cell import CellRun
-from compplan.cell.coupling import settle_coupled
 from compplan.job.job import check_job
 from compplan.job.loading import load_path
-from compplan.path.forces.process_stiffness import follow_jumps
 from compplan.plan.evaluate import evaluate_model
 from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
+from compplan.process.process_stiffness import follow_jumps
+from compplan.simulation.cell import CellRun
+from compplan.simulation.coupling import settle_coupled
 
 #: Deviation per force of a bar that yields differently along each axis [m/N], and a process stiffer than it [N/m].
 SOFT, SHEET = np.array([11.8e-6, 2.94e-6, 1.09e-6]), 2e5
@@ -110,7 +110,7 @@ def test_the_coupled_tip_is_that_of_two_springs_in_a_row(sheet) -> None:
 
 
 def test_the_page_and_the_summary_show_both(sheet, tmp_path) -> None:
-    from compplan.outputs.plan import write_plan
+    from compplan.reporting.writers.plan import write_plan
 
     write_plan(sheet, tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["coupling"]
@@ -123,8 +123,8 @@ def test_the_page_and_the_summary_show_both(sheet, tmp_path) -> None:
 
 def test_monte_carlo_couples_force_and_place_as_the_plan_does(sheet) -> None:
     from compplan.job.noise import NoiseTable
-    from compplan.study.judging import judge_points
-    from compplan.study.study import prepare_study
+    from compplan.studies.judging import judge_points
+    from compplan.studies.study import prepare_study
 
     quiet = {}
     for name in NoiseTable.model_fields:

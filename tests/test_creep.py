@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.measure.creep import find_creep
-from compplan.measure.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights
+from compplan.measurement.creep import find_creep
+from compplan.measurement.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights
 
 EVERY = np.ones(60, bool)
 

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.cell.predict import predict_campaign
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer import delivery
-from compplan.diagnose.answer.delivery import Delivery, deliver_folders, possible_claims
-from compplan.diagnose.answer.shares import UNEXPLAINED
-from compplan.diagnose.answer.small_errors import divide_small_errors
-from compplan.diagnose.answer.verdict import Structure, Verdict, judge_calibration
-from compplan.diagnose.doubt.blend import (
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer import delivery
+from compplan.diagnosis.answer.delivery import Delivery, deliver_folders, possible_claims
+from compplan.diagnosis.answer.shares import UNEXPLAINED
+from compplan.diagnosis.answer.small_errors import divide_small_errors
+from compplan.diagnosis.answer.verdict import Structure, Verdict, judge_calibration
+from compplan.diagnosis.doubt.blend import (
     blend_alone,
     blend_options,
     build_state,
@@ -22,14 +21,15 @@ from compplan.diagnose.doubt.blend import (
     is_faithful,
     stack_weights,
 )
-from compplan.diagnose.doubt.held_out import Folds, make_folds
-from compplan.diagnose.doubt.options import PLAIN, Option, decide_once, list_options, rate_chance, solve_option
-from compplan.diagnose.search.search import Claim
-from compplan.diagnose.search.state import FitState
+from compplan.diagnosis.doubt.held_out import Folds, make_folds
+from compplan.diagnosis.doubt.options import PLAIN, Option, decide_once, list_options, rate_chance, solve_option
+from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.state import FitState
 from compplan.effects import Effect
-from compplan.report.diagnosis_words import describe_small_errors
-from compplan.report.openings import open_diagnosis
+from compplan.reporting.diagnosis_words import describe_small_errors
+from compplan.reporting.openings import open_diagnosis
 from compplan.robot import Robot
+from compplan.simulation.predict import predict_campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 RANDOM = np.random.default_rng(7)

@@ -11,29 +11,29 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.cell.predict import predict_campaign
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.accuracy import _summarise, draw_learning, list_worst
-from compplan.diagnose.answer.assessment import assess_diagnosis
-from compplan.diagnose.answer.calibration import list_corrections
-from compplan.diagnose.answer.delivery import possible_claims, settle_play
-from compplan.diagnose.answer.verdict import reach_verdict
-from compplan.diagnose.answer.where import split_diagnosis
-from compplan.diagnose.doubt import bounds
-from compplan.diagnose.doubt.held_out import Folds, HeldOut, free_of_frames, make_folds
-from compplan.diagnose.doubt.options import rate_chance
-from compplan.diagnose.ledger.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
-from compplan.diagnose.ledger.gains import find_gains
-from compplan.diagnose.search.fit import fit_effects
-from compplan.diagnose.search.restart import search_again_plainly
-from compplan.diagnose.search.search import Claim
-from compplan.diagnose.search.state import FitState, Problem, attain_state
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer.accuracy import _summarise, draw_learning, list_worst
+from compplan.diagnosis.answer.assessment import assess_diagnosis
+from compplan.diagnosis.answer.calibration import list_corrections
+from compplan.diagnosis.answer.delivery import possible_claims, settle_play
+from compplan.diagnosis.answer.verdict import reach_verdict
+from compplan.diagnosis.answer.where import split_diagnosis
+from compplan.diagnosis.doubt import bounds
+from compplan.diagnosis.doubt.held_out import Folds, HeldOut, free_of_frames, make_folds
+from compplan.diagnosis.doubt.options import rate_chance
+from compplan.diagnosis.ledger.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
+from compplan.diagnosis.ledger.gains import find_gains
+from compplan.diagnosis.search.fit import fit_effects
+from compplan.diagnosis.search.restart import search_again_plainly
+from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.state import FitState, Problem, attain_state
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
-from compplan.measure.registration import Registration
-from compplan.outputs.diagnosis import write_diagnosis
+from compplan.measurement.registration import Registration
+from compplan.reporting.writers.diagnosis import write_diagnosis
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
+from compplan.simulation.predict import predict_campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 CAUSE = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 3e-7})

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.cell.predict import predict_campaign
-from compplan.commands.diagnose import describe_diagnosis
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.assessment import assess_diagnosis
+from compplan.cli.commands.diagnose import describe_diagnosis
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer.assessment import assess_diagnosis
 from compplan.effects import Effect
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
+from compplan.simulation.predict import predict_campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.delivery import of_instrument
-from compplan.diagnose.ledger.unmodelled import describe_unmodelled, past_load
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer.delivery import of_instrument
+from compplan.diagnosis.ledger.unmodelled import describe_unmodelled, past_load
 from compplan.effects import Effect, robot_effects
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 

@@ -22,9 +22,9 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.cli import main
 from compplan.effects import Effect
-from compplan.files.tables import write_table
-from compplan.report.diagnosis_words import describe_which
-from compplan.report.openings import open_diagnosis
+from compplan.io.tables import write_table
+from compplan.reporting.diagnosis_words import describe_which
+from compplan.reporting.openings import open_diagnosis
 
 GEAR = Effect("transmission_error", "joint_1", None,
               {"cycles_per_turn": [1.0], "sine_rad": [6e-4], "cosine_rad": [4e-4]})  # fmt: skip

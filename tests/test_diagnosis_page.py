@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.answer.change import state_change
-from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
-from compplan.diagnose.answer.small_errors import Group, SmallErrors
-from compplan.diagnose.answer.where import Split, spread_gap
+from compplan.diagnosis.answer.change import state_change
+from compplan.diagnosis.answer.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
+from compplan.diagnosis.answer.small_errors import Group, SmallErrors
+from compplan.diagnosis.answer.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
-from compplan.measure.campaign import Campaign
-from compplan.report.diagnosis_page import write_diagnosis_page
-from compplan.report.diagnosis_words import describe_how_far, describe_where, describe_which
-from compplan.report.effect_words import describe_change, describe_effect, describe_parameters, name_effect
-from compplan.report.gap_figures import _noise_share, draw_histogram, thin_dots
-from compplan.report.openings import open_diagnosis
+from compplan.measurement.campaign import Campaign
+from compplan.reporting.diagnosis_page import write_diagnosis_page
+from compplan.reporting.diagnosis_words import describe_how_far, describe_where, describe_which
+from compplan.reporting.effect_words import describe_change, describe_effect, describe_parameters, name_effect
+from compplan.reporting.gap_figures import _noise_share, draw_histogram, thin_dots
+from compplan.reporting.openings import open_diagnosis
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.chain import build_chain

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.doctor import examine_installation, examine_log, examine_robot
-from compplan.doctor import installation as installation_module
+from compplan.cli.doctor import examine_installation, examine_log, examine_robot
+from compplan.cli.doctor import installation as installation_module
 from compplan.errors import InputError
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder

@@ -20,8 +20,8 @@ from compplan.effects import (
 )
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.scene import own_springs
-from compplan.known.assumed import assume_uncertainty, known_uncertainty
 from compplan.robot import Spring, load_robot
+from compplan.uncertainty.assumed import assume_uncertainty, known_uncertainty
 from tests.drawn_campaigns import draw_robot_files, rail_arm
 
 

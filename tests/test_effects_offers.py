@@ -15,7 +15,7 @@ from compplan.effects.signature import Signature, pack_parameters
 from compplan.effects.tracking_lag import lagged_speed
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
 from compplan.errors import InputError, UnknownNameError
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
 from tests.drawn_campaigns import draw_robot_files, rail_arm
 from tests.test_effects_signatures import make_campaign, make_linearization

@@ -14,7 +14,7 @@ from compplan.effects.frame_shift import shift_at
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import spline_at
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
 from tests.drawn_campaigns import draw_robot_files, rail_arm
 

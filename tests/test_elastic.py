@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from compplan.cell.judge import build_judge, judge_pose
 from compplan.errors import ConvergenceError
 from compplan.robot import Array, load_robot
 from compplan.robot.beam import hollow_beam_compliance
+from compplan.simulation.judge import build_judge, judge_pose
 from compplan.statics.chain import Chain, build_chain, locate_frames
 from compplan.statics.elastic import (
     cartesian_compliance,

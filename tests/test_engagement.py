@@ -7,11 +7,11 @@ import pytest
 import trimesh
 
 from compplan.errors import InputError
-from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.look import Above
-from compplan.path.forces.meeting import find_engagement
-from compplan.path.forces.stock import build_block, build_height_map, read_mesh
+from compplan.process.cutter import Cutter
+from compplan.process.engagement import Engagement
+from compplan.process.look import Above
+from compplan.process.meeting import find_engagement
+from compplan.process.stock import build_block, build_height_map, read_mesh
 
 BLOCK = np.array([[-50.0, -50.0, -20.0], [50.0, 50.0, 0.0]])  # mm
 FLAT, BALL = Cutter(5e-3, 0.03), Cutter(3e-3, 0.02, 3e-3)
@@ -201,7 +201,7 @@ def test_a_mesh_of_a_box_is_engaged_as_the_box() -> None:
 def test_a_height_map_is_the_same_in_small_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
     whole, _ = build_height_map(mesh, np.eye(3), 1e-3)
-    monkeypatch.setattr("compplan.path.forces.stock.CELLS_AT_ONCE", 7)
+    monkeypatch.setattr("compplan.process.stock.CELLS_AT_ONCE", 7)
     portions, _ = build_height_map(mesh, np.eye(3), 1e-3)
     assert np.isfinite(whole.high).sum() == pytest.approx(np.pi * 50**2, rel=0.02)
     assert np.array_equal(whole.high, portions.high)

@@ -12,22 +12,22 @@ import pytest
 from commandline import run_command
 from scipy.spatial.transform import Rotation
 
-import compplan.program
+import compplan.controllers.writers
 from compplan import load_job, plan_job
-from compplan.executed.drives import follow_command, lag_command
-from compplan.executed.geometry import Nodes, ToolArc, build_path, locate_nodes
-from compplan.executed.instructions import Instructions, read_instructions
-from compplan.executed.run import execute_program
-from compplan.executed.timing import limit_speed
+from compplan.controllers.motion.drives import follow_command, lag_command
+from compplan.controllers.motion.geometry import Nodes, ToolArc, build_path, locate_nodes
+from compplan.controllers.motion.instructions import Instructions, read_instructions
+from compplan.controllers.motion.run import execute_program
+from compplan.controllers.motion.timing import limit_speed
+from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
+from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
+from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
+from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
+from compplan.controllers.writers.servo import MotionTable, read_motion
+from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
 from compplan.job.output import OutputTable
 from compplan.plan.executed import describe_unfollowed
-from compplan.program import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
-from compplan.program.servo import MotionTable, read_motion
-from compplan.program.zones import ZONES, find_zones, widest_zone
 from compplan.robot import load_robot
-from compplan.second.programs.fanuc_abb import read_fanuc, read_rapid
-from compplan.second.programs.kuka_staubli import read_krl, read_val3
-from compplan.second.programs.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 
@@ -167,7 +167,7 @@ def test_an_arc_keeps_its_radius_and_its_even_turn() -> None:
     [("krl", "$APO.CDIS=0.1"), ("kawasaki_as", "ACCURACY {{ accuracy }} ALWAYS"), ("sinumerik", "G642")],
 )
 def test_zones_are_those_that_templates_say(language: str, says: str) -> None:
-    assert says in (Path(compplan.program.__file__).parent / "posts" / f"{language}.jinja").read_text()
+    assert says in (Path(compplan.controllers.writers.__file__).parent / "posts" / f"{language}.jinja").read_text()
     assert ZONES[language].size == 1e-4
 
 

@@ -10,18 +10,18 @@ import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.diagnose import diagnose_campaign
+from compplan.diagnosis import diagnose_campaign
 from compplan.effects import Effect, attain_scene, command_campaign, fold_effects
 from compplan.errors import InputError
-from compplan.known.assumed import assume_uncertainty
-from compplan.known.fading import fade_alike, fade_robot, keep_share
-from compplan.known.slopes import measure_slopes, pick_rows
-from compplan.known.vary import stage_robot
-from compplan.loop.travel import teach_planned
+from compplan.learning.travel import teach_planned
 from compplan.robot import Array, Robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown
 from compplan.robot.visited import FILE, Visited, VisitedPart
+from compplan.uncertainty.assumed import assume_uncertainty
+from compplan.uncertainty.fading import fade_alike, fade_robot, keep_share
+from compplan.uncertainty.slopes import measure_slopes, pick_rows
+from compplan.uncertainty.vary import stage_robot
 
 OFFSET = VisitedPart("joint_offset", "joint_2", None, ("offset_rad",), np.array([2e-3]))
 WAVES = VisitedPart(

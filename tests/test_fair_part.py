@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose.ledger.ledger import ChannelProducts, Products
-from compplan.diagnose.search.search import explains_enough
+from compplan.diagnosis.ledger.ledger import ChannelProducts, Products
+from compplan.diagnosis.search.search import explains_enough
 
 VALUES = 60
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from compplan.job.job import check_job
-from compplan.path.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
-from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.feed import FeedWish, TorqueRules, find_constant_feed, time_run
 from compplan.plan.plan import PlanOptions, build_task
 from compplan.robot import load_robot
+from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
 ROBOT = load_robot("kuka_kr270")
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.path.generators import Pace, generate_circle
-from compplan.path.toolpath import place_toolpath
 from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.robot import read_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
+from compplan.toolpath.generators import Pace, generate_circle
+from compplan.toolpath.toolpath import place_toolpath
 
 AXES = [
     ("x", "prismatic", "1 0 0"), ("y", "prismatic", "0 1 0"), ("z", "prismatic", "0 0 1"), ("c", "revolute", "0 0 1"),

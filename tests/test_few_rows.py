@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from compplan.diagnose.campaign_diagnosis import _rms
-from compplan.diagnose.ledger.few_rows import FewRows, gather_rows, row_covariance, row_mean, row_slopes, solve_rows
-from compplan.diagnose.ledger.ledger import ChannelProducts, Products, turn_rows
+from compplan.diagnosis.campaign_diagnosis import _rms
+from compplan.diagnosis.ledger.few_rows import FewRows, gather_rows, row_covariance, row_mean, row_slopes, solve_rows
+from compplan.diagnosis.ledger.ledger import ChannelProducts, Products, turn_rows
 
 #: Rows of each stay; three values a row.
 STAYS = np.array([0, 1, 1, 2, 2, 2, 3])

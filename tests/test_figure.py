@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from compplan.report import figure as go
+from compplan.reporting import figure as go
 
 
 def test_a_key_reaches_into_its_table_and_what_is_none_is_left_out() -> None:

@@ -13,10 +13,8 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.files.notes import list_remarks, list_stops
+from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import Job, check_job
-from compplan.path.cam import read_cam
-from compplan.path.events import Event
 from compplan.plan.bending import Bending, describe_bending
 from compplan.plan.frame_notes import ask_about_tool
 from compplan.plan.notes import describe_spindle
@@ -25,6 +23,8 @@ from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm, solve_branches
+from compplan.toolpath.events import Event
+from compplan.toolpath.readers import read_cam
 
 JOB = {"schema": 1, "robot": "ur10", "toolpath": "part.nc"}
 

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from script_readers import read_sinumerik
 from test_fit import circle, make_program
 
-from compplan.cell.fitted import PlannedRows, find_rows, follow_moves
-from compplan.path.cam import CamTable, read_cam
-from compplan.path.toolpath import resample_toolpath
-from compplan.program import Program, write_program
-from compplan.program.fit import fit_moves
-from compplan.second.programs.poses import Move
+from compplan.controllers.readback.poses import Move
+from compplan.controllers.writers import Program, write_program
+from compplan.controllers.writers.fit import fit_moves
+from compplan.simulation.fitted import PlannedRows, find_rows, follow_moves
+from compplan.toolpath.readers import CamTable, read_cam
+from compplan.toolpath.toolpath import resample_toolpath
 
 GCODE = "G21 G90 G17 G94\nG0 X0 Y0 Z5\nG1 Z0 F600\nG1 X40\nG3 X60 Y20 I0 J20\nG1 Y40\nG2 X60 Y40 I15 J0\nM30\n"
 APT = (

@@ -7,15 +7,15 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from compplan.cell.forces import DrivenRows, read_forces
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
-from compplan.path.force_models import FORCE_MODELS
-from compplan.path.force_models.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
-from compplan.path.force_models.grinding import GrindingProcess, grinding_wrench
-from compplan.path.force_models.isf_regression import (
+from compplan.plan.citations import list_citations
+from compplan.process.force_models import FORCE_MODELS
+from compplan.process.force_models.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
+from compplan.process.force_models.grinding import GrindingProcess, grinding_wrench
+from compplan.process.force_models.isf_regression import (
     UNCERTAINTY,
     IsfRegressionProcess,
     find_step_down,
@@ -25,9 +25,9 @@ from compplan.path.force_models.isf_regression import (
     sheet_wrench,
     steady_axial_force,
 )
-from compplan.path.generators import Pace, generate_cone
-from compplan.path.toolpath import Toolpath, divide_toolpath
-from compplan.plan.citations import list_citations
+from compplan.simulation.forces import DrivenRows, read_forces
+from compplan.toolpath.generators import Pace, generate_cone
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples" / "forces").glob("*.toml"))
 SLOT = "x_mm,y_mm,z_mm,feed_mm_s,rapid\n-20,20,10,0,1\n-20,20,-2,0,1\n60,20,-2,20,0\n60,20,10,20,0\n"

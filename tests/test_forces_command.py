@@ -12,13 +12,13 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.files.notes import list_stops
+from compplan.io.notes import list_stops
 from compplan.job.job import load_job
 from compplan.job.loading import load_path
-from compplan.path.contact import cutting_progress
-from compplan.path.forces.fit import fit_forces
-from compplan.path.forces.log import read_force_log
 from compplan.plan import stability
+from compplan.process.fit import fit_forces
+from compplan.process.log import read_force_log
+from compplan.toolpath.contact import cutting_progress
 
 POCKET = Path(__file__).parent.parent / "examples" / "forces" / "pocket.toml"
 

@@ -9,8 +9,8 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.files import transaction
-from compplan.files.transaction import check_results, replace_folder
+from compplan.io import transaction
+from compplan.io.transaction import check_results, replace_folder
 from compplan.plan import plan as planning
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnose import diagnose_campaign
-from compplan.diagnose.answer.verdict import SHAPELESS, Finding, Structure, is_lawful, leave_shapeless
-from compplan.diagnose.doubt import doubt
-from compplan.diagnose.doubt.gears import is_law, repeats
-from compplan.diagnose.ledger.proposals import find_series, wave_grid
-from compplan.diagnose.search import fit
-from compplan.diagnose.search.search import Claim
+from compplan.diagnosis import diagnose_campaign
+from compplan.diagnosis.answer.verdict import SHAPELESS, Finding, Structure, is_lawful, leave_shapeless
+from compplan.diagnosis.doubt import doubt
+from compplan.diagnosis.doubt.gears import is_law, repeats
+from compplan.diagnosis.ledger.proposals import find_series, wave_grid
+from compplan.diagnosis.search import fit
+from compplan.diagnosis.search.search import Claim
 from compplan.effects import Effect
 from compplan.robot import Spring, load_robot
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.path.generators import (
+from compplan.toolpath.generators import (
     GENERATORS,
     Pace,
     generate_circle,

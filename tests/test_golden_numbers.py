@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from golden_numbers import COMMANDS, GOLDEN, differences, fold_outputs, run_command_line
 
-from compplan.commands.places import RESULTS
-from compplan.files.transaction import read_manifest
+from compplan.cli.commands.places import RESULTS
+from compplan.io.transaction import read_manifest
 
 GOLD = json.loads(GOLDEN.read_text(encoding="utf-8"))
 

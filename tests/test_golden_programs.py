@@ -16,10 +16,10 @@ from program_moves import Move, kuka_pose, shift
 from program_readers import read_csv, read_fanuc, read_krl, read_rapid, read_val3
 from script_readers import read_inform, read_kawasaki, read_sinumerik, read_urscript
 
-from compplan.program import Program, build_program, write_program
-from compplan.program.post import Post
+from compplan.controllers.readback.said import compare_said, read_said
+from compplan.controllers.writers import Program, build_program, write_program
+from compplan.controllers.writers.post import Post
 from compplan.robot import load_robot
-from compplan.second.programs.said import compare_said, read_said
 
 AXES = ("E1", "A1", "A2", "A3", "A4", "A5", "A6")
 #: What each language writes, by reader: file or folder in the output, and whether it carries the tool.

@@ -11,8 +11,8 @@ from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
 from compplan.cli import COMMANDS, group
-from compplan.commands.plan import STAGES
-from compplan.commands.progress import find_stage
+from compplan.cli.commands.plan import STAGES
+from compplan.cli.commands.progress import find_stage
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
@@ -21,7 +21,7 @@ def test_every_help_text_ends_with_an_example_that_the_command_takes(name: str) 
     found = re.search(rf"Example: (compplan {name} .*?) (?:Example|Options):", text)
     assert found, text
     words = [word for word in shlex.split(found.group(1)) if word != ">>"][2:]
-    command = importlib.import_module(f"compplan.commands.{name}").command
+    command = importlib.import_module(f"compplan.cli.commands.{name}").command
     known = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known
 

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify import campaign as identifying
-from compplan.identify.campaign import identify_campaign
-from compplan.identify.problem import IdentifyOptions, IdentifyProblem
-from compplan.measure.reading import read_campaign
+from compplan.identification import campaign as identifying
+from compplan.identification.campaign import identify_campaign
+from compplan.identification.problem import IdentifyOptions, IdentifyProblem
+from compplan.measurement.reading import read_campaign
 from compplan.robot import Robot, Spring, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.springs import link_springs

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.round_trip import draw_candidates, simulate_observations
-from compplan.identify import build_structure, estimate_parameters
-from compplan.measure.campaign import Campaign
-from compplan.measure.made import make_log
+from compplan.identification import build_structure, estimate_parameters
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.made import make_log
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import link_springs
 from compplan.statics.chain import build_chain

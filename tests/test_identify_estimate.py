@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.errors import InputError, ShapeError, UnknownNameError
-from compplan.identify import (
+from compplan.identification import (
     build_structure,
     estimate_parameters,
     reduce_model,
 )
-from compplan.measure.made import make_log
+from compplan.measurement.made import make_log
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import missing_springs
 

@@ -14,12 +14,12 @@ from compplan.effects import Effect, apply_effects, attain_scene, robot_effects,
 from compplan.effects.asked import geometry_forms
 from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError, UnknownNameError
-from compplan.identify import KNOWN_FRAMES, Rows, build_structure
-from compplan.identify.campaign import identify_campaign
-from compplan.identify.forward import attain_fit, differentiate, pose_residuals
-from compplan.identify.problem import IdentifyOptions, list_forms
-from compplan.identify.update import update_robot
-from compplan.measure.campaign import Campaign
+from compplan.identification import KNOWN_FRAMES, Rows, build_structure
+from compplan.identification.campaign import identify_campaign
+from compplan.identification.forward import attain_fit, differentiate, pose_residuals
+from compplan.identification.problem import IdentifyOptions, list_forms
+from compplan.identification.update import update_robot
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
 from compplan.robot.springs import candidate_springs
 

@@ -10,8 +10,8 @@ from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.effects import attain_scene, stage_scene
 from compplan.effects.asked import geometry_forms
 from compplan.effects.linearization import linearize_scene
-from compplan.identify import build_structure, estimate_parameters
-from compplan.measure.fit.rows import KNOWN_FRAMES
+from compplan.identification import build_structure, estimate_parameters
+from compplan.measurement.fit.rows import KNOWN_FRAMES
 from compplan.robot import LinkElasticity, Robot, Spring, load_robot
 from compplan.robot.springs import missing_springs
 

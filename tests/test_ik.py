@@ -7,9 +7,9 @@ import pytest
 from robot_library import over_robots
 from scipy.spatial.transform import Rotation
 
+from compplan.controllers.writers.counting import load_controller, name_words
 from compplan.errors import InputError, ShapeError
 from compplan.posture.stance import Wish, choose_posture
-from compplan.program.counting import load_controller, name_words
 from compplan.robot import load_robot
 from compplan.statics import ik
 from compplan.statics.chain import locate_frames

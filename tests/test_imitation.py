@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.diagnose.doubt import imitation
-from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
-from compplan.diagnose.doubt.doubt import Doubt
-from compplan.diagnose.doubt.imitation import draw_causes, explain_squares, rate_imitations, take_out
-from compplan.diagnose.search.fit import fit_effects
-from compplan.diagnose.search.search import Claim, Model
-from compplan.diagnose.search.state import Fit, Problem
+from compplan.diagnosis.doubt import imitation
+from compplan.diagnosis.doubt.certainty import Evidence, rate_certainty
+from compplan.diagnosis.doubt.doubt import Doubt
+from compplan.diagnosis.doubt.imitation import draw_causes, explain_squares, rate_imitations, take_out
+from compplan.diagnosis.search.fit import fit_effects
+from compplan.diagnosis.search.search import Claim, Model
+from compplan.diagnosis.search.state import Fit, Problem
 from compplan.effects import Effect
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 

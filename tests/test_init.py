@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from commandline import run_command
 
+from compplan.controllers.writers import WRITERS, list_languages
+from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.pendant import locate_pendant
 from compplan.job.job import load_job
-from compplan.measure.reading import read_campaign
-from compplan.program import WRITERS, list_languages
-from compplan.program.counting import load_controller
-from compplan.program.pendant import locate_pendant
+from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, robot_folders
 from compplan.robot.mounting import name_axis, outward_axis

@@ -11,19 +11,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.diagnose import diagnose_campaign
-from compplan.diagnose.campaign_diagnosis import refuse_open_frames
-from compplan.diagnose.data.channels import estimate_noises
+from compplan.diagnosis import diagnose_campaign
+from compplan.diagnosis.campaign_diagnosis import refuse_open_frames
+from compplan.diagnosis.data.channels import estimate_noises
 from compplan.effects import Effect, apply_effects, attain_scene, command_campaign, stage_scene
 from compplan.errors import InputError
-from compplan.known.assumed import known_uncertainty
-from compplan.measure.campaign import Campaign
-from compplan.measure.fit_frames import fit_registration
-from compplan.measure.instrument import read_instrument
-from compplan.measure.reading import read_campaign
-from compplan.measure.registration import campaign_gap, fitted_parts
-from compplan.measure.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.instrument import read_instrument
+from compplan.measurement.reading import read_campaign
+from compplan.measurement.registration import campaign_gap, fitted_parts
+from compplan.measurement.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights
 from compplan.robot import Array, Robot
+from compplan.uncertainty.assumed import known_uncertainty
 from tests.commandline import Answer, run_command
 from tests.simulated_campaigns import write_small_robot
 

@@ -14,9 +14,9 @@ from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_nominal
 from compplan.job.text import write_job_text
-from compplan.path.force_models import FORCE_MODELS
 from compplan.plan.plan import job_robot, read_options
 from compplan.posture.settings import read_settings
+from compplan.process.force_models import FORCE_MODELS
 from compplan.robot import robot_folders
 
 PATHS = sorted((Path(__file__).parent.parent / "paths").glob("*.toml"))

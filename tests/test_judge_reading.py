@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from robot_library import over_robots
 
-from compplan.cell.judge import build_judge, judge_pose
-from compplan.cell.reading import read_judge
 from compplan.job.frames import ToolTable
 from compplan.robot import load_robot, robot_folders
+from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.reading import read_judge
 from compplan.statics.chain import build_chain
 from compplan.statics.sensitivity import attain_pose
 

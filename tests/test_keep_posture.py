@@ -8,7 +8,7 @@ import pytest
 
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.loop.teach import build_learned
+from compplan.learning.teach import build_learned
 from compplan.plan.plan import build_task, prepare_job
 from compplan.posture.keep import describe_posture_change, is_same_machine
 from compplan.robot import Array, Robot, load_robot

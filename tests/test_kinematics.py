@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from robot_library import over_robots
 
-from compplan.cell.judge import build_judge, judge_pose
 from compplan.robot import load_robot
+from compplan.simulation.judge import build_judge, judge_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_pose_function
 from compplan.statics.sensitivity import attain_pose

@@ -15,8 +15,8 @@ from executed_emulator import STEP, Cell, drive
 
 import compplan as cp
 from benchmarks.executed.job import measure_beside
+from compplan.controllers.writers.counting import load_motion
 from compplan.plan.executed import lead_lag
-from compplan.program.counting import load_motion
 from compplan.robot import load_robot, write_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -74,7 +74,7 @@ def plans(tmp_path_factory) -> dict[str, tuple[cp.Plan, Path]]:
 
 
 def test_the_lead_is_judged_written_and_read_back_where_the_lag_was_identified(plans) -> None:
-    from compplan.outputs.plan import deliver_plan, note_programs
+    from compplan.reporting.writers.plan import deliver_plan, note_programs
 
     plan, folder = plans["identified"]
     found = plan.executed

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from compplan.files.later import put_off
+from compplan.io.later import put_off
 
 
 @pytest.fixture

@@ -13,19 +13,19 @@ from commandline import run_command
 
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.known.slopes import ForceSpread, stage_path, tip_of
-from compplan.loop.gather import Gathered
-from compplan.loop.hold import hold_values
-from compplan.loop.learn import learn_part
-from compplan.loop.measured_path import match_points, read_measured_points
-from compplan.loop.residual import Residual, read_residual, residual_file
-from compplan.loop.teach import Teaching, build_learned, plan_learned
-from compplan.loop.travel import state_own
-from compplan.path.force_lesson import read_learned_force
-from compplan.path.toolpath import Toolpath
-from compplan.promise.band import Slopes
+from compplan.learning.gather import Gathered
+from compplan.learning.hold import hold_values
+from compplan.learning.learn import learn_part
+from compplan.learning.measured_path import match_points, read_measured_points
+from compplan.learning.residual import Residual, read_residual, residual_file
+from compplan.learning.teach import Teaching, build_learned, plan_learned
+from compplan.learning.travel import state_own
+from compplan.process.force_lesson import read_learned_force
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.band import Slopes
+from compplan.uncertainty.slopes import ForceSpread, stage_path, tip_of
 from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import f as fisher
 
-from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
-from compplan.diagnose.doubt.likeness import measure_likeness
+from compplan.diagnosis.doubt.certainty import Evidence, rate_certainty
+from compplan.diagnosis.doubt.likeness import measure_likeness
 
 POSES = 40
 POSE = np.arange(POSES)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.files import tables
-from compplan.files.columns import FileColumn
-from compplan.files.tables import read_table, write_table
+from compplan.io import tables
+from compplan.io.columns import FileColumn
+from compplan.io.tables import read_table, write_table
 
 COLUMNS = (FileColumn("time", "time", required=True), FileColumn("q#", "angle", required=True, missing=True))
 

@@ -8,13 +8,13 @@ import pytest
 
 from compplan.effects.backlash import lost_motion
 from compplan.job.job import load_job
-from compplan.path.generators import Pace, generate_circle
-from compplan.path.toolpath import place_toolpath
 from compplan.plan.between import measure_between
 from compplan.plan.plan import PlanOptions, plan_compensation, plan_job
 from compplan.plan.strategies.lost_motion import find_crossings, find_sides, list_plays
 from compplan.plan.task import attain_rows
 from compplan.robot import load_robot
+from compplan.toolpath.generators import Pace, generate_circle
+from compplan.toolpath.toolpath import place_toolpath
 
 #: Ten waypoints; joint 1 of its robot has a backlash of 0.4 mrad, which is 0.3 mm at the tip.
 JOB = Path(__file__).parent / "bad_inputs" / "good" / "job.toml"

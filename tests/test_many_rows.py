@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from compplan.diagnose.data.channels import Channel
-from compplan.diagnose.data.noise import Noise
-from compplan.diagnose.ledger.ledger import ChannelProducts, _multiply
-from compplan.diagnose.ledger.many_rows import ManyRows, column_slopes, gather_products, solve_columns
+from compplan.diagnosis.data.channels import Channel
+from compplan.diagnosis.data.noise import Noise
+from compplan.diagnosis.ledger.ledger import ChannelProducts, _multiply
+from compplan.diagnosis.ledger.many_rows import ManyRows, column_slopes, gather_products, solve_columns
 
 NOISE, SHARED = np.log([1.7, 0.6]), np.log([0.8, 1.3])
 #: Rows of each stay, for two channels of three values a row: longer stays among single rows, and single rows alone.

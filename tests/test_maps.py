@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from compplan.commands import map as map_command
-from compplan.commands.map import command
+from compplan.cli.commands import map as map_command
+from compplan.cli.commands.map import command
 from compplan.errors import InputError
-from compplan.report.maps.maps import map_deflection
-from compplan.report.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
-from compplan.report.maps.survey import MapSettings, map_robot
+from compplan.reporting.maps.maps import map_deflection
+from compplan.reporting.maps.reach import ELBOWS, POSTURES, Plane, make_plane, reach_plane, stand_of_arm, working_limits
+from compplan.reporting.maps.survey import MapSettings, map_robot
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import cartesian_compliance, solve_equilibrium

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.measure.campaign import Campaign
-from compplan.measure.reading import read_campaign
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.reading import read_campaign
 from compplan.robot import Robot
 from tests.simulated_campaigns import plan_rows, write_small_robot
 

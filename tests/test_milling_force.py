@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.path.force_models.drill import DRILLED, HANDBOOK, DrillProcess, ask_handbook
-from compplan.path.force_models.milling import MillingProcess, milling_wrench
-from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.materials import MATERIALS, Coefficients
-from compplan.path.forces.meeting import find_engagement
-from compplan.path.forces.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.path.forces.stability import find_gains
-from compplan.path.forces.stock import build_block
+from compplan.process.cutter import Cutter
+from compplan.process.engagement import Engagement
+from compplan.process.force_models.drill import DRILLED, HANDBOOK, DrillProcess, ask_handbook
+from compplan.process.force_models.milling import MillingProcess, milling_wrench
+from compplan.process.materials import MATERIALS, Coefficients
+from compplan.process.meeting import find_engagement
+from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.process.stability import find_gains
+from compplan.process.stock import build_block
 
 FLAT = Cutter(5e-3, 0.03)
 PLAIN = Coefficients((800.0, 320.0, 0.0))

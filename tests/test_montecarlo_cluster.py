@@ -16,9 +16,9 @@ import pytest
 from montecarlo_cases import small_study
 
 from compplan.errors import InputError
-from compplan.study.cluster import ask_scheduler
-from compplan.study.runner import Settings, run_study
-from compplan.study.workforce import Workforce
+from compplan.studies.cluster import ask_scheduler
+from compplan.studies.runner import Settings, run_study
+from compplan.studies.workforce import Workforce
 
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
 
@@ -76,7 +76,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from compplan.study import runner
+    from compplan.studies import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 40)
     settings = Settings(samples=800, seed=5)
@@ -99,7 +99,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.study import cluster
+    from compplan.studies import cluster
 
     monkeypatch.setattr(cluster, "PATIENCE", 1)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):

@@ -7,20 +7,20 @@ import pytest
 from montecarlo_cases import cone_study, cone_task
 from scipy.stats import norm
 
-from compplan.cell.cell import build_cell, run_cell
-from compplan.cell.judge import build_judge, judge_pose
 from compplan.effects import Effect, fold_effects
 from compplan.errors import ConvergenceError
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.robot import load_robot
+from compplan.simulation.cell import build_cell, run_cell
+from compplan.simulation.judge import build_judge, judge_pose
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import solve_equilibrium
-from compplan.study.curves import quiet_cells
-from compplan.study.draw import draw_cells, move_by_effect
-from compplan.study.factors import draw_points
-from compplan.study.judging import run_strategy
-from compplan.study.kernel import build_kernel, settle_tips
-from compplan.study.study import prepare_study
+from compplan.studies.curves import quiet_cells
+from compplan.studies.draw import draw_cells, move_by_effect
+from compplan.studies.factors import draw_points
+from compplan.studies.judging import run_strategy
+from compplan.studies.kernel import build_kernel, settle_tips
+from compplan.studies.study import prepare_study
 
 RNG = np.random.default_rng(11)
 
@@ -105,7 +105,7 @@ def test_errors_of_geometry_are_right_to_first_order() -> None:
     points = draw_points(at.factors, 3, 2, range(2))
     cells = draw_cells(at, points)
     from compplan.statics.chain import locate_frames
-    from compplan.study.factors import to_normal
+    from compplan.studies.factors import to_normal
 
     chain, normal = study.task.chain, to_normal(points)[0]
     causes = normal[at.factors.columns["geometry"]] * at.scale[: 6 * (chain.nq + 1)]

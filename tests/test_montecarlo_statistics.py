@@ -7,9 +7,9 @@ from scipy.stats import binomtest
 
 from compplan.job.noise import NoiseTable, describe_noise
 from compplan.robot import load_robot
-from compplan.study.factors import Factors, draw_points, link_blocks, list_factors
-from compplan.study.sensitivity import design_points, estimate_totals
-from compplan.study.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
+from compplan.studies.factors import Factors, draw_points, link_blocks, list_factors
+from compplan.studies.sensitivity import design_points, estimate_totals
+from compplan.studies.statistics import estimate_mean, estimate_quantile, estimate_share, trace_convergence
 
 
 @pytest.mark.parametrize("sequence", ["sobol", pytest.param("latin_hypercube", marks=pytest.mark.slow)])

@@ -13,16 +13,16 @@ from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.noise import NoiseTable
 from compplan.statics.sensitivity import attain_pose
-from compplan.study.curves import trace_model_error
-from compplan.study.factors import draw_points
-from compplan.study.judging import judge_points
-from compplan.study.runner import Settings, chunk_size, run_study
-from compplan.study.sensitivity import measure_sensitivity
-from compplan.study.statistics import estimate_mean
-from compplan.study.storage import discard_chunks
-from compplan.study.study import prepare_study
-from compplan.study.summary import summarise_run
-from compplan.study.workforce import Workforce
+from compplan.studies.curves import trace_model_error
+from compplan.studies.factors import draw_points
+from compplan.studies.judging import judge_points
+from compplan.studies.runner import Settings, chunk_size, run_study
+from compplan.studies.sensitivity import measure_sensitivity
+from compplan.studies.statistics import estimate_mean
+from compplan.studies.storage import discard_chunks
+from compplan.studies.study import prepare_study
+from compplan.studies.summary import summarise_run
+from compplan.studies.workforce import Workforce
 
 HERE = Workforce(workers=1)
 
@@ -36,7 +36,7 @@ def test_a_sample_is_the_same_in_whatever_company_it_is_computed() -> None:
 
 
 def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.study import runner
+    from compplan.studies import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 20)
     settings = Settings(samples=50, seed=3)
@@ -47,7 +47,7 @@ def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: py
 
 
 def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.study import runner
+    from compplan.studies import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 16)
     study, settings = small_study(), Settings(samples=64, seed=3)
@@ -85,7 +85,7 @@ def test_a_chunk_of_another_study_that_slips_in_is_not_taken(tmp_path: Path) -> 
 
 
 def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.study import runner
+    from compplan.studies import runner
 
     monkeypatch.setattr(runner, "MOST_SAMPLES", 64)
     settings = Settings(samples=1024, seed=3, stop_below=5e-5)

@@ -12,18 +12,18 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
-from compplan.cell.inertia import average_loads
-from compplan.cell.response import MODES, ring
-from compplan.cell.vibration import build_dynamics, find_modes
 from compplan.job.job import check_job
-from compplan.measure.distance import band_radius
+from compplan.measurement.distance import band_radius
 from compplan.plan.bending import find_inside, follow_links
 from compplan.plan.plan import plan_job
-from compplan.promise.motion import Push, shift_part, swing_arm
 from compplan.robot.model import Body
+from compplan.simulation.inertia import average_loads
+from compplan.simulation.response import MODES, ring
+from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.inertia import build_moving_chain, divide_body, load_motion, smooth_loads
+from compplan.uncertainty.motion import Push, shift_part, swing_arm
 
 JOB: dict[str, Any] = {
     "schema": 1,

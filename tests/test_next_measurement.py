@@ -12,9 +12,9 @@ import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 from test_effects_signatures import make_linearization
 
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.measurement_moves import KINDS, lay_out_moves
-from compplan.diagnose.answer.next_measurement import (
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer.measurement_moves import KINDS, lay_out_moves
+from compplan.diagnosis.answer.next_measurement import (
     DifferenceShown,
     expected_gain,
     name_approach,
@@ -22,14 +22,14 @@ from compplan.diagnose.answer.next_measurement import (
     predict_columns,
     propose_measurements,
 )
-from compplan.diagnose.answer.probe import probe_signature
+from compplan.diagnosis.answer.probe import probe_signature
 from compplan.effects import Effect, apply_effects, attain_scene
 from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature
 from compplan.effects.transmission_error import bump_at, spline_at, waves_at
-from compplan.measure.campaign import Campaign
-from compplan.measure.poses.exchange import settle_choice, take_greedily
-from compplan.measure.poses.information import explain_rows, odds_gains
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.poses.exchange import settle_choice, take_greedily
+from compplan.measurement.poses.information import explain_rows, odds_gains
 from compplan.robot import Robot, load_robot
 
 AT = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))

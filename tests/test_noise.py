@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnose.data.noise import Noise, estimate_noise
-from compplan.diagnose.doubt.certainty import Evidence, rate_certainty
+from compplan.diagnosis.data.noise import Noise, estimate_noise
+from compplan.diagnosis.doubt.certainty import Evidence, rate_certainty
 from compplan.effects import command_campaign
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 
 INSTRUMENT, ROBOT = 2e-5, 2.5e-5
 POSES, VISITS = 60, 4

@@ -11,10 +11,10 @@ import pytest
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.measure.reading import read_campaign
-from compplan.path.generators import CircleTable, generate_toolpath
-from compplan.path.toolpath import check_toolpath
+from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
+from compplan.toolpath.generators import CircleTable, generate_toolpath
+from compplan.toolpath.toolpath import check_toolpath
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"
 ROBOT = load_robot(GOOD / "robot")
@@ -125,6 +125,6 @@ def test_an_x_along_the_tool_axis_is_refused_or_said_to_mean_nothing(free, tmp_p
 
 
 def test_the_angle_that_counts_as_along_is_a_degree() -> None:
-    from compplan.path.contact import SIDE
+    from compplan.toolpath.contact import SIDE
 
     assert pytest.approx(np.sin(np.pi / 180)) == SIDE

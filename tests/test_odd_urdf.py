@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cell.reading import read_judge
-from compplan.doctor import examine_robot
+from compplan.cli.doctor import examine_robot
 from compplan.errors import InputError
-from compplan.report.robot_scene import UNPAINTED, place_shapes
+from compplan.reporting.robot_scene import UNPAINTED, place_shapes
 from compplan.robot import load_robot
+from compplan.simulation.reading import read_judge
 
 GOOD = Path(__file__).parent / "bad_inputs" / "good"
 

@@ -14,9 +14,6 @@ import trimesh
 
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import read_force_spread
-from compplan.outputs.plan import write_plan
 from compplan.plan import refine
 from compplan.plan.feed import FeedWish
 from compplan.plan.freedom import Freedom, find_freedom
@@ -32,8 +29,11 @@ from compplan.plan.timing import cutting_runs, time_command
 from compplan.posture.clearance import measure_margin
 from compplan.posture.collision_scene import build_scene
 from compplan.posture.slides import count_reversals
-from compplan.promise.band import band_radius
+from compplan.reporting.writers.plan import write_plan
 from compplan.statics.sensitivity import attain_pose
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import band_radius
+from compplan.uncertainty.slopes import read_force_spread
 
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
 CIRCLE: dict[str, Any] = {

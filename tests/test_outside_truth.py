@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.diagnose.search.fit import fit_effects
-from compplan.diagnose.search.state import Problem
+from compplan.diagnosis.search.fit import fit_effects
+from compplan.diagnosis.search.state import Problem
 from compplan.effects import EFFECTS, Effect
 from tests.drawn_campaigns import Drawn, draw_robot_files, turn_between
 from tests.effect_cases import CASES, FITTED, ROBOTS, Place

@@ -21,10 +21,10 @@ from benchmarks.outsider.labels import VISIBLE, Bench, label_causes
 from benchmarks.outsider.logbook import write_case
 from benchmarks.outsider.observe import observe
 from benchmarks.outsider.signatures import linearize
-from compplan.cell.predict import predict_campaign
 from compplan.effects import EFFECTS
-from compplan.measure.reading import read_campaign
+from compplan.measurement.reading import read_campaign
 from compplan.robot.folder import read_robot_folder
+from compplan.simulation.predict import predict_campaign
 
 # No effect and no scatter: seven axes, dead weights, base and target unknown.
 EMPTY, LOADED, REGISTERED = 9, 98, 64

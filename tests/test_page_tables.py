@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.promise.band import PARTS
-from compplan.report import forces_page, learn_page, posture_section, promise_section, stability_section
+from compplan.reporting import forces_page, learn_page, posture_section, promise_section, stability_section
+from compplan.uncertainty.band import PARTS
 
 
 def test_shares_of_the_square_of_a_band_add_up_to_one() -> None:

@@ -14,8 +14,8 @@ pytest.importorskip("websockets")
 from browser import CHROMIUM, Page, browse
 from test_report import make_plan
 
-from compplan.files.notes import Stop
-from compplan.report.plan_page import write_plan_page
+from compplan.io.notes import Stop
+from compplan.reporting.plan_page import write_plan_page
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
 DRAWN = (

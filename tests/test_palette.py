@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import compplan.report
-from compplan.report import style
+import compplan.reporting
+from compplan.reporting import style
 
-CSS = Path(compplan.report.__file__).parent / "templates" / "page.css"
+CSS = Path(compplan.reporting.__file__).parent / "templates" / "page.css"
 #: Linear RGB as seen with one kind of cone missing, severity 1 [Machado, Oliveira, Fernandes 2009].
 SIGHT = {
     "all cones": np.eye(3),

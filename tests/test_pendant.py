@@ -17,16 +17,16 @@ from commandline import run_command
 from robot_sources import SOURCES
 from test_robot_library import turn, walk
 
-from compplan.cell.frames import read_frame, read_part
-from compplan.cell.judge import build_judge, judge_pose
-from compplan.cell.reading import read_judge
-from compplan.doctor.pendant import look_at_pendant
+from compplan.cli.doctor.pendant import look_at_pendant
+from compplan.controllers.writers.pendant import find_tool0, locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
 from compplan.plan.frame_notes import ask_about_form, look_at_spindle
-from compplan.program.pendant import find_tool0, locate_pendant
 from compplan.robot import load_robot, robot_folders
+from compplan.simulation.frames import read_frame, read_part
+from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.reading import read_judge
 from compplan.statics.chain import build_chain, locate_frames
 
 X, Y, Z = np.eye(3)

@@ -14,8 +14,8 @@ from compplan.job.job import check_job
 from compplan.plan.plan import job_robot
 from compplan.posture.place import Rater, place_part, summarise_placement
 from compplan.posture.settings import PostureSettings
-from compplan.report.place_map import draw_place_map
-from compplan.report.place_page import describe_placement
+from compplan.reporting.place_map import draw_place_map
+from compplan.reporting.place_page import describe_placement
 
 TABLE = {
     "schema": 1,

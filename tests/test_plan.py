@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import compplan as cp
-from compplan.diagnose import campaign_diagnosis
+from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
-from compplan.outputs.post import read_part
 from compplan.plan.notes import _ask_about_x
 from compplan.plan.plan import build_task, prepare_job
 from compplan.posture import collision_scene
+from compplan.reporting.writers.post import read_part
 from compplan.statics.chain import locate_frames
 
 PATHS = Path(__file__).parents[1] / "paths"

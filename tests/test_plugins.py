@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 CODE = {
     "careful": "from compplan.plan.strategies.mirror import command_path\n",
     "dots": (
-        "import dataclasses\nfrom compplan.path.cam import gcode\nname, suffixes = 'dots', ('.dots',)\n"
+        "import dataclasses\nfrom compplan.toolpath.readers import gcode\nname, suffixes = 'dots', ('.dots',)\n"
         "def recognise(text):\n    return text.startswith('dots')\n"
         "def read(text, file, options):\n"
         "    return gcode.read('G21 G90 F600\\nG1 X0 Y0 Z0\\nG1 X9\\n', file, options)\n"
@@ -32,7 +32,7 @@ CODE = {
     ),
     "polishing": (
         "from typing import Literal\nimport numpy as np\nfrom pydantic import Field\n"
-        "from compplan.path.contact import PathForceTable\nwords = 'a polishing pad'\n"
+        "from compplan.toolpath.contact import PathForceTable\nwords = 'a polishing pad'\n"
         "class Polishing(PathForceTable):\n"
         "    model: Literal['polishing']\n    press_N: float = Field(gt=0.0)\n"
         "    def wrench_along(self, nominal):\n"
@@ -62,7 +62,7 @@ with warnings.catch_warnings(record=True) as told:
     import compplan as cp
     from compplan.job.job import Job
     from compplan.job.text import write_job_text
-    from compplan.program import WRITERS
+    from compplan.controllers.writers import WRITERS
     from click.testing import CliRunner
     from compplan.cli import group
     angle = np.linspace(0, 6, 60)
@@ -105,7 +105,7 @@ def test_a_package_adds_one_of_each_and_no_other_is_touched(package, tmp_path) -
     assert said["status"] == "solved" and said["strategy"] == "careful" and said["effects"]
     assert said["force"] == pytest.approx(200.0) and said["before"] > 1e-5
     assert said["path"] == pytest.approx(0.009) and (work / "out" / "p.plain").is_file()
-    assert said["unsaid"] == [] and said["krl"] == "compplan.program.krl"
+    assert said["unsaid"] == [] and said["krl"] == "compplan.controllers.writers.krl"
     assert "polishing" in said["help"] and "a polishing pad (polishing)" in (work / "out" / "report.html").read_text()
     left = [line for line in said["told"] if "is left out" in line]
     assert len(left) == 2 and any("'krl' of strange" in line and "its name is taken" in line for line in left)

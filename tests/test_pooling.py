@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from compplan.measure import pooling
-from compplan.measure.campaign import Campaign, number_rows
-from compplan.measure.pooling import pool_rows
+from compplan.measurement import pooling
+from compplan.measurement.campaign import Campaign, number_rows
+from compplan.measurement.pooling import pool_rows
 
 SIGMA = 2e-5
 

@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.cell.predict import predict_campaign
-from compplan.diagnose.doubt.options import WIDE
+from compplan.diagnosis.doubt.options import WIDE
 from compplan.effects import Effect, fold_effects, joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.known.assumed import widen_uncertainty
-from compplan.known.slopes import ForceSpread, stage_path
-from compplan.loop import contacts
-from compplan.loop.campaign import Shop, add_places, design_campaign, take_frames
-from compplan.loop.candidates import find_postures, list_candidates
-from compplan.loop.contacts import bring_tips, find_touching, list_stands, sight_candidates
-from compplan.loop.design import (
+from compplan.learning import contacts
+from compplan.learning.campaign import Shop, add_places, design_campaign, take_frames
+from compplan.learning.candidates import find_postures, list_candidates
+from compplan.learning.contacts import bring_tips, find_touching, list_stands, sight_candidates
+from compplan.learning.design import (
     Design,
     choose_measurements,
     find_idle,
@@ -30,17 +27,20 @@ from compplan.loop.design import (
     measure_gains,
     random_choice,
 )
-from compplan.loop.order import order_poses
-from compplan.measure.campaign import Campaign
-from compplan.measure.instrument import read_instrument
-from compplan.measure.reading import read_campaign
-from compplan.measure.sights import CONTACT
+from compplan.learning.order import order_poses
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.instrument import read_instrument
+from compplan.measurement.reading import read_campaign
+from compplan.measurement.sights import CONTACT
 from compplan.plan.plan import plan_job
-from compplan.promise.band import linearise_path
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.simulation.predict import predict_campaign
 from compplan.statics.chain import build_chain, locate_frames
+from compplan.uncertainty.assumed import widen_uncertainty
+from compplan.uncertainty.band import linearise_path
+from compplan.uncertainty.slopes import ForceSpread, stage_path
 from tests.drawn_robots import draw_robots
 
 PATHS = Path(__file__).parents[1] / "paths"

@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.cell.judge import build_judge, judge_pose
-from compplan.cell.reading import read_judge
+from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
+from compplan.controllers.readback.kuka_staubli import read_krl
+from compplan.controllers.readback.poses import Move
+from compplan.controllers.readback.scripts import read_inform
+from compplan.controllers.writers import Program, build_program, check_languages, fanuc_ls, inform, krl
+from compplan.controllers.writers import rapid as rapid_language
+from compplan.controllers.writers.fit import fit_moves
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
-from compplan.outputs.cell import summarise_cell
-from compplan.outputs.plan import deliver_plan
 from compplan.plan.plan import job_robot, plan_job
-from compplan.program import Program, build_program, check_languages, fanuc_ls, inform, krl
-from compplan.program import rapid as rapid_language
-from compplan.program.fit import fit_moves
-from compplan.report.robot_scene import locate_links
-from compplan.report.view.motion import locate_chain
-from compplan.report.view.recording import ViewCell, _read_joint, _read_solid
+from compplan.reporting.robot_scene import locate_links
+from compplan.reporting.view.motion import locate_chain
+from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
+from compplan.reporting.writers.cell import summarise_cell
+from compplan.reporting.writers.plan import deliver_plan
 from compplan.robot import Array, Robot, load_robot, read_robot_folder, write_robot_folder
-from compplan.second.programs.fanuc_abb import read_fanuc, read_rapid
-from compplan.second.programs.kuka_staubli import read_krl
-from compplan.second.programs.poses import Move
-from compplan.second.programs.scripts import read_inform
+from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.reading import read_judge
 from compplan.statics.chain import build_chain, joint_jacobian, load_elements, locate_frames
 from compplan.statics.elastic import load_derivative, solve_equilibrium
 from compplan.statics.inertia import build_moving_chain, load_motion

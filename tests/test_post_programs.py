@@ -15,15 +15,15 @@ from program_readers import read_krl as read_krl_program
 from scipy.spatial.transform import Rotation
 from script_readers import read_urscript
 
+from compplan.controllers.writers import Program, build_program, write_program
+from compplan.controllers.writers.counting import from_controller, load_controller
+from compplan.controllers.writers.krl import turn_bits
+from compplan.controllers.writers.post import Post
+from compplan.controllers.writers.program import joint_percent, split_parts
+from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.columns import FileColumn
-from compplan.files.tables import read_table
-from compplan.program import Program, build_program, write_program
-from compplan.program.counting import from_controller, load_controller
-from compplan.program.krl import turn_bits
-from compplan.program.post import Post
-from compplan.program.program import joint_percent, split_parts
-from compplan.program.text import legal_name
+from compplan.io.columns import FileColumn
+from compplan.io.tables import read_table
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 

@@ -13,13 +13,13 @@ from golden_cell import write_job
 from program_readers import read_fanuc, read_krl
 from script_readers import read_inform, read_sinumerik
 
+from compplan.controllers.writers import Program, build_program, write_program
+from compplan.controllers.writers.post import Post, read_post
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.outputs.plan import deliver_plan, note_programs
 from compplan.plan.plan import plan_job
 from compplan.plan.result import Plan
-from compplan.program import Program, build_program, write_program
-from compplan.program.post import Post, read_post
+from compplan.reporting.writers.plan import deliver_plan, note_programs
 from compplan.robot import load_robot
 
 #: What a program would set in the cell's own data.

@@ -11,8 +11,6 @@ from arms import one_joint_arm
 from benchmarks.posture import brute_force, cam_default, cut_stations, mean_square, quantile
 from benchmarks.posture_cases import make_case
 from compplan.errors import InfeasibleError
-from compplan.path.contact import tool_axes
-from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.posture.choose import choose_stance, sum_errors
 from compplan.posture.costs import Weights
@@ -26,6 +24,8 @@ from compplan.posture.summary import summarise_costs
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import Toolpath
 
 FLAT = np.array([1.0, 0.0, 0.0])
 
@@ -255,7 +255,7 @@ def test_five_thousand_waypoints_take_less_than_ten_seconds() -> None:
     import time
 
     case = make_case("kuka_kr240", "cone", 45.0)
-    from compplan.path.toolpath import resample_toolpath
+    from compplan.toolpath.toolpath import resample_toolpath
 
     nominal = resample_toolpath(case.nominal, case.nominal.cutting_length / 5000)
     request = PostureRequest(PostureSettings(), np.eye(3))

@@ -11,14 +11,14 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from compplan.cell.judge import build_judge, judge_pose
-from compplan.cell.predict import predict_campaign
-from compplan.commands.predict import command
+from compplan.cli.commands.predict import command
 from compplan.effects import EFFECTS, Effect, fold_effects, robot_effects
-from compplan.measure.fit_frames import fit_registration
-from compplan.measure.registration import Registration, read_registration, write_registration
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.registration import Registration, read_registration, write_registration
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder, write_robot_folder
+from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.predict import predict_campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 EXAMPLES = [

@@ -8,15 +8,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
-from compplan.path.contact import path_axes
-from compplan.path.force_models.columns import ColumnsProcess
-from compplan.path.force_models.constant import ConstantProcess
-from compplan.path.force_models.file import FileProcess
-from compplan.path.force_models.isf import IsfProcess
-from compplan.path.force_models.milling import MillingProcess, milling_wrench
-from compplan.path.generators import Pace, generate_circle, generate_cone
-from compplan.path.process import predict_wrench
-from compplan.path.toolpath import Toolpath, place_toolpath
+from compplan.process.force_models.columns import ColumnsProcess
+from compplan.process.force_models.constant import ConstantProcess
+from compplan.process.force_models.file import FileProcess
+from compplan.process.force_models.isf import IsfProcess
+from compplan.process.force_models.milling import MillingProcess, milling_wrench
+from compplan.process.process import predict_wrench
+from compplan.toolpath.contact import path_axes
+from compplan.toolpath.generators import Pace, generate_circle, generate_cone
+from compplan.toolpath.toolpath import Toolpath, place_toolpath
 
 
 def circle(approach: float = 0.0) -> Toolpath:

@@ -14,9 +14,9 @@ from golden_cell import write_job
 from program_moves import Move
 from test_golden_programs import FORMS, make_program, read_form
 
+from compplan.controllers.writers import Program, Wiring, describe_program, write_program
 from compplan.errors import InputError
-from compplan.path.events import Event
-from compplan.program import Program, Wiring, describe_program, write_program
+from compplan.toolpath.events import Event
 
 EVENT_FORMS = [form for form in FORMS if not form.startswith("csv")]
 #: What happens around the two waypoints: before the first, between them, after the last.

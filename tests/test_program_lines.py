@@ -15,9 +15,9 @@ from script_readers import read_urscript
 from test_golden_programs import FORMS, make_program, read_form
 
 import compplan as cp
+from compplan.controllers.writers.krl import _fold_lines
+from compplan.controllers.writers.text import read_code
 from compplan.errors import InputError
-from compplan.program.krl import _fold_lines
-from compplan.program.text import read_code
 
 #: What makes the first move of each form, in the file that runs first.
 MOVES = {

@@ -13,10 +13,10 @@ from golden_cell import write_job
 from program_readers import read_krl
 from test_golden_programs import make_program
 
+from compplan.controllers.writers import Program, build_program, check_brand, describe_program, write_program
 from compplan.errors import InputError, ShapeError
-from compplan.path.events import Event
-from compplan.program import Program, build_program, check_brand, describe_program, write_program
 from compplan.robot import load_robot
+from compplan.toolpath.events import Event
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,9 @@ from commandline import run_command
 from golden_cell import write_job
 from test_golden_programs import FORMS, make_program, read_form
 
-from compplan.program import Program, write_program
-from compplan.program.fanuc_ls import LONGEST_REMARK
-from compplan.program.text import LONGEST_COMMENT, clean_text, legal_name
+from compplan.controllers.writers import Program, write_program
+from compplan.controllers.writers.fanuc_ls import LONGEST_REMARK
+from compplan.controllers.writers.text import LONGEST_COMMENT, clean_text, legal_name
 
 ATTACKS = {
     "line break": "a\nPTP {A1 90}\n;",

@@ -12,15 +12,15 @@ import pytest
 from commandline import run_command
 
 from compplan.job.job import Job
-from compplan.known.assumed import free_base, known_uncertainty
-from compplan.known.slopes import ForceSpread, measure_slopes, stage_path
-from compplan.measure.distance import band_radius, calibrate_band
-from compplan.path.generators import Pace, generate_circle
-from compplan.path.toolpath import place_toolpath
+from compplan.measurement.distance import band_radius, calibrate_band
 from compplan.plan.plan import PlanOptions, plan_compensation
-from compplan.promise.band import draw_paths, linearise_path, promise_path, split_covariance
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.toolpath.generators import Pace, generate_circle
+from compplan.toolpath.toolpath import place_toolpath
+from compplan.uncertainty.assumed import free_base, known_uncertainty
+from compplan.uncertainty.band import draw_paths, linearise_path, promise_path, split_covariance
+from compplan.uncertainty.slopes import ForceSpread, measure_slopes, stage_path
 from tests.arms import one_joint_arm
 from tests.drawn_robots import draw_field, draw_robots, draw_values, sample_promise
 

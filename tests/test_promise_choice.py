@@ -14,15 +14,15 @@ from compplan.effects.linearization import linearize_scene
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, read_force_spread, stage_path
 from compplan.plan.plan import job_robot, plan_job
 from compplan.posture.choose import choose_stance
 from compplan.posture.settings import read_settings
-from compplan.promise.band import promise_path
-from compplan.promise.posture_errors import PostureErrors, derive_force, derive_unknowns, posture_errors
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import promise_path
+from compplan.uncertainty.posture_errors import PostureErrors, derive_force, derive_unknowns, posture_errors
+from compplan.uncertainty.slopes import ForceSpread, measure_force_slopes, measure_slopes, read_force_spread, stage_path
 from tests.arms import one_joint_arm
 
 Z = 1.959964

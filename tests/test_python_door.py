@@ -36,7 +36,7 @@ def test_a_verb_stays_a_verb_whichever_room_of_its_name_is_imported_and_when() -
     rooms_first, verb_first = "import compplan.plan.compare; import compplan as cp", "import compplan as cp; cp.plan"
     for order in (rooms_first, f"{verb_first}; import compplan.plan.nlp"):
         said = ask(
-            f"{order}\nimport compplan.diagnose.answer.where as w\nfrom compplan import plan\n"
+            f"{order}\nimport compplan.diagnosis.answer.where as w\nfrom compplan import plan\n"
             "from compplan.plan import strategies\n"
             "import compplan.plan.compare as c\n"
             "assert cp.plan is plan and callable(plan) and callable(cp.diagnose)\n"

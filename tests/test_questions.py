@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 import compplan as cp
-from compplan.diagnose.data.conventions import find_conventions, list_countings, name_counting
-from compplan.diagnose.data.questions import QuestionRows, ask_unit, question_campaign
+from compplan.controllers.writers.counting import load_controller
+from compplan.diagnosis.data.conventions import find_conventions, list_countings, name_counting
+from compplan.diagnosis.data.questions import QuestionRows, ask_unit, question_campaign
 from compplan.effects import Effect
-from compplan.files.tables import write_table
-from compplan.measure.campaign import Campaign
-from compplan.program.counting import load_controller
+from compplan.io.tables import write_table
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot, load_robot
 
 SOUND = {

@@ -11,10 +11,10 @@ import pytest
 from benchmarks import redundant_peers
 from benchmarks.redundant_jobs import write_job
 from compplan.job.job import check_job
-from compplan.path.toolpath import select_waypoints
 from compplan.plan.plan import prepare_job
 from compplan.posture.lattice import orient_tool
 from compplan.statics.ik import build_arm, solve_branches
+from compplan.toolpath.toolpath import select_waypoints
 
 
 def test_no_other_way_through_a_small_grid_is_shorter(tmp_path: Path) -> None:

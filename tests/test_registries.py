@@ -20,19 +20,19 @@ from test_golden_programs import FORMS
 
 import compplan as cp
 from compplan.cli import group
-from compplan.diagnose.answer.small_errors import kind_of
+from compplan.controllers.writers import WRITERS
+from compplan.controllers.writers.zones import widest_zone
+from compplan.diagnosis.answer.small_errors import kind_of
 from compplan.effects import robot_effects
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.job import Job
 from compplan.job.names import EFFECTS
 from compplan.job.text import write_job_text
-from compplan.path.cam import READERS
-from compplan.path.force_models import FORCE_MODELS
 from compplan.plan.strategies.online import ONLINE, STRATEGIES
-from compplan.program import WRITERS
-from compplan.program.zones import widest_zone
-from compplan.report.effect_words import describe_effect
+from compplan.process.force_models import FORCE_MODELS
+from compplan.reporting.effect_words import describe_effect
+from compplan.toolpath.readers import READERS
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_a_strategy_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, 
 def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
     module = add_module(
         "plainly",
-        "from compplan.program.zones import BlendZone\n"
+        "from compplan.controllers.writers.zones import BlendZone\n"
         "name, ZONE = 'plainly', BlendZone(2e-3, 'its manual')\n"
         "def write(program, folder, most):\n"
         "    file = folder / (program.name + '.plain')\n"
@@ -83,7 +83,7 @@ def test_a_program_language_is_one_file_and_one_line(add_module, tmp_path, monke
 def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
     module = add_module(
         "dots",
-        "import dataclasses\nfrom compplan.path.cam import gcode\n"
+        "import dataclasses\nfrom compplan.toolpath.readers import gcode\n"
         "name, suffixes = 'dots', ('.dots',)\n"
         "def recognise(text):\n    return text.startswith('dots')\n"
         "def read(text, file, options):\n"

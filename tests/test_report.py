@@ -14,9 +14,7 @@ import pytest
 import trimesh
 from robot_library import over_robots
 
-from compplan.cell.cell import build_cell
 from compplan.errors import ShapeError
-from compplan.path.toolpath import Toolpath
 from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
@@ -25,7 +23,7 @@ from compplan.plan.evaluate import Evaluation, measure_margins
 from compplan.plan.result import Plan
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import state_timing
-from compplan.report import (
+from compplan.reporting import (
     Chart,
     Column,
     PageTable,
@@ -39,20 +37,22 @@ from compplan.report import (
     thin_rows,
     write_page,
 )
-from compplan.report import figure as go
-from compplan.report.along_path import Stations, draw_lines, find_spans
-from compplan.report.compare_page import describe_comparison, write_compare_page
-from compplan.report.force_moves import describe_force, mark_force
-from compplan.report.page import share_values
-from compplan.report.panels import draw_small_multiples
-from compplan.report.path_scene import choose_magnification, draw_cell
-from compplan.report.plan_page import describe_plan, write_plan_page
-from compplan.report.posture_section import show_map
-from compplan.report.robot_scene import draw_robot, place_meshes, shade_faces
-from compplan.report.style import format_angle, format_length, format_number, format_percent, mark_decades
+from compplan.reporting import figure as go
+from compplan.reporting.along_path import Stations, draw_lines, find_spans
+from compplan.reporting.compare_page import describe_comparison, write_compare_page
+from compplan.reporting.force_moves import describe_force, mark_force
+from compplan.reporting.page import share_values
+from compplan.reporting.panels import draw_small_multiples
+from compplan.reporting.path_scene import choose_magnification, draw_cell
+from compplan.reporting.plan_page import describe_plan, write_plan_page
+from compplan.reporting.posture_section import show_map
+from compplan.reporting.robot_scene import draw_robot, place_meshes, shade_faces
+from compplan.reporting.style import format_angle, format_length, format_number, format_percent, mark_decades
 from compplan.robot import load_robot
+from compplan.simulation.cell import build_cell
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import solve_equilibrium
+from compplan.toolpath.toolpath import Toolpath
 
 JOB = """\
 # A small circle. Assumed: where the
@@ -481,6 +481,6 @@ def test_only_plot_methods_touch_the_users_figures_and_nothing_their_backend() -
     """A notebook that writes a plan keeps its inline pictures."""
     root = Path(__file__).parents[1] / "compplan"
     texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in root.rglob("*.py")}
-    told = {"files/shown.py", "files/later.py"}  # the second puts it off
+    told = {"io/shown.py", "io/later.py"}  # the second puts it off
     assert {name for name, text in texts.items() if "pyplot" in text} == told
     assert not [name for name, text in texts.items() if "matplotlib.use(" in text]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from compplan.commands.reproduce import command
+from compplan.cli.commands.reproduce import command
 from compplan.errors import UnknownNameError
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.page import write_reproduction

@@ -7,7 +7,7 @@ import pytest
 
 import compplan as cp
 from compplan.effects import attain_scene
-from compplan.known.vary import stage_robot, vary_scene
+from compplan.uncertainty.vary import stage_robot, vary_scene
 from tests.drawn_robots import draw_values
 
 SIGMA = 3e-5

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from compplan.report import figure as go
-from compplan.report.reach_section import _fill_band
-from compplan.report.robot_bridges import bridge_gaps
-from compplan.report.robot_scene import locate_links, place_shapes
+from compplan.reporting import figure as go
+from compplan.reporting.reach_section import _fill_band
+from compplan.reporting.robot_bridges import bridge_gaps
+from compplan.reporting.robot_scene import locate_links, place_shapes
 from compplan.robot import load_robot
 
 

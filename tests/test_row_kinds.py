@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 from compplan.errors import InputError
-from compplan.loop.measured_path import match_points, read_measured_points
-from compplan.path.toolpath import Toolpath
+from compplan.learning.measured_path import match_points, read_measured_points
 from compplan.robot import Array, Robot
+from compplan.toolpath.toolpath import Toolpath
 from tests.commandline import Answer, run_command
 from tests.simulated_campaigns import write_small_robot
 from tests.test_instruments import (

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.loop.gather import gather_points
-from compplan.loop.guards import explain_points, fit_rigid
-from compplan.loop.measured_path import FARTHEST, MeasuredPath, match_points, reach_of, read_measured_points
-from compplan.loop.surface import read_surface
-from compplan.path.toolpath import Toolpath
+from compplan.learning.gather import gather_points
+from compplan.learning.guards import explain_points, fit_rigid
+from compplan.learning.measured_path import FARTHEST, MeasuredPath, match_points, reach_of, read_measured_points
+from compplan.learning.surface import read_surface
 from compplan.robot import Array
+from compplan.toolpath.toolpath import Toolpath
 from tests.commandline import run_command
 
 PATHS = Path(__file__).parents[1] / "paths"

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compplan.path.cam.options import CamTable
-from compplan.path.reading import read_toolpath
 from compplan.second.cam import read_moves
 from compplan.second.follow import Followed, find_difference
 from compplan.second.moves import ARC, LINE, RAPID, CannotTellError, Reading
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.reading import read_toolpath
 
 APT = "UNITS/MM\nFEDRAT/60,MMPM\nRAPID\nGOTO/20,0,0,0,0,1\n{}\nGOTO/10,10,0\n"
 TNC = "BEGIN PGM P MM\nTOOL CALL 1 Z S3000\nL X+0 Y+0 Z+10 R0 FMAX M3\n{}\nL Z+50 R0 FMAX M30\nEND PGM P MM\n"

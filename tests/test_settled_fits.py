@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.diagnose.data.outliers import OUTLYING
-from compplan.diagnose.doubt.likeness import rate_likenesses
-from compplan.diagnose.ledger.evidence import Hyper, Prior, find_posterior
-from compplan.diagnose.ledger.ledger import ChannelProducts, Ledger, Products
-from compplan.diagnose.search.descent import descend
-from compplan.diagnose.search.fit import fit_effects, is_rigid
-from compplan.diagnose.search.search import Claim, Search
-from compplan.diagnose.search.state import Fit, Problem, advance_state
+from compplan.diagnosis.data.outliers import OUTLYING
+from compplan.diagnosis.doubt.likeness import rate_likenesses
+from compplan.diagnosis.ledger.evidence import Hyper, Prior, find_posterior
+from compplan.diagnosis.ledger.ledger import ChannelProducts, Ledger, Products
+from compplan.diagnosis.search.descent import descend
+from compplan.diagnosis.search.fit import fit_effects, is_rigid
+from compplan.diagnosis.search.search import Claim, Search
+from compplan.diagnosis.search.state import Fit, Problem, advance_state
 from compplan.effects import Effect, gravity_sag
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from tests.simulated_campaigns import measure, plan_rows, write_small_robot
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from compplan.cell.judge import tip_compliance
-from compplan.cell.vibration import build_dynamics, find_modes, natural_frequencies
 from compplan.errors import InputError
-from compplan.path.forces.stability import (
+from compplan.plan.tool_modes import read_tool_modes
+from compplan.process.stability import (
     CutDynamics,
     Modes,
     Spread,
@@ -19,8 +18,9 @@ from compplan.path.forces.stability import (
     find_multiplier,
     find_odds,
 )
-from compplan.plan.tool_modes import read_tool_modes
 from compplan.robot import load_robot
+from compplan.simulation.judge import tip_compliance
+from compplan.simulation.vibration import build_dynamics, find_modes, natural_frequencies
 
 OMEGA, STIFFNESS, DAMPING = 2 * np.pi * 30.0, 1e6, 0.04
 

@@ -10,20 +10,20 @@ import trimesh
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.files.notes import Crash
+from compplan.io.notes import Crash
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
-from compplan.path.forces.blank import Cut, take_away, triangulate_stock
-from compplan.path.forces.cutter import Cutter
-from compplan.path.forces.finished import PartMeshTable, check_part, measure_distance
-from compplan.path.forces.look import Above
-from compplan.path.forces.materials import MATERIALS
-from compplan.path.forces.meeting import find_engagement
-from compplan.path.forces.stock import StockColumns, build_block, read_mesh
-from compplan.path.toolpath import Toolpath
 from compplan.plan.plan import plan_job
+from compplan.process.blank import Cut, take_away, triangulate_stock
+from compplan.process.cutter import Cutter
+from compplan.process.finished import PartMeshTable, check_part, measure_distance
+from compplan.process.look import Above
+from compplan.process.materials import MATERIALS
+from compplan.process.meeting import find_engagement
+from compplan.process.stock import StockColumns, build_block, read_mesh
+from compplan.toolpath.toolpath import Toolpath
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FLAT = Cutter(5e-3, 0.03)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.cell.cell import build_cell
 from compplan.errors import UnknownNameError
-from compplan.path.toolpath import Toolpath
 from compplan.plan.evaluate import evaluate_run
 from compplan.plan.plan import PlanOptions, build_task
 from compplan.plan.strategies import STRATEGIES, command_path, nlp
 from compplan.posture.stance import Wish
 from compplan.robot import LinkElasticity, Spring, load_robot
 from compplan.robot.beam import hollow_beam_compliance
+from compplan.simulation.cell import build_cell
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.toolpath.toolpath import Toolpath
 
 FORCE = np.array([440.0, 1370.0, -635.0, 20.0, -10.0, 15.0])
 

@@ -13,9 +13,9 @@ from compplan.plan.strategies.online_correction import LITERAL, PI, PID
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
-from compplan.study.curves import quiet_cells
-from compplan.study.encoder_table import compare_encoders
-from compplan.study.judging import run_strategy
+from compplan.studies.curves import quiet_cells
+from compplan.studies.encoder_table import compare_encoders
+from compplan.studies.judging import run_strategy
 
 
 def test_klimchiks_ordering_and_ratios_come_out_under_loads_of_all_directions() -> None:

@@ -14,18 +14,18 @@ from compplan.effects.scene import own_springs
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable, describe_noise
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, push_scene, stage_path
-from compplan.known.vary import vary_scene
 from compplan.plan.plan import build_task, prepare_job
-from compplan.promise.band import draw_paths, linearise_path
 from compplan.robot.uncertainty import RivalRobot, Uncertainty, Unknown, spread_unknowns
-from compplan.study import judging
-from compplan.study.draw import _Noises, draw_cells
-from compplan.study.judging import run_strategy
-from compplan.study.posterior import MODES, count_coordinates, settle_robot
-from compplan.study.study import Study, prepare_study
-from compplan.study.summary import _describe_draws
+from compplan.studies import judging
+from compplan.studies.draw import _Noises, draw_cells
+from compplan.studies.judging import run_strategy
+from compplan.studies.posterior import MODES, count_coordinates, settle_robot
+from compplan.studies.study import Study, prepare_study
+from compplan.studies.summary import _describe_draws
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import draw_paths, linearise_path
+from compplan.uncertainty.slopes import ForceSpread, push_scene, stage_path
+from compplan.uncertainty.vary import vary_scene
 
 JOB = {
     "schema": 1,

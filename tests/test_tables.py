@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError, ShapeError
-from compplan.files.columns import UNITS, FileColumn, split_unit, to_unit
-from compplan.files.tables import read_table, write_table, write_text
-from compplan.files.transaction import replace_file
+from compplan.io.columns import UNITS, FileColumn, split_unit, to_unit
+from compplan.io.tables import read_table, write_table, write_text
+from compplan.io.transaction import replace_file
 
 COLUMNS = (
     FileColumn("run", "text"),

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-DIAGNOSE = Path(__file__).parent.parent / "compplan" / "diagnose"
+DIAGNOSE = Path(__file__).parent.parent / "compplan" / "diagnosis"
 MODULES = sorted(str(path.relative_to(DIAGNOSE).with_suffix("")) for path in DIAGNOSE.rglob("*.py"))
 SOURCES = ("assumed", "theory", "study: python -m ")
 COUNTS, GUARD = 6, 1e-6
@@ -80,13 +80,13 @@ def unsourced_constants(source: str) -> list[str]:
 @pytest.mark.parametrize("module", MODULES)
 def test_a_number_that_decides_has_a_name(module: str) -> None:
     lines = bare_decisions((DIAGNOSE / f"{module}.py").read_text())
-    assert not lines, f"compplan/diagnose/{module}.py: numbers without a name in lines {lines}"
+    assert not lines, f"compplan/diagnosis/{module}.py: numbers without a name in lines {lines}"
 
 
 @pytest.mark.parametrize("module", MODULES)
 def test_a_named_number_says_where_it_comes_from(module: str) -> None:
     names = unsourced_constants((DIAGNOSE / f"{module}.py").read_text())
-    assert not names, f"compplan/diagnose/{module}.py: {names} do not say one of {SOURCES}"
+    assert not names, f"compplan/diagnosis/{module}.py: {names} do not say one of {SOURCES}"
 
 
 def test_the_scanner_sees_bare_decisions_and_lets_arithmetic_pass() -> None:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from compplan.cell.forces import DrivenRows, _speeds
 from compplan.plan.agreement import _moving_feed
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors
 from compplan.plan.narrow import overlap_legs
 from compplan.plan.timing import find_slowdown, time_rapids
+from compplan.simulation.forces import DrivenRows, _speeds
 
 
 def times(along, speed):

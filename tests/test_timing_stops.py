@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from test_feed import ROBOT, arc_path, make_task
 
-from compplan.path.toolpath import select_waypoints
+from compplan.controllers.writers.counting import locate_link
 from compplan.plan.feed import TorqueRules
 from compplan.plan.narrow import INERTIA_WINDOWS
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import FULL_USE, _smooth_run, _turn_in_place, state_timing, time_command
-from compplan.program.counting import locate_link
 from compplan.statics.chain import build_chain, locate_frames
+from compplan.toolpath.toolpath import select_waypoints
 
 
 def time_single(window: float, *, follows: bool = False, inertia: bool = False) -> float:

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from compplan.controllers.writers.fit import fit_moves
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.loading import load_path
 from compplan.job.tolerance import ToleranceTable
-from compplan.outputs.plan import make_program, write_moves
-from compplan.path.events import Event
-from compplan.path.toolpath import Toolpath
 from compplan.plan.allowed import find_allowed
 from compplan.plan.plan import plan_job
-from compplan.program.fit import fit_moves
+from compplan.reporting.writers.plan import make_program, write_moves
 from compplan.robot import Array
+from compplan.toolpath.events import Event
+from compplan.toolpath.toolpath import Toolpath
 
 
 def straight(n: int = 11, **changes: Any) -> Toolpath:

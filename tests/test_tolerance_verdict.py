@@ -13,10 +13,10 @@ import pytest
 from commandline import run_command
 
 from compplan.job.job import check_job
-from compplan.known.assumed import known_uncertainty
 from compplan.plan.plan import plan_compensation, plan_job, prepare_job
 from compplan.plan.tolerance_verdict import MEASURE, TOUCH_OFF, explain_width, find_change, find_stretches, share_length
-from compplan.promise.band import widen_to_path
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import widen_to_path
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
 

@@ -9,11 +9,11 @@ import pytest
 from scipy.linalg import eigh
 
 from compplan.errors import InputError
-from compplan.path.forces.stability import CutDynamics, Modes, Spread, find_odds
-from compplan.path.forces.tool_beam import SOLIDS, ToolBeam, ToolBeamTable
 from compplan.plan.frequency_response import fit_responses, read_response
 from compplan.plan.stable_cut import ACCEPTED, propose_cut
 from compplan.plan.tool_modes import ToolModes, model_beam, read_tool_modes
+from compplan.process.stability import CutDynamics, Modes, Spread, find_odds
+from compplan.process.tool_beam import SOLIDS, ToolBeam, ToolBeamTable
 
 SLENDER = ToolBeam(((0.1, 0.01, "steel"),), 0.02)
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, ShapeError
-from compplan.path.reading import read_toolpath
-from compplan.path.toolpath import (
+from compplan.toolpath.reading import read_toolpath
+from compplan.toolpath.toolpath import (
     Toolpath,
     check_toolpath,
     place_toolpath,

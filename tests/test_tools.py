@@ -14,17 +14,17 @@ from commandline import run_command
 from program_readers import read_krl, read_rapid
 
 import compplan as cp
-import compplan.outputs.plan as outputs
+import compplan.reporting.writers.plan as outputs
+from compplan.controllers.writers import build_program, write_program
+from compplan.controllers.writers.sequence import write_sequence
+from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job
 from compplan.job.tool_tables import read_tool_library, take_tool
-from compplan.outputs.operations import deliver_operations
-from compplan.path.operations import split_operations
-from compplan.path.reading import read_toolpath
-from compplan.program import build_program, write_program
-from compplan.program.sequence import write_sequence
-from compplan.program.text import legal_name
+from compplan.reporting.writers.operations import deliver_operations
+from compplan.toolpath.operations import split_operations
+from compplan.toolpath.reading import read_toolpath
 
 HEAD = "%\nO0007 (BRACKET)\nG90 G94 G17 G49 G40 G80\nG21\n"
 MILL = ("T1 M6\nS9000 M3\nG54\nM8\nG0 X20. Y15.\nG43 Z15. H1\nZ2.\nG1 Z-1. F400.\nX30. F900.\nY25.\nX20. Y15.\n"
@@ -378,7 +378,7 @@ def test_init_writes_a_tool_for_each_number_that_the_file_cuts_with(tmp_path: Pa
 
 
 def test_a_plan_of_several_tools_is_viewed_tool_by_tool(posted: cp.Posted) -> None:
-    from compplan.commands.view import list_shown
+    from compplan.cli.commands.view import list_shown
 
     assert list_shown(posted.folder) == [posted.folder / "T1", posted.folder / "T2"]
     assert list_shown(posted.folder / "T1") == [posted.folder / "T1"]

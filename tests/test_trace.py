@@ -12,14 +12,14 @@ from commandline import run_command
 from executed_emulator import Cell, emulate, write_log, write_program, zigzag
 from scipy.ndimage import uniform_filter1d
 
+from compplan.controllers.motion.align import find_nearest, measure_way, place_rows
+from compplan.controllers.motion.geometry import Path as Laid
+from compplan.controllers.motion.log import clean_log, read_log
+from compplan.controllers.motion.run import execute_program
+from compplan.controllers.writers.counting import load_controller, to_controller
+from compplan.controllers.writers.servo import MotionTable, read_motion, tabulate_motion
 from compplan.errors import InputError
-from compplan.executed.align import find_nearest, measure_way, place_rows
-from compplan.executed.geometry import Path as Laid
-from compplan.executed.log import clean_log, read_log
-from compplan.executed.run import execute_program
-from compplan.outputs.executed import share_causes
-from compplan.program.counting import load_controller, to_controller
-from compplan.program.servo import MotionTable, read_motion, tabulate_motion
+from compplan.reporting.writers.executed import share_causes
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from compplan.errors import InputError
-from compplan.files import transaction
-from compplan.files.origin import record_inputs
-from compplan.files.tables import read_text
-from compplan.files.transaction import (
+from compplan.io import transaction
+from compplan.io.origin import record_inputs
+from compplan.io.tables import read_text
+from compplan.io.transaction import (
     MANIFEST,
     READY,
     clear_parts,
@@ -124,9 +124,9 @@ def test_a_process_that_dies_at_any_step_leaves_the_old_result_or_the_new_one(st
     (tmp_path / "out" / "mine").write_text("mine")
     code = f"""
 import os, pathlib, shutil, signal, sys
-from compplan.files import transaction
-from compplan.files.origin import record_inputs
-from compplan.files.tables import read_text
+from compplan.io import transaction
+from compplan.io.origin import record_inputs
+from compplan.io.tables import read_text
 left = [{step}]
 def count(function):
     def counted(*a, **k):
@@ -185,7 +185,7 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path):
     code = f"""
 import sys
 from pathlib import Path
-from compplan.files.transaction import hold_folder
+from compplan.io.transaction import hold_folder
 with hold_folder({str(tmp_path / "out")!r}):
     print("held", flush=True)
     sys.stdin.read()

@@ -17,15 +17,13 @@ from test_learn import cut_part
 from compplan.effects import Effect
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
-from compplan.known.slopes import ForceSpread, read_force_spread, tie_force
-from compplan.loop.elsewhere import try_elsewhere
-from compplan.loop.gather import Gathered
-from compplan.loop.hold import add_effect, teach_robot
-from compplan.loop.learn import learn_part
-from compplan.loop.teach import build_learned
-from compplan.loop.travel import choose_travel, learn_force, state_own
-from compplan.outputs.plan import deliver_plan
-from compplan.path.force_lesson import (
+from compplan.learning.elsewhere import try_elsewhere
+from compplan.learning.gather import Gathered
+from compplan.learning.hold import add_effect, teach_robot
+from compplan.learning.learn import learn_part
+from compplan.learning.teach import build_learned
+from compplan.learning.travel import choose_travel, learn_force, state_own
+from compplan.process.force_lesson import (
     FILE,
     SCATTER,
     LearnedForce,
@@ -34,11 +32,13 @@ from compplan.path.force_lesson import (
     read_learned_force,
     write_learned_force,
 )
-from compplan.path.force_models.constant import ConstantProcess
-from compplan.promise.band import Slopes, split_covariance
+from compplan.process.force_models.constant import ConstantProcess
+from compplan.reporting.writers.plan import deliver_plan
 from compplan.robot import load_robot
 from compplan.robot.folder import find_robot_folder, write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.uncertainty.band import Slopes, split_covariance
+from compplan.uncertainty.slopes import ForceSpread, read_force_spread, tie_force
 
 PATHS = Path(__file__).parents[1] / "paths"
 UNIT = Unknown("link_geometry", "joint_1", "ty", ("ty_m",), np.array([1e-4]))

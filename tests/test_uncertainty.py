@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.known.assumed import assume_uncertainty, known_uncertainty, list_assumed
 from compplan.robot import load_robot, write_robot_folder
 from compplan.robot.uncertainty import (
     RivalRobot,
@@ -21,6 +20,7 @@ from compplan.robot.uncertainty import (
     read_uncertainty,
     spread_unknowns,
 )
+from compplan.uncertainty.assumed import assume_uncertainty, known_uncertainty, list_assumed
 from tests.drawn_robots import draw_values
 
 GOOD = """schema = 1

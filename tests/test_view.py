@@ -16,16 +16,16 @@ from montecarlo_cases import cone_job
 
 from compplan.cli import group
 from compplan.errors import InputError
-from compplan.outputs.plan import write_plan
 from compplan.plan.plan import Plan, plan_job
-from compplan.report.robot_scene import locate_links
-from compplan.report.style import CATEGORIES, NEUTRAL, SEQUENTIAL
-from compplan.report.thinning import simplify_path
-from compplan.report.view.gap_scene import GapScene
-from compplan.report.view.motion import bend_arm, locate_chain
-from compplan.report.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
-from compplan.report.view.plan_scene import PROMISE, PlanScene
-from compplan.report.view.recording import GapRecording, PlanRecording, ViewSolid, read_recording
+from compplan.reporting.robot_scene import locate_links
+from compplan.reporting.style import CATEGORIES, NEUTRAL, SEQUENTIAL
+from compplan.reporting.thinning import simplify_path
+from compplan.reporting.view.gap_scene import GapScene
+from compplan.reporting.view.motion import bend_arm, locate_chain
+from compplan.reporting.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
+from compplan.reporting.view.plan_scene import PROMISE, PlanScene
+from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewSolid, read_recording
+from compplan.reporting.writers.plan import write_plan
 from compplan.robot import load_robot
 
 
@@ -71,9 +71,9 @@ def test_the_folder_tells_the_deviations_of_the_plan(plan: Plan, folder: Path, s
 
 @pytest.mark.parametrize("name", ["kuka_kr240_rail", "staubli_tx200", "kuka_kr240"])
 def test_the_links_of_the_cell_are_where_the_robot_has_them(name: str, tmp_path: Path) -> None:
-    from compplan.files.tables import write_json
-    from compplan.outputs.cell import summarise_cell
-    from compplan.report.view.recording import read_cell
+    from compplan.io.tables import write_json
+    from compplan.reporting.view.recording import read_cell
+    from compplan.reporting.writers.cell import summarise_cell
 
     robot = load_robot(name)
     write_json(tmp_path / "cell.json", summarise_cell(robot), indent=None)
@@ -183,7 +183,7 @@ def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanSc
     import viser
     from viewer_traffic import count_calls, record_traffic
 
-    from compplan.report.view.server import PlanViewer
+    from compplan.reporting.view.server import PlanViewer
 
     calls = {}
     for rows in (1, 50_000):
@@ -201,10 +201,10 @@ def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanSc
 
 @pytest.mark.parametrize("name", ["kuka_kr240_rail", "ur10"])
 def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> None:
-    from compplan.files.tables import write_json
-    from compplan.outputs.cell import summarise_cell
-    from compplan.report.view.motion import slope_tip
-    from compplan.report.view.recording import read_cell
+    from compplan.io.tables import write_json
+    from compplan.reporting.view.motion import slope_tip
+    from compplan.reporting.view.recording import read_cell
+    from compplan.reporting.writers.cell import summarise_cell
     from compplan.robot import Mimic
 
     robot = load_robot(name)
@@ -226,8 +226,8 @@ def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> No
 
 
 def make_gap() -> GapScene:
-    from compplan.outputs.cell import summarise_cell
-    from compplan.report.view.recording import ViewCell, _read_joint, _read_solid
+    from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
+    from compplan.reporting.writers.cell import summarise_cell
 
     robot = load_robot("ur10")
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
@@ -258,7 +258,7 @@ def test_arrows_start_at_the_measured_points_and_wear_the_colour_of_their_cause(
 def test_a_row_is_named_after_the_cause_whose_motion_lies_in_its_gap() -> None:
     from types import SimpleNamespace
 
-    from compplan.outputs.cell import name_rows
+    from compplan.reporting.writers.cell import name_rows
 
     gap = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
     motions = {
@@ -309,7 +309,7 @@ def test_the_viewer_runs_in_a_browser_without_a_complaint(folder: Path) -> None:
     pytest.importorskip("viser")
     from browser import CHROMIUM, browse
 
-    from compplan.report.view.server import start_server
+    from compplan.reporting.view.server import start_server
 
     if CHROMIUM is None:
         pytest.skip("needs Chromium")
@@ -363,7 +363,7 @@ def test_the_start_view_holds_the_whole_arm_and_the_coloured_path(folder: Path) 
     from browser import CHROMIUM, browse
     from PIL import Image
 
-    from compplan.report.view.server import start_server
+    from compplan.reporting.view.server import start_server
 
     if CHROMIUM is None:
         pytest.skip("needs Chromium")
@@ -391,7 +391,7 @@ def test_the_start_view_holds_the_whole_arm_and_the_coloured_path(folder: Path) 
 
 
 def test_the_panel_marks_where_the_arm_is_and_names_the_worst_places(scene: PlanScene) -> None:
-    from compplan.report.view.panel import draw_colour_bar, draw_curve
+    from compplan.reporting.view.panel import draw_colour_bar, draw_curve
 
     record, size = scene.recording, scene.sizes["uncorrected"]
     half = float(record.time[-1]) / 2.0

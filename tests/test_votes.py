@@ -15,19 +15,19 @@ import compplan.job.loading as loading
 import compplan.plan.bending as bending
 import compplan.posture.lattice as lattice
 import compplan.second.cam as second_reader
-from compplan.cell.inertia import fit_parabolas
-from compplan.cell.judge import build_judge
 from compplan.job.job import Job, ToolTable, check_job, load_job
-from compplan.outputs.plan import write_plan
-from compplan.path.toolpath import Toolpath, place_toolpath
 from compplan.plan import executed
 from compplan.plan.plan import plan_job
 from compplan.plan.timing import Timing
 from compplan.plan.tolerance_verdict import Case, judge_keeping
 from compplan.plan.verdict import hold_load
+from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
 from compplan.second.moves import CannotTellError
+from compplan.simulation.inertia import fit_parabolas
+from compplan.simulation.judge import build_judge
 from compplan.statics.chain import build_chain, locate_frames
+from compplan.toolpath.toolpath import Toolpath, place_toolpath
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
 

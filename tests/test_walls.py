@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.path.force_models.end_mill import EndMillProcess
-from compplan.path.forces.cutting import CuttingForce, prepare_cutting
-from compplan.path.forces.thin_wall import ThinWallTable, bend_plate
-from compplan.path.forces.tool_beam import ToolBeam, ToolBeamTable
-from compplan.path.forces.walls import amplify, find_load, judge_walls
-from compplan.path.toolpath import Toolpath
+from compplan.process.cutting import CuttingForce, prepare_cutting
+from compplan.process.force_models.end_mill import EndMillProcess
+from compplan.process.thin_wall import ThinWallTable, bend_plate
+from compplan.process.tool_beam import ToolBeam, ToolBeamTable
+from compplan.process.walls import amplify, find_load, judge_walls
+from compplan.toolpath.toolpath import Toolpath
 
 RADIUS, DEEP = 5.0, 4.0
 FEED = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnose.ledger.proposals import _Spectrum, wave_grid
+from compplan.diagnosis.ledger.proposals import _Spectrum, wave_grid
 
 
 @pytest.mark.parametrize(("spread", "slides"), [(6.0, False), (0.5, False), (1.3, True)])

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.diagnose import Diagnosis, diagnose_campaign
-from compplan.diagnose.answer.shares import CALIBRATION, UNEXPLAINED, Part, PosteriorMotion, list_parts
-from compplan.diagnose.answer.where import Split, split_diagnosis
-from compplan.diagnose.data.agreed import SAMPLE
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.answer.shares import CALIBRATION, UNEXPLAINED, Part, PosteriorMotion, list_parts
+from compplan.diagnosis.answer.where import Split, split_diagnosis
+from compplan.diagnosis.data.agreed import SAMPLE
 from tests.drawn_campaigns import Drawn, draw_robot_files
 from tests.effect_cases import CASES, FITTED, ROBOTS, Place
 

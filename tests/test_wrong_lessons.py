@@ -14,7 +14,7 @@ from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
 from compplan.job.noise import NoiseTable
-from compplan.loop.teach import teach_part
+from compplan.learning.teach import teach_part
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.path.cam.options import CamTable
-from compplan.path.reading import read_toolpath
 from compplan.robot import Array
 from compplan.second.follow import Followed, find_difference
 from compplan.second.moves import ARC, LINE, RAPID, Reading, Recorder
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.reading import read_toolpath
 
 FOLDER = Path(__file__).parent / "truth"
 #: How far an end may lie from the one expected. [m]

@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.path.cam import READERS, CamTable, read_cam, refuse_idle
-from compplan.path.toolpath import check_toolpath
+from compplan.toolpath.readers import READERS, CamTable, read_cam, refuse_idle
+from compplan.toolpath.toolpath import check_toolpath
 
 SLOWEST = 5.0
 MOST_MEMORY = 2**30

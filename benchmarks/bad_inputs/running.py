@@ -17,7 +17,7 @@ from pathlib import Path
 
 from benchmarks.bad_inputs.making import make_workspace
 from benchmarks.bad_inputs.tables import BadInput
-from compplan.study.workforce import die_with_parent
+from compplan.studies.workforce import die_with_parent
 
 #: What a case may take: processor and wall time [s], and memory [bytes]; the address space bounds the machine's risk.
 SECONDS, WALL, MEMORY, ADDRESSES = 60, 300, 2 * 2**30, 8 * 2**30
@@ -69,8 +69,8 @@ def load_commands() -> None:
     from compplan.cli import COMMANDS
 
     for name in COMMANDS:
-        importlib.import_module(f"compplan.commands.{name}")
-    for module in ("compplan.report", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
+        importlib.import_module(f"compplan.cli.commands.{name}")
+    for module in ("compplan.reporting", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1"):
         codecs.lookup(encoding)

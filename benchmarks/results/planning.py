@@ -78,7 +78,7 @@ def measure(settings: Settings) -> Findings:
 
 def _plan_softer(name: str) -> float:
     """Return what a plan leaves in a cell whose compliances are 20 % larger than the robot's. [mm]"""
-    import compplan.cell.cell as cells
+    import compplan.simulation.cell as cells
     from compplan.job.job import load_job
     from compplan.plan.evaluate import evaluate_run
     from compplan.plan.plan import plan_job

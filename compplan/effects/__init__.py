@@ -29,9 +29,9 @@ from compplan.effects.checks import check_effect
 from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
 from compplan.effects.signature import Effect, EffectModel, Signature
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.plugins import Registry
+from compplan.io.plugins import Registry
 from compplan.job import names
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 
 #: Every effect of the vocabulary, by name. A new effect is one new file and one line in `compplan.job.names`.

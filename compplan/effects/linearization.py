@@ -21,7 +21,7 @@ from compplan.effects.scene import (
     own_springs,
     spring_coordinates,
 )
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import Chain, Frames, build_chain, load_elements, locate_frames, locate_gravity
 

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.measure.campaign import Campaign
-from compplan.measure.registration import Registration
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import find_hand, mounted_tool
 from compplan.statics.chain import Chain, Frames, build_chain, locate_gravity

@@ -11,7 +11,7 @@ import numpy as np
 from compplan.effects.linearization import Linearization
 from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool
 

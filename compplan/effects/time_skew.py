@@ -10,7 +10,7 @@ import numpy as np
 from compplan.effects.linearization import Linearization
 from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
-from compplan.measure.campaign import Campaign
+from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 
 name = "time_skew"

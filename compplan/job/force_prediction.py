@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.files.tables import Array
+from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.job.loading import load_path
-from compplan.path.contact import path_axes
-from compplan.path.force_law import ForceLaw
-from compplan.path.forces.engagement import Engagement
-from compplan.path.forces.fit import ForceFit, fit_forces
-from compplan.path.forces.log import read_force_log
-from compplan.path.toolpath import Toolpath
+from compplan.process.engagement import Engagement
+from compplan.process.fit import ForceFit, fit_forces
+from compplan.process.force_law import ForceLaw
+from compplan.process.log import read_force_log
+from compplan.toolpath.contact import path_axes
+from compplan.toolpath.toolpath import Toolpath
 
 
 @dataclass(frozen=True)

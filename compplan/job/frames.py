@@ -18,10 +18,10 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from compplan.controllers.writers.pendant import locate_pendant
 from compplan.errors import InputError
-from compplan.files.tables import Array
-from compplan.files.tomlfile import StrictTable, Vector3
-from compplan.program.pendant import locate_pendant
+from compplan.io.tables import Array
+from compplan.io.tomlfile import StrictTable, Vector3
 from compplan.robot import Robot
 from compplan.robot.pose import build_pose
 

@@ -13,8 +13,8 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator
 
 from compplan.errors import InputError
-from compplan.files.tables import Array
-from compplan.files.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, Words, check_table, read_toml
+from compplan.io.tables import Array
+from compplan.io.tomlfile import Numbers, OneOf, SchemaOne, StrictTable, Vector3, Words, check_table, read_toml
 from compplan.job.frames import LONGEST_PATH, PartTable, PositionerTable, ToolTable
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
@@ -22,20 +22,20 @@ from compplan.job.output import OutputTable
 from compplan.job.stability import StabilityTable
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools, lay_cutter
-from compplan.path.cam import list_suffixes
-from compplan.path.cam.options import CamTable
-from compplan.path.force_law import turns_with_travel
-from compplan.path.force_lesson import LearnedForce
-from compplan.path.force_models.columns import ColumnsProcess
-from compplan.path.forces.library import lay_material
-from compplan.path.forces.process_stiffness import CouplingTable
-from compplan.path.forces.tool_beam import ToolBeamTable
-from compplan.path.forces.walls import SurfaceTable
-from compplan.path.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
-from compplan.path.process import Process
-from compplan.path.toolpath import Toolpath
+from compplan.process.force_law import turns_with_travel
+from compplan.process.force_lesson import LearnedForce
+from compplan.process.force_models.columns import ColumnsProcess
+from compplan.process.library import lay_material
+from compplan.process.process import Process
+from compplan.process.process_stiffness import CouplingTable
+from compplan.process.tool_beam import ToolBeamTable
+from compplan.process.walls import SurfaceTable
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
+from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
+from compplan.toolpath.readers import list_suffixes
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.toolpath import Toolpath
 
 #: Words of [plan] keep: the posture that the job's own robot chooses, and whichever is best; else a program's file.
 KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"

@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import CompplanError, InputError
-from compplan.files.notes import list_remarks, list_stops
-from compplan.files.tables import Array
+from compplan.io.notes import list_remarks, list_stops
+from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.path.corners import KEPT, SLOWED, round_corners
-from compplan.path.force_law import ForceLaw, compare_zero, read_stock_top
-from compplan.path.force_lesson import LearnedForce, read_learned_force
-from compplan.path.forces.cutting import CuttingTable, prepare_cutting
-from compplan.path.forces.process_stiffness import read_coupling
-from compplan.path.generators import generate_toolpath
-from compplan.path.operations import split_operations
-from compplan.path.process import describe_process
-from compplan.path.reading import read_toolpath
-from compplan.path.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
+from compplan.process.cutting import CuttingTable, prepare_cutting
+from compplan.process.force_law import ForceLaw, compare_zero, read_stock_top
+from compplan.process.force_lesson import LearnedForce, read_learned_force
+from compplan.process.process import describe_process
+from compplan.process.process_stiffness import read_coupling
 from compplan.robot.folder import find_robot_folder
+from compplan.toolpath.corners import KEPT, SLOWED, round_corners
+from compplan.toolpath.generators import generate_toolpath
+from compplan.toolpath.operations import split_operations
+from compplan.toolpath.reading import read_toolpath
+from compplan.toolpath.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
 
 #: Step that a toolpath file is divided into where the job says nothing. [m]
 FILE_STEP = 1e-3

@@ -2,15 +2,15 @@
 
 Each name is that of one file in `compplan.effects` or `compplan.plan.strategies`, which open these registries; a file
 is imported when it is first used, so that a job is checked before anything heavy is loaded. Job schema, help texts,
-commented job and pages read these lists. Program languages are listed in `compplan.program`, CAM readers in
-`compplan.path.cam`, force models in `compplan.path.force_models`.
+commented job and pages read these lists. Program languages are listed in `compplan.controllers.writers`, CAM readers in
+`compplan.toolpath.readers`, force models in `compplan.process.force_models`.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from compplan.files.plugins import Registry
+from compplan.io.plugins import Registry
 
 #: Effects, in the order in which they enter a scene: what changes the robot first, what needs its poses later.
 EFFECTS: Registry[Any] = Registry[Any]((

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from compplan.files.tomlfile import OneOf, StrictTable
+from compplan.io.tomlfile import OneOf, StrictTable
 from compplan.job.names import EFFECTS
 
 #: Where the defaults come from, key by key.

@@ -10,8 +10,8 @@ from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import job_toolpath_file
 from compplan.job.tool_tables import read_tool_library
 from compplan.job.tools import Described, called_speed, find_listed, find_numbered, lay_process
-from compplan.path.operations import Operation, split_operations
-from compplan.path.reading import read_toolpath
+from compplan.toolpath.operations import Operation, split_operations
+from compplan.toolpath.reading import read_toolpath
 
 
 def split_job(job: Job) -> tuple[Job, ...]:

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from compplan.files.tomlfile import OneOf, StrictTable
+from compplan.controllers.writers import WRITERS
+from compplan.io.tomlfile import OneOf, StrictTable
 from compplan.job.signals import IoTable
-from compplan.program import WRITERS
 
 
 class CellTable(StrictTable):

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from compplan.files.tomlfile import StrictTable
-from compplan.program import Wiring
+from compplan.controllers.writers import Wiring
+from compplan.io.tomlfile import StrictTable
 
 
 def _check_signal(value: object) -> object:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from compplan.files.tomlfile import StrictTable
+from compplan.io.tomlfile import StrictTable
 
 
 class StabilityTable(StrictTable):

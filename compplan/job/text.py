@@ -11,15 +11,15 @@ from textwrap import wrap
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from compplan.controllers.writers import WRITERS
+from compplan.controllers.writers.pendant import locate_pendant
 from compplan.job.names import EFFECTS, STRATEGIES
-from compplan.path.cam import READERS, list_suffixes
-from compplan.path.contact import ContactTable
-from compplan.path.force_models import FORCE_MODELS, ForceModel
-from compplan.path.forces.materials import MATERIALS
-from compplan.program import WRITERS
-from compplan.program.pendant import locate_pendant
+from compplan.process.force_models import FORCE_MODELS, ForceModel
+from compplan.process.materials import MATERIALS
 from compplan.robot import Robot
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
+from compplan.toolpath.contact import ContactTable
+from compplan.toolpath.readers import READERS, list_suffixes
 
 #: Tables of a short job, and which of their keys; None: all that count.
 SHORT: dict[str, tuple[str, ...] | None] = {

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from compplan.errors import InputError
-from compplan.files.tomlfile import StrictTable
-from compplan.path.toolpath import Toolpath
+from compplan.io.tomlfile import StrictTable
+from compplan.toolpath.toolpath import Toolpath
 
 Size = Annotated[float, Field(gt=0.0, le=100.0)]
 #: Ways to say which part of a path is meant.

@@ -11,12 +11,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from compplan.errors import InputError
-from compplan.files.tomlfile import StrictTable, check_table
+from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
 from compplan.job.tool_tables import read_tool_library, take_cutter, take_tool
 from compplan.job.tool_tables.listed import LibraryTool
-from compplan.path.operations import Operation
-from compplan.path.process import Process
+from compplan.process.process import Process
+from compplan.toolpath.operations import Operation
 
 #: Force models that a tool table knows the cutter of, and what it says of it.
 CUTTERS = {

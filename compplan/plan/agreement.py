@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import build_dynamics, inertial_loads
 from compplan.plan.bending import follow_links, plan_loads
 from compplan.plan.between import Between, measure_between, wanted_pieces
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
@@ -22,6 +21,7 @@ from compplan.plan.strategies.lost_motion import find_crossings, without_play
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
+from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.inertia import build_moving_chain
 from compplan.statics.sensitivity import attain_pose
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.measure.distance import band_radius
-from compplan.path.toolpath import Toolpath
+from compplan.measurement.distance import band_radius
 from compplan.robot import Array
+from compplan.toolpath.toolpath import Toolpath
 
 #: Turn of the travel from which on a waypoint is a corner: it has no one travel, and its whole distance counts. [rad]
 CORNER = float(np.radians(10.0))

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.path.contact import tool_axes
-from compplan.path.toolpath import select_waypoints
 from compplan.plan.profile import ease, ease_duration
 from compplan.plan.strategies.lost_motion import cross_first
 from compplan.plan.task import PlanTask
@@ -19,6 +17,8 @@ from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import select_waypoints
 
 #: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
 APPROACH = 0.05

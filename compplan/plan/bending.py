@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import Dynamics, build_dynamics, natural_frequencies
-from compplan.known.assumed import known_uncertainty
 from compplan.plan.strategies.equations import differentiate_equations, pose_equations
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs
 from compplan.posture.start import PostureRequest
-from compplan.promise.motion import Motion, Push, know_masses, swing_arm
 from compplan.robot import Array, Robot
+from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import locate_loaded, solve_equilibrium
 from compplan.statics.ik import middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 from compplan.statics.sensitivity import AttainedPose, chunk_rows
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
 
 #: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
 LOOKED_AT = 2000

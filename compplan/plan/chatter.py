@@ -1,6 +1,6 @@
 """How far the cut of an end mill is beyond the limit of chatter at any posture, for the choice of a posture.
 
-The zero-order solution (`compplan.path.forces.stability`) with the modes of the arm as it stands; the verdict of
+The zero-order solution (`compplan.process.stability`) with the modes of the arm as it stands; the verdict of
 `compplan forces` is by semi-discretisation.
 """
 
@@ -13,17 +13,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import Dynamics, build_dynamics, find_modes
 from compplan.errors import InputError
 from compplan.job.job import Job
 from compplan.job.loading import load_path
-from compplan.path.contact import path_axes
-from compplan.path.force_law import ForceLaw
-from compplan.path.force_models.end_mill import EndMillProcess
-from compplan.path.forces.cutting import CuttingForce
-from compplan.path.forces.stability import CutDynamics, Modes, find_gains, find_limit
-from compplan.path.toolpath import Toolpath
+from compplan.process.cutting import CuttingForce
+from compplan.process.force_law import ForceLaw
+from compplan.process.force_models.end_mill import EndMillProcess
+from compplan.process.stability import CutDynamics, Modes, find_gains, find_limit
 from compplan.robot import Array, Robot
+from compplan.simulation.vibration import Dynamics, build_dynamics, find_modes
+from compplan.toolpath.contact import path_axes
+from compplan.toolpath.toolpath import Toolpath
 
 #: Modes of a posture; the stiffer ones do not take part.
 MODES = 5

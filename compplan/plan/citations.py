@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compplan.path.force_models import FORCE_MODELS
+from compplan.process.force_models import FORCE_MODELS
 
 #: The papers, by what is used of them.
 METHODS = {

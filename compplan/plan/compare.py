@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from compplan.cell.cell import AS_MODELLED, JUDGE, Cell, standard_cells
-from compplan.files.origin import describe_origin
-from compplan.files.quantities import format_length
-from compplan.files.shown import Curve, Curves, Shown
+from compplan.io.origin import describe_origin
+from compplan.io.quantities import format_length
+from compplan.io.shown import Curve, Curves, Shown
 from compplan.job.job import Job
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, read_force_spread, stage_path
-from compplan.measure.distance import LEVEL
+from compplan.measurement.distance import LEVEL
 from compplan.plan.evaluate import Evaluation, evaluate_run
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import STRATEGIES, command_path
 from compplan.plan.task import Command, PlanTask
-from compplan.promise.band import draw_paths, linearise_path
 from compplan.robot import Array
+from compplan.simulation.cell import AS_MODELLED, JUDGE, Cell, standard_cells
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import draw_paths, linearise_path
+from compplan.uncertainty.slopes import ForceSpread, read_force_spread, stage_path
 
 #: Robots and forces that are drawn.
 DRAWS = 200

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from compplan.cell.cell import CellRun
-from compplan.cell.coupling import Settled, settle_coupled
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
+from compplan.simulation.cell import CellRun
+from compplan.simulation.coupling import Settled, settle_coupled
 
 
 @dataclass(frozen=True)

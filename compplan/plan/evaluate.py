@@ -9,9 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell
-from compplan.cell.coupling import Settled, settle_coupled
-from compplan.cell.judge import tip_compliance
 from compplan.plan.coupling import (
     CouplingEffect,
     find_stiffness,
@@ -23,6 +20,9 @@ from compplan.plan.strategies.limits import measure_correction
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing
 from compplan.robot import Array
+from compplan.simulation.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell
+from compplan.simulation.coupling import Settled, settle_coupled
+from compplan.simulation.judge import tip_compliance
 from compplan.statics.elastic import loaded_compliance
 from compplan.statics.sensitivity import attain_pose
 

@@ -8,7 +8,7 @@ It decides what is written: zones are made smaller where they would leave the pa
 tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_down`).
 
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
-(`compplan.executed.drives`). To second order the inverse of it, a delay T of the whole path aside, is
+(`compplan.controllers.motion.drives`). To second order the inverse of it, a delay T of the whole path aside, is
 
     q_cmd = q + (T1 - T - T1 T') q' + (T2 - T1 T + T^2 / 2) q'',
 
@@ -28,29 +28,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from compplan.controllers.motion.align import find_nearest
+from compplan.controllers.motion.drives import follow_command
+from compplan.controllers.motion.geometry import build_path, follow_path
+from compplan.controllers.motion.timing import schedule_path
+from compplan.controllers.motion.written import lay_moves
+from compplan.controllers.writers.counting import believed_robot, load_motion
+from compplan.controllers.writers.fit import fit_moves
+from compplan.controllers.writers.program import build_program
+from compplan.controllers.writers.servo import ASSUMED, ServoMotion
+from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves, widest_zone
 from compplan.errors import InfeasibleError
-from compplan.executed.align import find_nearest
-from compplan.executed.drives import follow_command
-from compplan.executed.geometry import build_path, follow_path
-from compplan.executed.timing import schedule_path
-from compplan.executed.written import lay_moves
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
-from compplan.path.toolpath import interpolate
 from compplan.plan.agreement import Agreement, agree
 from compplan.plan.feed import FeedWish
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs
 from compplan.posture.start import Easing
-from compplan.program.counting import believed_robot, load_motion
-from compplan.program.fit import fit_moves
-from compplan.program.program import build_program
-from compplan.program.servo import ASSUMED, ServoMotion
-from compplan.program.zones import BlendZone, find_zones, mark_moves, widest_zone
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.toolpath import interpolate
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
 SIDE, BLOCK = 40, 100_000

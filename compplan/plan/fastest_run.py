@@ -18,8 +18,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from compplan.errors import ConvergenceError
-from compplan.path.toolpath import interpolate
 from compplan.robot import Array
+from compplan.toolpath.toolpath import interpolate
 
 #: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
 NO_LIMIT = 1e4

@@ -4,7 +4,7 @@ A constant feed is the highest that every waypoint of the cut holds: with q(s) a
 
     |q'| f <= v_max,    |q''| f^2 <= a_max;
 
-the tool still starts and stops from rest. Sharp corners hold it down: `compplan.path.corners` rounds them.
+the tool still starts and stops from rest. Sharp corners hold it down: `compplan.toolpath.corners` rounds them.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from compplan.cell.judge import build_judge
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs, parameter_steps, time_command
 from compplan.robot import Array, Robot
+from compplan.simulation.judge import build_judge
 from compplan.statics.chain import build_chain, locate_frames
 
 #: Torque left to move with where the static load alone is beyond a limit, as a share of the load.

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from compplan.job.job import Job
-from compplan.path.force_law import ForceLaw
-from compplan.path.forces.walls import MOST, WallError, judge_walls
-from compplan.path.toolpath import Toolpath, interpolate
+from compplan.process.force_law import ForceLaw
+from compplan.process.walls import MOST, WallError, judge_walls
 from compplan.robot import Array
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 
 def judge_surface(

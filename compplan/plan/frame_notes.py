@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.files.notes import Stop
-from compplan.files.tables import Array
+from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.pendant import locate_pendant
+from compplan.io.notes import Stop
+from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.plan.task import PlanTask
-from compplan.program.counting import load_controller
-from compplan.program.pendant import locate_pendant
 from compplan.robot import Robot, load_robot
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
-from compplan.path.contact import path_axes
-from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
 from compplan.posture.lattice import orient_tool
@@ -27,6 +25,8 @@ from compplan.posture.summary import Stance
 from compplan.robot import Array
 from compplan.statics.ik import Arm, build_arm
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.contact import path_axes
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
 #: Coefficients of one free coordinate at most, and stations to one of them at least.
 MOST_KNOTS, PER_KNOT = 40, 4

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 
 from compplan.errors import InputError
-from compplan.files.columns import FileColumn
-from compplan.files.tables import Array, read_table
-from compplan.path.forces.stability import Modes
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Array, read_table
 from compplan.plan.tool_modes import ToolModes
+from compplan.process.stability import Modes
 
 COLUMNS = (
     FileColumn("frequency_Hz", required=True),

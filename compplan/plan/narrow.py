@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compplan.path.corners import find_roundings, find_shares
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
+from compplan.toolpath.corners import find_roundings, find_shares
 
 #: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
 INERTIA_WINDOWS = (1.0, 1.0, 0.5)

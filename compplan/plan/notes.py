@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compplan.cell.forces import RECORDED
-from compplan.files.notes import Stop
+from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.coupling import CouplingEffect
@@ -18,6 +17,7 @@ from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 from compplan.robot import Robot
 from compplan.robot.soft_limits import describe_soft_limits
+from compplan.simulation.forces import RECORDED
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1

@@ -9,17 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.cell.wanted import Vote
+from compplan.controllers.writers import check_languages
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.files.notes import Crash
+from compplan.io.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
-from compplan.known.fading import fade_robot
-from compplan.known.slopes import ForceSpread, pick_rows, read_force_spread
-from compplan.path.contact import check_tool_x, tool_axes
-from compplan.path.force_law import ForceLaw
-from compplan.path.toolpath import Toolpath, check_toolpath
 from compplan.plan.approach import plan_approach, plan_retract
 from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
@@ -48,11 +43,16 @@ from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
 from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
 from compplan.posture.summary import Stance
-from compplan.program import check_languages
-from compplan.promise.band import band_radius
-from compplan.promise.posture_errors import posture_errors
+from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
+from compplan.simulation.wanted import Vote
 from compplan.statics.chain import Chain, build_chain
+from compplan.toolpath.contact import check_tool_x, tool_axes
+from compplan.toolpath.toolpath import Toolpath, check_toolpath
+from compplan.uncertainty.band import band_radius
+from compplan.uncertainty.fading import fade_robot
+from compplan.uncertainty.posture_errors import posture_errors
+from compplan.uncertainty.slopes import ForceSpread, pick_rows, read_force_spread
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from compplan.controllers.writers.counting import load_motion
 from compplan.errors import InfeasibleError
-from compplan.path.contact import path_axes, tool_axes
-from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.freedom import TUBE, Freedom, find_freedom
 from compplan.plan.ground import DEEPEST, LEAST_SHARE, drop_least, state_ground
 from compplan.plan.narrow import INERTIA_WINDOWS
@@ -26,9 +25,10 @@ from compplan.posture.search import measure_rungs, search_line
 from compplan.posture.stance import Wish
 from compplan.posture.start import Bettered, PostureRequest, Start, find_plain, find_start, stand
 from compplan.posture.summary import Stance, summarise_costs
-from compplan.program.counting import load_motion
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.toolpath.contact import path_axes, tool_axes
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 LOG = logging.getLogger(__name__)
 

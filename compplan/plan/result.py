@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from compplan.cell.cell import JUDGE
 from compplan.errors import ConvergenceError
-from compplan.files.notes import list_stops
-from compplan.files.origin import describe_origin
-from compplan.files.quantities import format_length, format_number, format_set_length
-from compplan.files.shown import Curve, Curves, Shown
+from compplan.io.notes import list_stops
+from compplan.io.origin import describe_origin
+from compplan.io.quantities import format_length, format_number, format_set_length
+from compplan.io.shown import Curve, Curves, Shown
 from compplan.job.job import Job
-from compplan.known.slopes import read_force_spread, stage_path
-from compplan.path.forces.walls import WallError
 from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
@@ -31,10 +28,13 @@ from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.promise.band import Promise, promise_path
-from compplan.promise.motion import read_placement, shift_part
+from compplan.process.walls import WallError
 from compplan.robot import Array, Robot
+from compplan.simulation.cell import JUDGE
 from compplan.statics.chain import locate_frames
+from compplan.uncertainty.band import Promise, promise_path
+from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.slopes import read_force_spread, stage_path
 from compplan.version import VERSION
 
 #: Stretches and limits that a sentence lists, and its letters at most.

@@ -19,19 +19,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from compplan.cell.vibration import Dynamics, build_dynamics
 from compplan.effects.scene import Scene
 from compplan.errors import ConvergenceError
-from compplan.known.assumed import known_uncertainty
-from compplan.known.slopes import ForceSpread, measure_force_slopes, measure_slopes, pick_rows, rest_scene, stage_path
 from compplan.plan.bending import measure_motion
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 from compplan.posture.start import Easing, Start
-from compplan.promise.band import Slopes, band_radius, split_covariance
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
+from compplan.simulation.vibration import Dynamics, build_dynamics
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.band import Slopes, band_radius, split_covariance
+from compplan.uncertainty.slopes import (
+    ForceSpread,
+    measure_force_slopes,
+    measure_slopes,
+    pick_rows,
+    rest_scene,
+    stage_path,
+)
 
 #: Rows of the cut at which the band of a finished posture is measured.
 BAND_ROWS = 120

@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.path.corners import find_corners
-from compplan.path.events import find_halts
-from compplan.path.toolpath import Toolpath, divide_toolpath
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
 from compplan.posture.follow import reach_with_all
@@ -21,6 +18,9 @@ from compplan.posture.trace import reach_tip_and_axis
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.toolpath.corners import find_corners
+from compplan.toolpath.events import find_halts
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 
 #: Waypoints that bring the correction in where a force stands at once, or take it out where it still stands.
 LEAD_ROWS = 8

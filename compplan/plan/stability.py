@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.cell.vibration import Dynamics, build_dynamics, find_modes
 from compplan.errors import InputError
 from compplan.job.force_prediction import ForcePrediction
 from compplan.job.job import Job
-from compplan.path.contact import path_axes, tool_axes
-from compplan.path.force_models.end_mill import EndMillProcess
-from compplan.path.forces.cutting import CuttingForce
-from compplan.path.forces.stability import (
+from compplan.plan.chatter import MODES
+from compplan.plan.frequency_response import fit_responses
+from compplan.plan.plan import build_task, prepare_job
+from compplan.plan.stable_cut import CutProposal, propose_cut
+from compplan.plan.tool_modes import ToolModes, model_beam, read_tool_modes
+from compplan.process.cutting import CuttingForce
+from compplan.process.force_models.end_mill import EndMillProcess
+from compplan.process.stability import (
     CutDynamics,
     Modes,
     Spread,
@@ -29,13 +32,10 @@ from compplan.path.forces.stability import (
     find_multiplier,
     find_odds,
 )
-from compplan.path.toolpath import Toolpath, interpolate
-from compplan.plan.chatter import MODES
-from compplan.plan.frequency_response import fit_responses
-from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.stable_cut import CutProposal, propose_cut
-from compplan.plan.tool_modes import ToolModes, model_beam, read_tool_modes
 from compplan.robot import Array
+from compplan.simulation.vibration import Dynamics, build_dynamics, find_modes
+from compplan.toolpath.contact import path_axes, tool_axes
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Postures along the cut whose modes are worked out.
 POSTURES = 12

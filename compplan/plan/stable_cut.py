@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.files.tables import Array
-from compplan.path.forces.stability import CutDynamics, Spread, find_odds
+from compplan.io.tables import Array
+from compplan.process.stability import CutDynamics, Spread, find_odds
 
 #: Probability of chatter that is accepted (assumed), and cuts nearest to chatter that have to keep it.
 ACCEPTED, CUTS = 0.1, 5

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.attained import attain_with_effects
-from compplan.path.force_law import ForceLaw
-from compplan.path.toolpath import Toolpath, interpolate
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
 from compplan.posture.start import Start
+from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
 SMOOTHING = 0.05

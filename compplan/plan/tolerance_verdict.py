@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from compplan.plan.bending import Bending
 from compplan.plan.task import PlanTask
-from compplan.promise.band import CAUSES, Promise
 from compplan.robot import Array
+from compplan.uncertainty.band import CAUSES, Promise
 
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"

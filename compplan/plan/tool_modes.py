@@ -14,10 +14,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from compplan.errors import InputError
-from compplan.files.columns import FileColumn
-from compplan.files.tables import Array, read_table
-from compplan.path.forces.stability import Modes
-from compplan.path.forces.tool_beam import ToolBeam
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Array, read_table
+from compplan.process.stability import Modes
+from compplan.process.tool_beam import ToolBeam
 
 COLUMNS = (
     FileColumn("frequency_Hz", required=True), FileColumn("damping", required=True), FileColumn("mass_kg"),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from compplan.errors import InputError
 from compplan.job.force_prediction import ForcePrediction
-from compplan.path.forces.walls import WallError
 from compplan.plan.evaluate import evaluate_model
 from compplan.plan.finished_walls import judge_surface
 from compplan.plan.plan import build_task, prepare_job
+from compplan.process.walls import WallError
 
 
 def predict_surface(found: ForcePrediction) -> tuple[tuple[WallError, ...] | None, str]:

@@ -1,7 +1,7 @@
 """The judge's vote: what a plan has to show before it says "solved".
 
-The judge reads robot folder, tool and process by itself (`compplan.cell.reading`, `compplan.cell.forces`), and brings
-the loaded tool to rest at and between waypoints. Limits are held on the timed path by differences.
+The judge reads robot folder, tool and process by itself (`compplan.simulation.reading`, `compplan.simulation.forces`),
+and brings the loaded tool to rest at and between waypoints. Limits are held on the timed path by differences.
 """
 
 from __future__ import annotations
@@ -12,14 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from compplan.cell.cell import AS_MODELLED, Cell, build_cell, run_cell
-from compplan.cell.forces import DrivenRows, read_forces, read_stiffness
-from compplan.cell.inertia import average_loads, load_springs
-from compplan.cell.judge import Judge
-from compplan.cell.reading import read_judge
-from compplan.cell.vibration import build_dynamics
 from compplan.job.job import Job
-from compplan.known.fading import has_faded
 from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
 from compplan.plan.evaluate import Evaluation, Margins
@@ -28,6 +21,13 @@ from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, find_slowdown
 from compplan.plan.votes import Driven
 from compplan.robot import Array
+from compplan.simulation.cell import AS_MODELLED, Cell, build_cell, run_cell
+from compplan.simulation.forces import DrivenRows, read_forces, read_stiffness
+from compplan.simulation.inertia import average_loads, load_springs
+from compplan.simulation.judge import Judge
+from compplan.simulation.reading import read_judge
+from compplan.simulation.vibration import build_dynamics
+from compplan.uncertainty.fading import has_faded
 
 #: Rounding that limits on the timed path leave.
 ROUNDING = 1.001

@@ -1,7 +1,7 @@
 """Votes on what a plan rests on, beside the loaded tip: path, tool axis, limits, effort, feed, times, inertia.
 
-Each is worked out from the job's files by readings and engines of its own (`compplan.second`, `compplan.cell`). What
-disagrees keeps a plan from being confirmed; what could not be looked at is said.
+Each is worked out from the job's files by readings and engines of its own (`compplan.second`, `compplan.simulation`).
+What disagrees keeps a plan from being confirmed; what could not be looked at is said.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from compplan.cell.forces import DrivenRows
-from compplan.cell.frames import read_part
-from compplan.cell.inertia import find_inside, fit_parabolas, load_springs, shift_tip, stand_stiff
-from compplan.cell.judge import Judge
-from compplan.cell.wanted import Vote, read_strictest, vote_on_path
 from compplan.plan.bending import Bending
 from compplan.plan.evaluate import Evaluation
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.second.robot import JointTable, read_joints
+from compplan.simulation.forces import DrivenRows
+from compplan.simulation.frames import read_part
+from compplan.simulation.inertia import find_inside, fit_parabolas, load_springs, shift_tip, stand_stiff
+from compplan.simulation.judge import Judge
+from compplan.simulation.wanted import Vote, read_strictest, vote_on_path
 
 #: Rounding that limits, times and feeds leave.
 ROUNDING = 1.002

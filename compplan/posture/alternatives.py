@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from compplan.errors import InputError
-from compplan.path.contact import tool_axes
 from compplan.posture.stance import choose_posture
 from compplan.posture.start import Start
 from compplan.posture.summary import summarise_costs
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain
+from compplan.toolpath.contact import tool_axes
 
 
 def compare_postures(

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
 from compplan.posture.finished import Meter, RobotMeasure, choose_finished, find_meter, measure_stance
@@ -37,6 +36,7 @@ from compplan.posture.trace import PostureTrace, trace_line
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm
+from compplan.toolpath.toolpath import Toolpath
 
 #: Tells by how much postures keep clear: (q (m, nq), waypoints (m,)) -> margin (m,) [m], negative where too near.
 Margin = Callable[[Array, NDArray[np.int_]], Array]

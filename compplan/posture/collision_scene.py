@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.files.meshes import load_mesh
+from compplan.io.meshes import load_mesh
 from compplan.posture.contacts import Solid, find_contacts, locate_link_frames
 from compplan.robot import Array, Robot
 from compplan.robot.shapes import BodyShapes, describe_shapes, leave_out, read_bodies

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.path.toolpath import interpolate
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import middle_of_limits
+from compplan.toolpath.toolpath import interpolate
 
 #: Waypoints that are followed one by one; those between are reached from a line through these.
 STATIONS = 500

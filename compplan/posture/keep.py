@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import CompplanError, InputError
-from compplan.files.columns import FileColumn
-from compplan.files.tables import read_table
+from compplan.io.columns import FileColumn
+from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
-from compplan.path.toolpath import Toolpath, interpolate
 from compplan.posture.slides import least_strokes, steady_slide
 from compplan.posture.stance import Wish
 from compplan.posture.start import PostureRequest, Start, find_start
@@ -29,6 +28,7 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration, pose_error, refine_ik
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Rows of a program that bring the correction in or out; the others follow the path.
 BESIDE = ("approach", "retract")

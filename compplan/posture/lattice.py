@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.path.contact import path_axes, tool_axes
-from compplan.path.toolpath import Toolpath, select_waypoints
 from compplan.posture.costs import measure_nodes
 from compplan.posture.settings import PostureSettings
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches
+from compplan.toolpath.contact import path_axes, tool_axes
+from compplan.toolpath.toolpath import Toolpath, select_waypoints
 
 #: Why a node cannot be used.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)

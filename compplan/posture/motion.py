@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.path.toolpath import Toolpath, interpolate
 from compplan.robot import Array
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Motion against the last one of less than this is no reversal. [rad or m]
 STILL = 1e-6

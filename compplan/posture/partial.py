@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.path.toolpath import Toolpath, select_waypoints
 from compplan.posture.choose import NODE_BUDGET, choose_stance
 from compplan.posture.follow import reach_with_all
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
@@ -23,6 +22,7 @@ from compplan.posture.summary import Stance
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm
+from compplan.toolpath.toolpath import Toolpath, select_waypoints
 
 #: Stretches that are chosen for, the shortest one [waypoints], and attempts on each.
 STRETCHES, SHORTEST, ATTEMPTS = 4, 5, 4

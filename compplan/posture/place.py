@@ -19,7 +19,6 @@ from compplan.errors import InfeasibleError, InputError
 from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
-from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_margin
@@ -32,6 +31,7 @@ from compplan.posture.summary import Stance
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import Arm, build_arm, solve_branches
+from compplan.toolpath.toolpath import Toolpath
 
 if TYPE_CHECKING:
     from compplan.posture.collision_scene import CollisionScene

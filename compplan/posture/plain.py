@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.path.contact import tool_axes
-from compplan.path.toolpath import Toolpath
 from compplan.posture.stance import Wish, choose_posture
 from compplan.posture.summary import Stance, summarise_costs
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import Toolpath
 
 #: Waypoints of a finished line whose margin is looked at.
 MARGIN_SAMPLES = 600

@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.path.toolpath import Toolpath
 from compplan.posture.costs import Weights
 from compplan.posture.lattice import REASONS, USABLE, Lattice
 from compplan.posture.motion import MotionPrice
 from compplan.robot import Array, Robot
+from compplan.toolpath.toolpath import Toolpath
 
 #: Length of path that joint motion counts against. [m]
 LENGTH = 0.1

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError, InputError
-from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
@@ -28,6 +27,7 @@ from compplan.posture.summary import Stance
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration
+from compplan.toolpath.toolpath import Toolpath
 
 if TYPE_CHECKING:
     from compplan.job.job import Job

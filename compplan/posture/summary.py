@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.path.toolpath import Toolpath
 from compplan.posture.chatter import ChatterCount
 from compplan.posture.costs import Weights, draw_errors, error_columns, measure_nodes
 from compplan.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
@@ -18,6 +17,7 @@ from compplan.posture.search import Line
 from compplan.posture.settings import PostureSettings
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain
+from compplan.toolpath.toolpath import Toolpath
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from compplan.path.toolpath import Toolpath
 from compplan.posture.lattice import Options, orient_tool
 from compplan.posture.slides import least_strokes, steady_slide
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
+from compplan.toolpath.toolpath import Toolpath
 
 #: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
 NEAR = 0.3

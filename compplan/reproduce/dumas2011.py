@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.identify import Estimate, build_structure, estimate_parameters
-from compplan.measure.made import make_log
-from compplan.report.maps.pictures import draw_joint_map, draw_lines
+from compplan.identification import Estimate, build_structure, estimate_parameters
+from compplan.measurement.made import make_log
+from compplan.reporting.maps.pictures import draw_joint_map, draw_lines
 from compplan.reproduce.paper import (
     PaperFigure,
     Reproduction,

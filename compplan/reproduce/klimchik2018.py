@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from compplan.identify import reduce_model
-from compplan.report.maps.pictures import draw_shares
+from compplan.identification import reduce_model
+from compplan.reporting.maps.pictures import draw_shares
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance

@@ -6,12 +6,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from compplan.files.origin import describe_origin
-from compplan.files.tables import write_json
-from compplan.files.transaction import replace_folder
-from compplan.report import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
-from compplan.report.page import KeyFigure, Opening, Provenance
-from compplan.report.style import format_number
+from compplan.io.origin import describe_origin
+from compplan.io.tables import write_json
+from compplan.io.transaction import replace_folder
+from compplan.reporting import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
+from compplan.reporting.page import KeyFigure, Opening, Provenance
+from compplan.reporting.style import format_number
 from compplan.reproduce.paper import Reproduction, Row, count_verdicts
 
 TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}

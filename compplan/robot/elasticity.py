@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.tomlfile import Numbers, SchemaOne, StrictTable, Vector3, read_toml_model
+from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.robot.model import GRADES, SPRING_AXES, Array, Joint, LinkElasticity, Spring
 

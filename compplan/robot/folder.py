@@ -14,8 +14,8 @@ import tomli_w
 from pydantic import Field
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.tables import escape_bytes, read_text, write_text
-from compplan.files.tomlfile import SchemaOne, StrictTable, read_toml_model
+from compplan.io.tables import escape_bytes, read_text, write_text
+from compplan.io.tomlfile import SchemaOne, StrictTable, read_toml_model
 from compplan.robot.elasticity import build_links, build_springs, read_elasticity
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY

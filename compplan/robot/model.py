@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.files.columns import to_unit
-from compplan.files.shown import Shown
+from compplan.io.columns import to_unit
+from compplan.io.shown import Shown
 from compplan.robot.uncertainty import Uncertainty
 from compplan.robot.visited import Visited
 

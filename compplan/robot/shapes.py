@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
-from compplan.files.meshes import load_mesh
+from compplan.io.meshes import load_mesh
 from compplan.robot import Array, Robot
 from compplan.robot.pose import build_pose
 from compplan.robot.solids import UrdfShape

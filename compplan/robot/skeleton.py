@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.tables import read_text
+from compplan.io.tables import read_text
 from compplan.robot.model import Array, Joint
 from compplan.robot.urdf import Urdf, read_urdf
 

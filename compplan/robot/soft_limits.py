@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.tables import is_plain
+from compplan.io.tables import is_plain
 from compplan.robot.model import Robot
 
 #: Attributes of <safety_controller>, by the limit that they narrow.

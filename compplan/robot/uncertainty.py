@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from compplan.errors import InputError
-from compplan.files.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
+from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_toml_model
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.files.tables import is_plain
-from compplan.files.xmlfile import parse_xml
+from compplan.io.tables import is_plain
+from compplan.io.xmlfile import parse_xml
 from compplan.robot.model import Array, Body, Joint, Mimic
 from compplan.robot.soft_limits import narrow_limits
 

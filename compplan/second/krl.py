@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from compplan.controllers.readback.poses import NUMBER, kuka_pose
 from compplan.second.moves import Array, CannotTellError, Reading
-from compplan.second.programs.poses import NUMBER, kuka_pose
 from compplan.second.robot_paths import RobotPath
 
 LETTERS = "XYZABC"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from compplan.controllers.readback.poses import NUMBER, abb_pose
 from compplan.second.moves import Array, CannotTellError, Reading
-from compplan.second.programs.poses import NUMBER, abb_pose
 from compplan.second.robot_paths import RobotPath
 
 _DATA = re.compile(r"(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s+(ROBTARGET|SPEEDDATA|WOBJDATA)\s+(\w+)\s*(?::=\s*(.*))?")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from compplan.controllers.readback.poses import shift
 from compplan.second.moves import ARC, LINE, RAPID, Array, CannotTellError, Recorder
-from compplan.second.programs.poses import shift
 
 #: Axis of the TCP frame by its name.
 DIRECTIONS = {sign + name: (k, -1.0 if sign else 1.0) for sign in ("", "-") for k, name in enumerate("xyz")}

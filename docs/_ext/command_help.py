@@ -18,7 +18,7 @@ class CommandHelp(SphinxDirective):
         """Ask every command for its help."""
         lines: list[str] = []
         for name in COMMANDS:
-            command = importlib.import_module(f"compplan.commands.{name}").command
+            command = importlib.import_module(f"compplan.cli.commands.{name}").command
             context = click.Context(command, info_name=f"compplan {name}", max_content_width=96, terminal_width=96)
             what = describe_command(name)
             lines += [f"## compplan {name}", "", f"{what[:1].upper()}{what[1:]}.", "", "```text"]

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.round_trip import simulate_observations
-from compplan.measure.reading import read_campaign
+from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
 from tests.observation_log import write_campaign_log
 

@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
-from compplan.files.origin import note_input
-from compplan.files.plugins import Registry
-from compplan.files.tables import read_text
+from compplan.io.origin import note_input
+from compplan.io.plugins import Registry
+from compplan.io.tables import read_text
 from compplan.job.tool_tables.listed import LibraryTool
 
 #: Longest tool that is taken for true. [mm]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.files.tables import read_text
+from compplan.io.tables import read_text
 from compplan.job.tool_tables.listed import (
     LibraryTool,
     as_mapping,

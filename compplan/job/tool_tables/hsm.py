@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from compplan.files.xmlfile import parse_xml
+from compplan.io.xmlfile import parse_xml
 from compplan.job.tool_tables.listed import LibraryTool, check_number, check_whole, name_kind, read_scale
 
 words = "an HSM library (.xml, .hsmlib)"

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from compplan.files.xmlfile import parse_xml
+from compplan.io.xmlfile import parse_xml
 from compplan.job.tool_tables.listed import LibraryTool, check_number, check_whole, name_kind, round_ball
 
 words = "MTConnect's cutting tools (.xml)"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.files.tomlfile import read_toml
+from compplan.io.tomlfile import read_toml
 from compplan.job.tool_tables.csv_table import NUMBERS, make_tool
 from compplan.job.tool_tables.listed import LibraryTool
 

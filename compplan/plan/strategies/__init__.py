@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from compplan.errors import UnknownNameError
-from compplan.files.plugins import Registry
+from compplan.io.plugins import Registry
 from compplan.job import names
 from compplan.plan.task import Command, PlanTask
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from compplan.errors import UnknownNameError
-from compplan.files.plugins import Registry
+from compplan.io.plugins import Registry
 from compplan.job import names
 from compplan.plan.strategies import STRATEGIES, command_path
 from compplan.plan.strategies.answer import Answer

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from compplan.identify.reduce import reduce_model
+from compplan.identification.reduce import reduce_model
 from compplan.plan.strategies import iterated_mirror
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.task import PlanTask

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
-from compplan.files.plugins import Registry
+from compplan.io.plugins import Registry
 from compplan.robot import Robot
 from compplan.robot.calibration.numbers import OwnFile
 

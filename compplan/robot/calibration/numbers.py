@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.errors import InputError
-from compplan.files.tables import is_plain
+from compplan.io.tables import is_plain
 from compplan.robot import Array
 
 

@@ -1,0 +1,106 @@
+"""What a verb takes for a job: a file, a job, its tables, or a path with a robot; made into one checked job."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from compplan.errors import InputError
+from compplan.io.given import is_file_name
+from compplan.io.tomlfile import read_toml
+from compplan.job.job import Job, check_job
+from compplan.robot import Robot
+from compplan.robot.folder import find_robot_folder
+from compplan.toolpath.reading import read_toolpath
+from compplan.toolpath.toolpath import Toolpath
+
+#: Tables of a job that a verb takes as keywords.
+NO_TABLES = ("schema_", "name", "robot", "toolpath")
+TABLES = tuple(field.alias or name for name, field in Job.model_fields.items() if name not in NO_TABLES)
+#: A path in memory stands in the job under this name.
+IN_MEMORY = "path in memory"
+#: The force model of a path that no force is known of.
+NO_FORCE: dict[str, Any] = {"model": "constant", "force_N": [0.0, 0.0, 0.0]}
+#: The force model of a table, which may hold the force.
+PERHAPS_COLUMNS: dict[str, Any] = {"model": "columns", "required": False}
+
+
+def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = None) -> Job:
+    """Make the job that a verb was given.
+
+    Args:
+        source: A job: the file, a `Job`, or its tables; or a path: a CAM file or CSV, a `Toolpath`, a DataFrame, or
+            columns by name.
+        robot: The robot: name of a shipped one, folder, or `Robot`; it replaces the job's, a path needs it.
+        tables: Tables of the job (`TABLES`); their keys replace those of the job. A part may be X, Y, Z or X, Y, Z, RX,
+            RY, RZ in mm and deg.
+
+    Raises:
+        InputError: If they are not what they have to be, or a path has no robot.
+    """
+    unknown = next((name for name in tables or {} if name not in TABLES), None)
+    if unknown is not None:
+        raise InputError(f"no table named {unknown!r} in a job, choose from {list(TABLES)}")
+    more = {name: _spell(name, table) for name, table in (tables or {}).items() if table is not None}
+    toolpath, data, file = _read_source(source)
+    held = source if isinstance(source, Job) else None
+    toolpath = toolpath if held is None else held.given
+    mounted = robot if isinstance(robot, Robot) else None
+    if robot is not None:
+        data["robot"] = robot.name if mounted is not None else str(find_robot_folder(str(robot)).resolve())
+    elif held is not None:
+        mounted = held.mounted
+    if "robot" not in data:
+        raise InputError("a path needs a robot: robot = the name of a shipped robot, a folder, or a Robot")
+    for name, table in more.items():
+        old = data.get(name)
+        other = name == "process" and table.get("model", "") not in ("", _plain(old).get("model"))
+        data[name] = {**_plain(old), **table} if isinstance(table, Mapping) and not other else table
+    return check_job(data, file, toolpath=toolpath, robot=mounted)
+
+
+def _read_source(source: Any) -> tuple[Toolpath | None, dict[str, Any], Path]:
+    """Return the path in memory or None, the tables of the job, and the file that it stands in."""
+    if isinstance(source, Job):
+        tables = source.model_dump(exclude_unset=True, by_alias=True)
+        return source.given, {**tables, **({"tool": source.data["tool"]} if source.tools else {})}, source.file
+    if is_file_name(source) and Path(source).suffix.lower() == ".toml":
+        return None, read_toml(source), Path(source)
+    if isinstance(source, Mapping) and "toolpath" in source:
+        return None, dict(source), Path("job.toml").absolute()
+    if is_file_name(source):
+        file = Path(source).absolute()
+        force = PERHAPS_COLUMNS if file.suffix.lower() == ".csv" else NO_FORCE
+        return None, _path_job(file.stem, str(file), force), file.with_suffix(".toml")
+    toolpath = read_toolpath(source)
+    if toolpath.frame != "part":
+        raise InputError(f"the toolpath stands in the {toolpath.frame} frame, expected the part frame")
+    name = Path(toolpath.source).stem or IN_MEMORY
+    name = IN_MEMORY if name.startswith("<") else name
+    force = NO_FORCE if toolpath.wrench is None else {"model": "columns"}
+    return replace(toolpath, source=""), _path_job(name, IN_MEMORY, force), Path("job.toml").absolute()
+
+
+def _path_job(name: str, toolpath: str, process: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the job of a path that nobody wrote one for."""
+    return {"schema": 1, "name": name, "toolpath": toolpath, "process": dict(process)}
+
+
+def _spell(name: str, table: Any) -> Any:
+    """Return a table of a job; of the part three or six numbers stand for it."""
+    if isinstance(table, Mapping):
+        return dict(table)
+    if name == "part" and isinstance(table, Sequence) and len(table) in (3, 6) and not isinstance(table, str):
+        numbers = [float(value) for value in table]
+        return {"position_mm": numbers[:3], "rotation_deg": numbers[3:] or [0.0, 0.0, 0.0]}
+    if name == "output" and isinstance(table, str):
+        return {"programs": [table]}
+    if isinstance(table, Sequence) and table and all(isinstance(row, Mapping) for row in table):
+        return [dict(row) for row in table]
+    raise InputError(f"{name} is {table!r}, expected a table such as [{name}] of a job")
+
+
+def _plain(table: Any) -> dict[str, Any]:
+    return dict(table) if isinstance(table, Mapping) else {}

@@ -1,0 +1,113 @@
+"""`compplan.diagnosis` and `compplan.learn`: from measurements to a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from compplan.diagnosis.answer.result import Diagnosis
+    from compplan.learning.teach import Teaching
+    from compplan.robot import Robot
+
+
+def diagnose(
+    measurements: Any, robot: str | Path | Robot, *, register: Sequence[str] = (), without: Sequence[str] = (),
+    tool: Mapping[str, Any] | None = None, target_offset_mm: Sequence[float] | None = None,
+    instrument: str | Path | None = None, assume_ok: bool = False,
+    out: str | Path | None = None, progress: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:  # fmt: skip
+    """Diagnose measurements of a robot: what is wrong with it, by how much, and a model that has learned it.
+
+        diagnosis = cp.diagnose("measurements.csv", "kuka_kr270")
+        diagnosis = cp.diagnose({"q_deg": q, "position_mm": xyz}, "my_robot", register=("base",))
+        print(diagnosis); diagnosis.plot(); cp.plan("job.toml", robot=diagnosis.updated)
+
+    Args:
+        measurements: A measurement log: the CSV file, a `Campaign`, a DataFrame, or columns by name with units in the
+            names.
+        robot: Name of a shipped robot, a robot folder, or a `Robot`.
+        register: Frames that no model can know, of "base" and "tool"; they are fitted in every model.
+        without: Effects to leave out of the candidates.
+        tool: The tool that was mounted, as [tool] of a job.
+        target_offset_mm: The measured point in the TCP frame; left out: the TCP. Shape (3,). [mm]
+        instrument: TOML file of an instrument that sees no positions: contacts, readings, ball bars.
+        assume_ok: Whether to go on where the log raises a question.
+        out: Folder to write diagnosis.json, the updated robot and the page to; nothing is written if left out.
+        progress: Told what is being done; an exception raised in it ends the call.
+
+    Returns:
+        The diagnosis; `updated` is the robot that has learned it.
+
+    Raises:
+        InputError: If a file is not what it has to be, the log raises a question, or it has too few rows.
+    """
+    import numpy as np
+
+    from compplan.api.given_robot import take_robot
+    from compplan.cli.commands.measured import settle_questions
+    from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
+    from compplan.effects import EFFECTS
+    from compplan.errors import UnknownNameError
+    from compplan.measurement.campaign import Campaign
+    from compplan.measurement.instrument import read_instrument
+    from compplan.measurement.reading import read_campaign
+
+    for name in without:
+        if name not in EFFECTS:
+            raise UnknownNameError("effect", name, list(EFFECTS))
+    mounted = take_robot(robot, tool)
+    campaign = measurements if isinstance(measurements, Campaign) else read_campaign(
+        measurements, mounted, None if instrument is None else read_instrument(Path(instrument))
+    )
+    if target_offset_mm is not None:
+        campaign = replace(campaign, target_offset=np.asarray(target_offset_mm, float) * 1e-3)
+    settle_questions(mounted, campaign, tuple(register), assume_ok)
+    result = diagnose_campaign(mounted, campaign, register=register, without=without, progress=progress)
+    if out is not None:
+        from compplan.reporting.writers.diagnosis import deliver_diagnosis
+
+        deliver_diagnosis(result, Path(out), progress)
+    return result
+
+
+def learn(
+    job: Any, measured: Any, robot: str | Path | Robot, *, frame: Literal["part", "base"] = "part",
+    align: Literal["datum", "best_fit"] | None = None, out: str | Path | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Teaching:  # fmt: skip
+    """Learn from measured points of a cut part: the corrected program of the next one, and the robot as now known.
+
+        taught = cp.learn("job.toml", "part1.csv", "my_robot", out="part2")
+        print(taught); taught.plot()
+
+    Args:
+        job: The job that the part was cut with, as `compplan.plan` takes it.
+        measured: Points of the attained tool tip, x_mm y_mm z_mm, and s_mm and sigma_mm where they are known: a file, a
+            DataFrame, or columns by name.
+        robot: Robot folder that the part's program was planned with; what it learned on this path lies in it.
+        frame: Frame of the points.
+        align: "datum": the points stand where their frame says; "best_fit": a shift and turn of all is fitted and
+            taken off; left out: as "datum", but where such a motion is most of what was measured it is asked about.
+        out: Folder to write the program, the robot folder and the page to; nothing is written if left out.
+        progress: Told what is being done; an exception raised in it ends the call.
+
+    Returns:
+        What the part taught, with the plans before and after.
+
+    Raises:
+        InputError: If a file is not what it has to be, or too few of the points are of the cut.
+    """
+    from compplan.api.given_job import make_job
+    from compplan.errors import InputError
+    from compplan.learning.teach import teach_part
+    from compplan.reporting.writers.learn import write_lesson
+
+    if frame not in ("part", "base"):
+        raise InputError(f"frame is {frame!r}, choose from ['part', 'base']")
+    result = teach_part(make_job(job), robot, measured, in_base=frame == "base", align=align, announce=progress)
+    if out is not None:
+        write_lesson(result, Path(out))
+    return result

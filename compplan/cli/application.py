@@ -1,0 +1,224 @@
+"""The command line: it finds the command, runs it, and turns exceptions into one line and an exit status."""
+
+from __future__ import annotations
+
+import ast
+import gc
+import importlib
+import os
+import signal
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from compplan.cli import commands
+from compplan.cli.commands.loudness import offer_loudness
+from compplan.cli.commands.streams import steady_streams
+from compplan.errors import CompplanError, InputError, find_near
+from compplan.io.later import put_off
+from compplan.io.origin import record_inputs
+from compplan.version import VERSION
+
+#: Set in the environment, it shows the traceback of a defect and every warning.
+DEBUG = "COMPPLAN_DEBUG"
+#: Threads of numeric libraries, unless the environment says otherwise: one, for many small matrices gain nothing from
+#: more, and on a busy machine threads that wait for one another take six times the processor time.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+#: Every command, by the name of its file in `compplan.cli.commands`.
+COMMANDS = (
+    "plan",
+    "compare",
+    "montecarlo",
+    "map",
+    "identify",
+    "diagnose",
+    "predict",
+    "campaign",
+    "learn",
+    "certificate",
+    "calibration",
+    "convert",
+    "post",
+    "execute",
+    "trace",
+    "reproduce",
+    "place",
+    "forces",
+    "view",
+    "init",
+    "doctor",
+    "completion",
+)  # fmt: skip
+
+
+class LazyGroup(click.Group):
+    """Import a command's module only when it is asked for, so that the command line starts fast.
+
+    Each module in `compplan.cli.commands` offers a click command named `command`; the first line of its docstring is
+    "`compplan NAME`: what it is for."
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """List the command names."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return a command."""
+        if cmd_name not in COMMANDS:
+            return None
+        put_off()  # loads numpy, as every command does, and therefore not before
+        command: click.Command = importlib.import_module(f"{commands.__name__}.{cmd_name}").command
+        return offer_loudness(command)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; another process that is gone is an error like any other, not a reader that has left."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise InputError("a process or stream that this run writes to is gone; run it again") from None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command of a line; refuse an option that is given twice where one value counts."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            near = find_near(args[0], list(COMMANDS))[:2]
+            meant = f"did you mean {' or '.join(near)}" if near else f"choose from {list(COMMANDS)}"
+            raise InputError(f"no command named {args[0]!r}, {meant}; compplan --help lists them")
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            refuse_twice(command, rest)
+        return name, command, rest
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with the first lines of their modules, none of which is imported for that."""
+        width = formatter.width - 6 - max(map(len, COMMANDS))
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, shorten(describe_command(name), width)) for name in COMMANDS])
+
+
+def refuse_twice(command: click.Command, words: Sequence[str]) -> None:
+    """Refuse a command line that gives an option twice, unless the option takes several values.
+
+    Raises:
+        InputError: With the option.
+
+    """
+    given = [word.partition("=")[0] for word in words]
+    single = [p for p in command.params if isinstance(p, click.Option) and not p.multiple and not p.is_flag]
+    for option in single:
+        if sum(given.count(name) for name in option.opts) > 1:
+            raise InputError(f"{option.opts[0]} is given twice, choose one")
+
+
+def describe_command(name: str) -> str:
+    """Return what a command is for, from the text of its module."""
+    file = Path(str(commands.__file__)).with_name(f"{name}.py")
+    first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+    return (first.partition("`: ")[2] or first).rstrip(".")
+
+
+def shorten(text: str, width: int) -> str:
+    """Cut a line at a word."""
+    if len(text) <= max(width, 20):
+        return text
+    return text[: max(width, 20) - 3].rpartition(" ")[0] + " ..."
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+@click.version_option(VERSION, prog_name="compplan")
+@click.pass_context
+def group(context: click.Context) -> None:
+    """Plan corrected robot paths under process forces, and diagnose the sim-to-real gap."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+offer_loudness(group)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its exit status.
+
+    Args:
+        arguments: Words after the program's name; those of this process if left out.
+
+    """
+    if DEBUG not in os.environ:
+        warnings.simplefilter("ignore")
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
+    for name in THREADS:  # read when numpy is imported, which no module does before a command is found
+        os.environ.setdefault(name, "1")
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
+    previous = signal.signal(signal.SIGTERM, _leave_on_term)
+    try:
+        with steady_streams():
+            status = run_words(words)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+    sys.exit(status)
+
+
+def run_words(words: list[str]) -> int:
+    """Run a command line and return its exit status; what goes wrong is said in one line on stderr.
+
+    Args:
+        words: The words after the program's name.
+
+    """
+    try:
+        if "" in words:
+            raise InputError("an argument is empty, expected a name or a path")
+        with record_inputs():
+            status = group.main(words, standalone_mode=False)
+        sys.stdout.flush()
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted", err=True)
+        return 130
+    except Exception as error:
+        if DEBUG in os.environ:
+            traceback.print_exc()
+        line, status = describe_fault(error)
+        click.echo(f"error: {line}", err=True)
+    return status if isinstance(status, int) else 0
+
+
+def describe_fault(error: Exception) -> tuple[str, int]:
+    """Return the one line that an exception ends with, and the exit status.
+
+    Args:
+        error: The exception.
+
+    """
+    said = " ".join(str(error).split())
+    if isinstance(error, CompplanError):
+        return cut(said), error.exit_status
+    if isinstance(error, click.ClickException):
+        return cut(" ".join(error.format_message().split())), 2
+    if isinstance(error, OSError):
+        return cut(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else said), 2
+    if isinstance(error, MemoryError):
+        return "this needs more memory than there is; use fewer waypoints, samples or points", 2
+    if isinstance(error, RuntimeError) and "Symlink loop" in said:
+        return cut(f"a symbolic link leads back to itself: {said.partition(' from ')[2]}"), 2
+    if isinstance(error, RecursionError):
+        return "the input is nested too deeply", 2
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}:{place.lineno}"
+    return cut(f"internal fault {type(error).__name__}: {said} ({where}); {DEBUG}=1 shows where it comes from", 600), 2
+
+
+def cut(line: str, length: int = 2000) -> str:
+    """Shorten the middle of a line that is too long to read."""
+    return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
+
+
+def _leave_on_term(number: int, frame: object) -> None:
+    sys.exit(128 + number)

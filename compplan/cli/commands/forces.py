@@ -1,0 +1,102 @@
+"""`compplan forces`: engagement and force along the path, and which coefficients fit a measured log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from compplan.cli.commands.places import OUT_FOLDER
+from compplan.errors import InputError
+from compplan.io.tables import dump_json
+from compplan.process.force_models import FORCE_MODELS
+
+
+@click.command(epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.")
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm or t_s, the length or the "
+              "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")
+@click.option("--write", "table", type=click.Path(path_type=Path), help="With --log: write the fitted coefficients to "
+              "this file, which a job then names as its materials; process.toml of a robot folder takes the level "
+              "instead, which later plans read.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
+def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
+    """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
+
+    stock.stl is what a cutter leaves of the stock, part frame, mm.
+
+    Example: compplan forces examples/forces/pocket.toml --out out
+    """
+    from compplan.cli.commands.progress import show_progress
+    from compplan.job.force_prediction import predict_forces
+    from compplan.job.operations import load_one_job
+    from compplan.plan.finished_walls import find_greatest
+    from compplan.plan.stability import judge_stability
+    from compplan.plan.uncorrected import predict_surface
+    from compplan.process.force_lesson import FILE as LESSON
+    from compplan.reporting.writers.forces import write_coefficients, write_forces, write_level
+
+    if table is not None and log is None:
+        raise InputError("--write needs --log, the measured forces")
+    checked = load_one_job(job)
+    chatters = checked.process.model == "end_mill"
+    with show_progress() as announce:
+        announce("forces: engagement and wrench along the path")
+        found = predict_forces(checked, log)
+        if table is not None:
+            (write_level if table.name == LESSON else write_coefficients)(found, table)
+        if chatters and checked.stability.judge and not as_json:
+            click.echo("judging the stability of the cut at postures and cuts along the path: about ten seconds ...")
+        announce("forces: stability of the cut")
+        stability, remark = judge_stability(found)
+        if chatters and not checked.stability.judge:
+            remark = "Whether the cut chatters was not looked at; a table [stability] in the job asks for it."
+        walls, told = predict_surface(found)
+        remark = " ".join(filter(None, (remark, told)))
+        announce("write: forces.json, forces.csv, report.html")
+        summary = write_forces(found, folder, stability, remark, walls)
+    if as_json:
+        click.echo(dump_json(summary))
+        return
+    greatest = None if walls is None else (len(walls), 1e3 * find_greatest(walls))
+    for line in _describe(summary, greatest):
+        click.echo(line)
+    for note in summary["notes"]:
+        click.echo(note)
+    if table is not None:
+        hint = "plans with this robot folder read it" if table.name == LESSON else (
+            f'in a job: [process] materials = "{table.name}", material = "measured"'
+        )  # fmt: skip
+        click.echo(f"wrote {table}; {hint}")
+    left = ", stock.stl" if "engagement" in summary else ""
+    click.echo(f"wrote forces.json, forces.csv, report.html{left} to {folder}")
+
+
+def _describe(summary: Mapping[str, Any], walls: tuple[int, float] | None) -> Iterator[str]:
+    """Say in lines what forces.json holds; walls: how many there are, and the greatest error. [mm]"""
+    force = summary["force_N"]
+    yield (f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
+           f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
+    if "engagement" in summary:
+        cut = summary["engagement"]
+        deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
+        shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
+        yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}"
+    if "part" in summary and "left_mm" in summary["part"]:
+        part, left = summary["part"], summary["part"]["left_mm"]
+        yield (f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
+               f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
+    if walls is not None:
+        yield f"finished walls: {walls[0]}, up to {walls[1]:.3g} mm off, the arm uncorrected"
+    if "log" in summary:
+        fit = summary["log"]
+        yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "
+               f"{fit['rms_before_N']:.3g} N, with fitted numbers by {fit['rms_after_N']:.3g} N")  # fmt: skip
+        for number in fit["fitted"]:
+            yield (f"  {number['name']}: {number['value']:.4g} {number['unit']} "
+                   f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
+        for note in fit["notes"]:
+            yield f"  {note}"

@@ -1,0 +1,264 @@
+"""`compplan init`: write a commented job, a robot folder from a URDF, or an empty measurement log."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import click
+import tomli_w
+
+from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.progress import show_progress
+from compplan.controllers.writers import WRITERS, list_languages
+from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.post import read_post
+from compplan.errors import CompplanError, InputError, UnknownNameError
+from compplan.io.tables import write_text
+from compplan.io.transaction import replace_folder
+from compplan.job.text import mount_tool, number_tools, set_force, set_place, shorten_job, write_job_text
+from compplan.measurement.skeleton import write_log_text
+from compplan.robot import Robot, load_robot
+from compplan.robot.skeleton import TURNS, write_skeleton
+from compplan.toolpath.readers import find_reader, list_suffixes
+from compplan.toolpath.readers.lines import read_bounded
+from compplan.toolpath.reading import read_toolpath
+
+#: Keys of a force model that stay out until somebody wants them.
+OPTIONAL = ("# required", "# stock_top_mm")
+#: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
+ANY_FEED = 0.01
+#: Pitch of the example cone that shows what force the arm bears. [mm]
+FEW_TURNS_MM = 5.0
+
+
+@click.command()
+@click.argument("words", nargs=-1, metavar="[FILE | robot URDF | log | template LANGUAGE]")
+@click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
+              help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
+@click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
+@click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
+@click.option("--tool-axis", type=click.Choice(list(TURNS)), default=None,
+              help="init robot: axis of that frame that points out of the tool.")  # fmt: skip
+@click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
+@click.option("--out", type=click.Path(path_type=Path), default=None,
+              help="Folder of the robot, or file of the log or template.")  # fmt: skip
+@click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing.")
+def command(
+    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, tool_axis: str | None,
+    short: bool, out: Path | None, schema: bool,
+) -> None:  # fmt: skip
+    """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
+
+    With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
+    of the example path are such as the arm bears: all assumed.
+
+    Example: compplan init part.toml --robot ur10 --toolpath part.nc
+
+    Example: compplan init robot arm.urdf --out arm
+
+    Example: compplan init template krl --out cell.src.jinja
+
+    Example: compplan init --schema
+
+    Example: compplan init log --robot arm --out measurements.csv
+    """
+    if schema:
+        from compplan.job.schema import write_schema
+
+        if words:
+            raise InputError(f"{words[0]!r} has no meaning in: compplan init --schema")
+        _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, tcp=tcp, out=out)
+        click.echo(write_schema())
+        return
+    if short and words[:1] in (("robot",), ("log",), ("template",)):
+        raise InputError(f"--short has no meaning in: compplan init {words[0]}")
+    if words[:1] == ("robot",):
+        _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
+        _init_robot(Path(words[1]), tcp, tool_axis, out)
+    elif words[:1] == ("template",):
+        _refuse(words, 2, "template LANGUAGE", robot_name=robot_name, toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
+        _init_template(words[1], out)
+    elif words[:1] == ("log",):
+        _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
+        _init_log(robot_name, out or Path("measurements.csv"))
+    else:
+        if len(words) > 1:
+            forms = "'robot URDF', 'log' or 'template LANGUAGE'"
+            raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
+        _refuse(words, len(words), "FILE", tcp=tcp, tool_axis=tool_axis, out=out)
+        _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
+
+
+def _init_template(language: str, out: Path | None) -> None:
+    if language not in WRITERS:
+        raise UnknownNameError("program language", language, list(WRITERS))
+    file = out or Path(f"{language}.jinja")
+    _refuse_existing(file)
+    write_text(file, read_post(language))
+    click.echo(f'wrote {file}; next: [output] templates = {{ {language} = "{file.name}" }}')
+
+
+def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) -> None:
+    """Refuse words that are too few or too many, and options of another form."""
+    if len(words) != count:
+        raise InputError(f"{len(words) - 1} words after {words[0]!r}, expected: compplan init {form}")
+    for name, value in options.items():
+        if value is not None:
+            option = name.removesuffix("_name").replace("_", "-")
+            raise InputError(f"--{option} has no meaning in: compplan init {form}")
+
+
+def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> None:
+    _refuse_existing(file)
+    if file.suffix.lower() != ".toml":
+        raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
+    text, place = write_job_text(), ""
+    robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
+    if robot is not None:
+        text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', str(robot_name))} ", 1)
+        text = text.replace('programs = ["val3"]', f'programs = ["{_native_language(robot)}"]', 1)
+        text = mount_tool(text, robot, used=toolpath is not None and not toolpath.lower().endswith(".csv"))
+    if toolpath is not None:
+        _check_toolpath(file.parent / toolpath)
+        line = _line("toolpath", toolpath) + "\n\n"
+        text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
+        text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
+        text = number_tools(text, _called_tools(file.parent / toolpath))
+    if robot is not None:
+        with show_progress() as announce:
+            announce("place of the part")
+            text, place = place_part(text, file)
+            if toolpath is None:
+                announce("force that the arm bears")
+                text = ease_force(text, file)
+    write_text(file, shorten_job(text) if short else text)
+    if place:
+        click.echo(place)
+    click.echo(f"wrote {file}; next: compplan plan {file} --out out")
+
+
+def _choose_process(text: str, model: str) -> str:
+    """Let a force model that suits the toolpath stand in place of sheet forming: its lines, and no other model's."""
+    head, process, rest = re.split(r"(?<=\n)(\[process\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
+    lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
+    last = next(k for k, line in enumerate(lines) if k > first and line.startswith("# model = "))
+    own = [line.removeprefix("# ") for line in lines[first:last] if not line.startswith(OPTIONAL)]
+    left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
+    note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
+    return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
+
+
+def place_part(text: str, file: Path) -> tuple[str, str]:
+    """Put the part of a job's text where its arm reaches the path; return the text and what there is to say.
+
+    A toolpath that cannot be read as the text has it leaves the part where it is: it may need what the job says of it.
+    """
+    from compplan.job.job import check_job
+    from compplan.job.operations import split_job
+    from compplan.plan.plan import job_robot
+    from compplan.posture.first_place import find_first_place
+
+    try:
+        job = split_job(check_job(tomllib.loads(text), file))[0]
+        found = find_first_place(job, job_robot(job))
+    except CompplanError as error:
+        return text, f"the part stands where it does in every new job, its path was not tried ({error})"
+    if found is None:
+        return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
+    position = [round(1e3 * float(value), 1) + 0.0 for value in found.position]
+    why = "amid the places from which the arm reaches the path" if found.tried else "before the arm, not tried"
+    return set_place(text, position, f"assumed: {why}; put yours"), f"the part stands at {position} mm (assumed: {why})"
+
+
+def ease_force(text: str, file: Path) -> str:
+    """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
+    from compplan.job.job import check_job
+    from compplan.plan.first_force import bearable_share
+    from compplan.process.force_models.isf import IsfProcess
+
+    try:
+        tables = tomllib.loads(text)
+        tables["toolpath"]["pitch_mm"] = FEW_TURNS_MM
+        job = check_job(tables, file)
+        share = bearable_share(job)
+    except CompplanError:
+        return text
+    if share == 1.0 or not isinstance(job.process, IsfProcess):
+        return text
+    axial, lateral = (_round_down(share * force) for force in (job.process.axial_N, job.process.lateral_N))
+    return set_force(text, axial, lateral, "assumed: what this arm bears there; put yours")
+
+
+def _round_down(value: float) -> float:
+    """Round a positive number down to two digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return round(math.floor(value / step) * step, 6)
+
+
+def _check_toolpath(path: Path) -> None:
+    """Refuse what is no toolpath; a CAM file is not read, for it may need what the job says of it."""
+    if not path.is_file():
+        raise InputError("no such toolpath (it counts from the folder of the job)", file=path)
+    if path.suffix.lower() == ".csv":
+        read_toolpath(path, feed=ANY_FEED)
+    elif path.suffix.lower() not in list_suffixes() and find_reader(path, read_bounded(path)) is None:
+        raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
+
+
+def _called_tools(path: Path) -> list[int]:
+    """Return the T numbers that a CAM file cuts with; none where it is not read as it stands."""
+    from compplan.toolpath.operations import split_operations
+    from compplan.toolpath.readers.options import CamTable
+
+    if path.suffix.lower() == ".csv":
+        return []
+    try:
+        operations = split_operations(read_toolpath(path, cam=CamTable(cycles="expand"), feed=ANY_FEED))
+    except CompplanError:
+        return []
+    return list(dict.fromkeys(operation.number for operation in operations))
+
+
+def _init_robot(urdf: Path, tcp: str | None, tool_axis: str | None, out: Path | None) -> None:
+    folder = out or Path(urdf.stem)
+    if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
+        _refuse_existing(folder)
+    try:
+        texts = write_skeleton(urdf, tcp, tool_axis)
+    except InputError as error:
+        if tool_axis is not None or "which axis of" not in error.message or not sys.stdin.isatty():
+            raise
+        asked = f"The URDF {error.message.partition(';')[0]}. Which one does"
+        texts = write_skeleton(urdf, tcp, click.prompt(asked, type=click.Choice(list(TURNS)), err=True))
+    with replace_folder(folder, "init") as new:
+        for name, text in texts.items():
+            write_text(new / name, text)
+    click.echo(f"wrote {folder}; next: compplan doctor {folder}")
+
+
+def _init_log(robot_name: str | None, file: Path) -> None:
+    if robot_name is None:
+        raise InputError("init log needs --robot: its joints are columns")
+    _refuse_existing(file)
+    write_text(file, write_log_text(load_robot(robot_name)))
+    click.echo(f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}")
+
+
+def _native_language(robot: Robot) -> str:
+    """Return the language that the robot's own controller speaks, a table where none is known."""
+    spoken = list_languages(load_controller(robot).name)
+    return spoken[0] if len(spoken) < len(WRITERS) else "csv"
+
+
+def _refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise InputError("exists already; name another", file=path)
+
+
+def _line(key: str, value: str) -> str:
+    return tomli_w.dumps({key: value}).rstrip("\n")

@@ -1,0 +1,127 @@
+"""`compplan plan`: from a job to a corrected robot program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from compplan.cli.commands.completion import posture_kept, robot_instead
+from compplan.cli.commands.operations import carry_out_all
+from compplan.cli.commands.places import OUT_FOLDER
+from compplan.errors import CompplanError, InfeasibleError
+from compplan.io.tables import dump_json
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+
+#: What a plan goes through, as it tells it.
+STAGES = (
+    "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
+    "95 % band", "write",
+)  # fmt: skip
+
+
+@click.command()
+@click.argument("job", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@robot_instead
+@posture_kept
+@click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
+def command(job: Path, folder: Path, robot: str | None, keep: str | None, as_json: bool) -> None:
+    """Plan JOB: write plan.json, joints.csv, report.html and native programs.
+
+    Example: compplan plan paths/isf_cone.toml --out out
+    """
+    from compplan.job.job import load_job
+
+    checked = load_job(job, robot, keep)
+    carry_out(checked, folder, as_json=as_json, note=_describe_lesson(checked, f"learned_{job.stem}.csv"))
+
+
+def _describe_lesson(job: Job, name: str) -> str:
+    """Say that the robot's folder holds a lesson of this path; a robot that is not found says so elsewhere."""
+    from compplan.robot.folder import find_robot_folder
+
+    try:
+        found = (find_robot_folder(job.robot, job.folder) / name).is_file()
+    except CompplanError:
+        return ""
+    told = "parts taught something of this path that only the program of compplan learn takes off, this plan does not"
+    return f"{name} in the robot folder: {told}" if found else ""
+
+
+def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
+    """Plan a job, write what came of it, and say so.
+
+    Args:
+        job: The job.
+        folder: Folder to write to.
+        as_json: Whether plan.json is printed in place of sentences.
+        note: What the plan's notes begin with, "" for nothing.
+
+    Raises:
+        InfeasibleError: If the plan is not what was asked for; it is written all the same.
+
+    """
+    from compplan.job.operations import split_job
+
+    jobs = split_job(job)
+    if len(jobs) > 1:
+        carry_out_all(jobs, folder, as_json=as_json, note=note)
+    else:
+        _carry_out_one(jobs[0], folder, as_json=as_json, note=note)
+
+
+def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
+    """Plan a job of one tool, as `carry_out` says."""
+    from compplan.cli.commands.progress import show_progress
+    from compplan.io.notes import Stop
+    from compplan.plan.bending import describe_bending
+    from compplan.plan.finished_walls import find_greatest
+    from compplan.plan.plan import plan_job
+    from compplan.plan.result import replace_said
+    from compplan.reporting.provenance import describe_grade
+    from compplan.reporting.style import format_length
+    from compplan.reporting.writers.plan import deliver_plan, note_programs, summarise_plan
+
+    with show_progress(STAGES) as announce:
+        plan = note_programs(plan_job(job, progress=announce))
+        plan = replace_said(plan, (note, *plan.notes)) if note else plan
+        announce("95 % band: where the true tip is")
+        _ = plan.promise, plan.mismatch
+        announce("write: programs, joints.csv, report.html")
+        plan, files = deliver_plan(plan, folder)
+    if as_json:
+        click.echo(dump_json(summarise_plan(plan), indent=2))
+    else:
+        click.echo(plan.verdict.sentence)
+        before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
+        click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
+        click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
+        click.echo(f"  {describe_bending(plan.bending)}")
+        wrong = plan.mismatch
+        click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
+        if plan.promise is not None:
+            click.echo(f"true tip within {format_length(plan.promise.whole)} along the whole path, with 95 %")
+            click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
+        elif plan.status == "infeasible":
+            click.echo("no 95 % band is stated, waypoints are out of reach")
+        if plan.walls:
+            greatest = format_length(find_greatest(plan.walls))
+            click.echo(f"finished walls: {len(plan.walls)}, up to {greatest} off, the arm corrected")
+        click.echo(describe_grade(plan.robot))
+        for note in plan.notes:
+            click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)
+        click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
+        click.echo(
+            f"next: open {folder / 'report.html'}, or compplan view {folder}; compplan campaign designs measurements "
+            "that narrow the 95 % band"
+        )
+    if plan.status != "solved":
+        failing = sorted(plan.command.failures)
+        limits = sorted(set(plan.command.failures.values()))
+        marked = "infeasible" if plan.status == "infeasible" else "not_confirmed"
+        message = f"{plan.explain_failures()}; the best compromise is written, marked {marked}"
+        raise InfeasibleError(message, waypoints=failing, limits=limits)

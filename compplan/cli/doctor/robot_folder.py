@@ -1,0 +1,176 @@
+"""A robot folder: what it does not say, and what its numbers come to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree import ElementTree
+
+import numpy as np
+
+from compplan.cli.doctor.pendant import look_at_pendant
+from compplan.cli.doctor.remarks import Remark
+from compplan.controllers.writers.counting import load_controller
+from compplan.effects import robot_effects
+from compplan.robot import Array, Robot
+from compplan.robot.folder import read_rating
+from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.shapes import describe_shapes, find_mesh, read_bodies
+from compplan.robot.soft_limits import describe_soft_limits
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.statics.elastic import cartesian_compliance
+from compplan.statics.ik import middle_of_limits
+from compplan.statics.quality import natural_length, quality_of_poses
+
+#: Softest-direction deflection under 1 kN that industrial arms of 3 kg to 1000 kg payload show, with room (assumed;
+#: papers give .1 to 5 mm). [m]
+STIFFEST, SOFTEST = 2e-5, 3e-2
+#: Joints that turn less are tools or grippers (assumed). [rad]
+LITTLE = np.radians(20.0)
+#: Best inverse condition number of the sampled poses below which the geometry is suspect (assumed). [1]
+POOR = 0.02
+#: Greatest velocities of industrial joints (assumed: the fastest small wrists turn 2,000 deg/s). [rad/s, m/s]
+FASTEST, FASTEST_SLIDE = np.radians(2000.0), 10.0
+#: Poses that are sampled.
+POSES = 400
+
+
+def examine_robot(robot: Robot) -> list[Remark]:
+    """Look at a robot folder that could be read.
+
+    Args:
+        robot: The robot.
+    """
+    findings = [_describe(robot), *_look_at_sources(robot), *_look_at_limits(robot), *_look_at_weights(robot)]
+    findings += [*_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
+    return [*findings, *look_at_pendant(robot), *_look_at_shapes(robot)]
+
+
+def _describe(robot: Robot) -> Remark:
+    slides = int(robot.prismatic.sum())
+    kinds = f"{robot.nq} joints" + (f", {slides} of them slide" if slides else "")
+    rating = read_rating(robot)
+    if rating is None:
+        size = f"its links end to end measure {robot.longest_reach:.2f} m, it reaches less"
+    else:
+        size = f"payload {rating[0]:g} kg, reach {rating[1]:.2f} m as its maker says (SOURCE.md)"
+    tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
+    return Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")
+
+
+def _look_at_sources(robot: Robot) -> Iterator[Remark]:
+    if robot.grade == "placeholder":
+        yield Remark("odd", "robot model", "placeholder: do not rely on how it bends", "identify your robot")
+    elif robot.grade != "identified":
+        yield Remark("note", "robot model", f"{robot.grade}: not measured on your robot", "identify it first")
+    for name in ("compliance", "geometry", "masses"):
+        source = robot.sources.get(name)
+        if source is None:
+            yield Remark("note", "sources", f"no source for {name}", "name it in [sources] of elasticity.toml")
+        elif "assumed" in source.lower():
+            yield Remark("note", "sources", f"{name}: {source}")
+    if robot.repeatability is None:
+        yield Remark("note", "repeatability", "repeatability_mm is not stated", "the data sheet's value / 3.6 will do")
+
+
+def _look_at_limits(robot: Robot) -> Iterator[Remark]:
+    for joint in robot.actuated:
+        slide = joint.kind == "prismatic"
+        turn, fastest = joint.upper - joint.lower, FASTEST_SLIDE if slide else FASTEST
+        if not np.isfinite(turn):
+            yield Remark("note", "limits", f"{joint.name} turns without limits")
+        elif not slide and turn < LITTLE:
+            yield Remark("odd", "limits", f"{joint.name} turns {np.degrees(turn):.1f} deg only", "is it in degrees?")
+        if not np.isfinite(joint.velocity):
+            yield Remark("odd", "limits", f"{joint.name} has no velocity limit", "timing needs one")
+        elif joint.velocity > fastest:
+            said = f"{joint.velocity:.3g} {'m/s' if slide else 'rad/s'}"
+            yield Remark("odd", "limits", f"{joint.name} moves at {said}", "is it in degrees or mm?")
+    if told := describe_soft_limits(robot):
+        yield Remark("note", "limits", told)
+    if not np.isfinite(robot.effort_limits).all():
+        yield Remark("note", "limits", "some joints have no effort limit: overload is not seen")
+    if not np.isfinite(robot.acceleration_limits).all():
+        yield Remark("note", "limits", "no acceleration_limits", "feed in corners will be too high")
+
+
+def _look_at_weights(robot: Robot) -> Iterator[Remark]:
+    mass = sum(body.mass for body in robot.bodies)
+    if mass == 0.0:
+        yield Remark("note", "masses", "no link has a mass: weight and inertia bend nothing")
+        return
+    yield Remark("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
+    if robot.gravity is None:
+        yield Remark("note", "gravity", "not in the model: deflections count from the arm that hangs under its weight")
+
+
+def _look_at_springs(robot: Robot) -> Iterator[Remark]:
+    if not robot.springs and not robot.link_elasticities:
+        yield Remark("odd", "springs", "none: the model is rigid and a plan corrects nothing", "identify or diagnose")
+        return
+    sprung = {spring.joint for spring in robot.springs}
+    stiff = [joint.name for joint in robot.actuated if joint.name not in sprung]
+    if stiff:
+        yield Remark("note", "springs", f"no spring at {', '.join(stiff)}: held to be rigid")
+    compliance = cartesian_compliance(build_chain(robot), _sample(robot))[:, :3, :3]
+    worst = 1e3 * np.linalg.norm(compliance, ord=2, axis=(1, 2))  # under 1 kN in the softest direction, m
+    low, high = float(np.min(worst)), float(np.median(worst))
+    said = (
+        f"1 kN bends the arm by {low * 1e3:.2g} mm at the stiffest pose, {high * 1e3:.2g} mm in the median of {POSES}"
+    )
+    if high > SOFTEST:
+        yield Remark("odd", "springs", said, "forgot e-6, or stiffness in place of compliance?")
+    elif high < STIFFEST:
+        yield Remark("odd", "springs", said, "compliance in another unit (rad/(N m), m/N)?")
+    else:
+        yield Remark("fine", "springs", said)
+
+
+def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
+    if robot.tcp == robot.flange:
+        yield Remark("note", "tcp", "the TCP is the flange: no tool is mounted", "give [tool] in the job, or --tool")
+    chain, q = build_chain(robot), _sample(robot)
+    if robot.nq < 6:
+        yield Remark("note", "geometry", f"{robot.nq} joints: orientation of the tool is not free")
+        return
+    best = float(np.max(quality_of_poses(chain, q, natural_length(chain, (robot.lower, robot.upper)))))
+    rank = int(np.linalg.matrix_rank(joint_jacobian(chain, locate_frames(chain, q))[0]))
+    if best < POOR or rank < 6:
+        yield Remark("odd", "geometry", f"the best pose has inverse condition {best:.3g}", "are two axes the same?")
+    else:
+        yield Remark("fine", "geometry", f"inverse condition of the best pose {best:.2f}")
+
+
+def _look_at_controller(robot: Robot) -> Iterator[Remark]:
+    counting = load_controller(robot)
+    if counting.known:
+        yield Remark("fine", "controller", "controller.toml says how the joints are counted")
+    else:
+        there = robot.folder is not None and (robot.folder / "controller.toml").is_file()
+        why = "controller.toml says checked = false" if there else "no controller.toml"
+        yield Remark("note", "controller", f"{why}: signs and zeros of native programs are not known")
+    names = [effect.name for effect in robot_effects(robot)]
+    if names:
+        yield Remark("note", "effects", f"effects.toml adds {', '.join(names)}")
+
+
+def _look_at_shapes(robot: Robot) -> Iterator[Remark]:
+    bodies = read_bodies(robot)
+    advice = "a job with [collision] refuses this robot: mend robot.urdf, or put its meshes into meshes/ of the folder"
+    gaps = [body for body in bodies if body.gap]
+    for body in gaps:
+        yield Remark("odd", "collision", f"{body.link}: {body.gap}", advice if body is gaps[-1] else "")
+    still = any(body.dropped and not body.moves for body in bodies)
+    yield Remark("note" if gaps or still else "fine", "collision", f"shapes of each link: {describe_shapes(bodies)}")
+    drawn = ElementTree.fromstring(robot.urdf).iterfind("link/visual//mesh")
+    names = {mesh.attrib.get("filename", "") for mesh in drawn}
+    lost = sorted(name for name in names if find_mesh(name, robot.folder) is None)
+    if lost:
+        said = f"{len(lost)} of {len(names)} meshes of visuals are not found ({lost[0]})"
+        yield Remark("note", "visuals", f"{said}: pages draw the arm without them")
+
+
+def _sample(robot: Robot) -> Array:
+    """Draw poses within the limits, a half turn at most either way of their middle. Shape (POSES, nq). [rad or m]."""
+    middle = middle_of_limits(robot)
+    half = np.minimum(np.nan_to_num((robot.upper - robot.lower) / 2.0, posinf=np.pi), np.pi)
+    return np.asarray(middle + np.random.default_rng(0).uniform(-0.9, 0.9, (POSES, robot.nq)) * half)

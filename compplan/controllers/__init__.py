@@ -1,0 +1,1 @@
+"""Robot controllers: native programs, their read-back, and how a controller executes them."""

@@ -1,0 +1,155 @@
+"""Where along a program each row of a log is, and how far from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.motion.geometry import Path
+from compplan.robot import Array
+
+#: Rows that are found at once, and the way beside the expected one that is looked at. [m]
+BLOCK, MARGIN = 12, 0.012
+#: A block that is farther from the path is lost. [m]
+LOST = 0.02
+#: What a metre away from the expected place counts as distance. [m/m]
+PULL = 0.15
+#: Fewest places along the path at which a log may begin, and longest way between two. [m]
+PLACES, SPACING = 4000, 0.005
+#: Rows of a log's head that are held against them, and its way: blends cut corners, so that a longer one drifts. [m]
+HELD, HEAD = 160, 0.5
+#: Places that are tried by placing a head's rows: most of them, what they may be worse than the best, and the way
+#: between two. [m]
+MOST_TRIED, WORSE, APART = 300, 0.005, 0.05
+#: Points to either side of a place among which the nearest is taken.
+SIDE = 6
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where rows are along a path.
+
+    Args:
+        s: Length along it. Shape (n,). [m]
+        point: Nearest point of it. Shape (n, 3). [m]
+        distance: Distance across it. Shape (n,). [m]
+
+    """
+
+    s: Array
+    point: Array
+    distance: Array
+
+
+def place_rows(path: Path, tip: Array, way: Array) -> Places:
+    """Find every row of a log on the programmed path, in order, a block of rows after another.
+
+    The way that the tip has gone so far says where to look, so that a path that passes a place twice is told apart.
+
+    Args:
+        path: The programmed path.
+        tip: Tips of the rows. Shape (n, 3). [m]
+        way: Way gone up to each. Shape (n,). [m]
+
+    """
+    s = _follow_rows(path, tip, way, find_start(path, tip, way))
+    index = np.searchsorted(path.s, s)
+    point, share = find_nearest(path.position, index, tip, SIDE)
+    return Places(np.interp(share, np.arange(len(path.s)), path.s), point, np.linalg.norm(tip - point, axis=1))
+
+
+def _follow_rows(path: Path, tip: Array, way: Array, here: float) -> Array:
+    """Return the length of the path's point that each row is nearest to, the first near `here`. Shape (n,). [m]."""
+    s = np.empty(len(tip))
+    for first in range(0, len(tip), BLOCK):
+        rows = slice(first, first + BLOCK)
+        expected = np.clip(here + way[rows] - way[first - 1 if first else 0], path.s[0], path.s[-1])
+        margin = MARGIN + 0.1 * (expected[-1] - expected[0])
+        low = int(np.searchsorted(path.s, expected[0] - margin))
+        high = int(np.searchsorted(path.s, expected[-1] + margin)) + 1
+        points = path.position[low:high]
+        cost = ((tip[rows, None] - points) ** 2).sum(axis=2) + (PULL * (path.s[low:high] - expected[:, None])) ** 2
+        s[rows] = path.s[low + cost.argmin(axis=1)]
+        if np.sqrt(cost.min(axis=1).min()) > LOST:  # the way since the start leads nowhere near: look all around
+            s[rows] = path.s[((tip[rows, None] - path.position[::4]) ** 2).sum(axis=2).argmin(axis=1) * 4]
+        here = float(s[min(first + BLOCK, len(tip)) - 1])
+    return s
+
+
+def find_start(path: Path, tip: Array, way: Array) -> float:
+    """Return the length of the path at which a log begins: where the rows of its head are nearest to it. [m].
+
+    The way gone tells places apart roughly; layers that are nearly alike are told apart by placing the head's rows.
+    """
+    head = slice(0, int(np.searchsorted(way, way[0] + HEAD, "right")))
+    rows = np.unique(np.searchsorted(way, np.linspace(way[0], way[head][-1], HELD)).clip(0, len(way) - 1))
+    count = max(PLACES, int(np.ceil(path.s[-1] / SPACING)))
+    starts = np.linspace(path.s[0], path.s[-1], count)
+    cost = _hold_rows(path, tip, way, rows, starts)
+    tried: list[float] = []
+    for k in np.argsort(cost, kind="stable"):
+        if cost[k] > cost.min() + WORSE or len(tried) == MOST_TRIED:
+            break
+        if not tried or np.abs(np.array(tried) - starts[k]).min() > APART:
+            tried.append(float(starts[k]))
+    found = np.array([_nearest_around(path, tip[0], start) for start in sorted(tried)])
+    left = []
+    for start in found:
+        near = find_nearest(path.position, np.searchsorted(path.s, _follow_rows(path, tip[head], way[head], start)),
+                            tip[head], SIDE)[0]  # fmt: skip
+        over = max(0.0, start + way[-1] - way[0] - path.s[-1])
+        left.append(round(float(np.median(np.linalg.norm(tip[head] - near, axis=1))) + 1e-3 * over, 6))
+    return float(found[int(np.argmin(left))])
+
+
+def _nearest_around(path: Path, tip: Array, start: float) -> float:
+    """Return the length of the path's point nearest to a tip, not far from a start. [m]."""
+    low, high = np.searchsorted(path.s, [start - APART, start + APART])
+    away = ((path.position[low : high + 1] - tip) ** 2).sum(axis=1)
+    return float(path.s[low + (away + (PULL * (path.s[low : high + 1] - start)) ** 2).argmin()])
+
+
+def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], starts: Array) -> Array:
+    """Return how far rows are from a path that begins at each start, a row's mean. Shape (k,). [m]."""
+    cost = np.zeros(len(starts))
+    for row in rows:  # some 160, whatever the length of the log
+        place = np.clip(starts + way[row] - way[0], path.s[0], path.s[-1])
+        at = np.searchsorted(path.s, place).clip(0, len(path.s) - 1)
+        cost += np.minimum(np.linalg.norm(path.position[at] - tip[row], axis=1), 1.0)
+        cost += 1e-3 * np.maximum(starts + way[-1] - way[0] - path.s[-1], 0.0)
+    return cost / len(rows)
+
+
+def find_nearest(points: Array, index: NDArray[np.int_], tip: Array, side: int) -> tuple[Array, Array]:
+    """Return the nearest point of a polyline near given points of it, and where that is, counted in points.
+
+    Args:
+        points: The polyline. Shape (m, 3). [m]
+        index: A point of it for every row. Shape (n,).
+        tip: The rows. Shape (n, 3). [m]
+        side: How many pieces to either side are looked at.
+
+    """
+    best = np.full(len(tip), np.inf)
+    nearest, share = np.empty_like(tip), np.empty(len(tip))
+    for k in range(-side, side):
+        i = np.clip(index + k, 0, len(points) - 2)
+        edge = points[i + 1] - points[i]
+        size = np.maximum((edge**2).sum(axis=1), 1e-24)
+        u = np.clip(((tip - points[i]) * edge).sum(axis=1) / size, 0.0, 1.0)
+        point = points[i] + u[:, None] * edge
+        away = ((tip - point) ** 2).sum(axis=1)
+        nearer = away < best
+        best[nearer], nearest[nearer], share[nearer] = away[nearer], point[nearer], (i + u)[nearer]
+    return nearest, share
+
+
+def measure_way(time: Array, tip: Array, span: float = 0.05) -> Array:
+    """Return the way that a tip has gone, averaged over a time so that noise at rest is no way. Shape (n,). [m]."""
+    width = max(1, round(span / float(np.median(np.diff(time)))))
+    total = np.cumsum(np.vstack([np.zeros((1, 3)), tip]), axis=0)
+    low, high = np.maximum(np.arange(len(tip)) - width, 0), np.minimum(np.arange(len(tip)) + width + 1, len(tip))
+    smooth = (total[high] - total[low]) / (high - low)[:, None]
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))]

@@ -1,0 +1,354 @@
+"""The path that instructions describe: lines, arcs and joint moves, with a parabola in every zone.
+
+A blend of a corner leaves the incoming move a distance r before the corner and joins the outgoing one r after it; with
+w from 0 to 1 it is  p = p_c + (p_in(w) - p_c) + (p_out(w) - p_c),  p_in on the incoming move (1 - w)^2 r before the
+corner, p_out on the outgoing one w^2 r after it. It is tangent to both and, between lines, nearest to the corner by
+half of what a straight cut would be. r is the zone times `blend_share`, at most half of either move. Lines and arcs
+blend in space, what meets a joint move blends in the joints. Assumed of every make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.controllers.motion.instructions import Instructions, mark_whole
+from compplan.errors import InfeasibleError, InputError
+from compplan.robot import Array
+from compplan.statics.chain import Chain, locate_frames
+from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
+
+#: Step between points of a path, and points of a blend. [m]
+STEP, BLEND_POINTS = 1e-3, 12
+#: Fewest and most points of a move.
+FEWEST, MOST = 4, 3000
+#: What a turn of the joints counts as length, so that a path that only turns has one, too. [m/rad]
+TURN = 1e-4
+#: Greatest step of a joint between two points of a line: more is a jump to another branch. [rad]
+JUMP = 0.35
+#: A pose that is missed by more is not reached. [m and rad]
+MISSED = 1e-7
+
+
+class ToolArc(NamedTuple):
+    """Hold an arc: its centre, the arm from there to its start, what that becomes a right angle on, and the angle.
+
+    Args:
+        centre: Base frame. Shape (3,). [m]
+        arm: From the centre to the start. Shape (3,). [m]
+        side: The arm turned by a right angle towards the end. Shape (3,). [m]
+        sweep: Angle to the end. [rad]
+
+    """
+
+    centre: Array
+    arm: Array
+    side: Array
+    sweep: float
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Where the moves of a program end.
+
+    Args:
+        instructions: The instructions.
+        q: Joints at the end of each. Shape (n, nq). [rad or m]
+        position: Tip there. Shape (n, 3). [m]
+        rotation: TCP frame there. Shape (n, 3, 3).
+        length: Way of the tip to each, 0 for the first. Shape (n,). [m]
+        arcs: Arcs among the moves, by the one that each is.
+
+    """
+
+    instructions: Instructions
+    q: Array
+    position: Array
+    rotation: Array
+    length: Array
+    arcs: Mapping[int, ToolArc] = field(default_factory=dict)
+
+    def along(self, move: NDArray[np.int_], share: Array) -> Array:
+        """Return where the tip is at shares of lines and arcs. Shape (k,) -> (k, 3). [m]."""
+        start = self.position[np.maximum(move - 1, 0)]
+        place: Array = start + share[:, None] * (self.position[move] - start)
+        for number, arc in self.arcs.items():
+            low, high = np.searchsorted(move, [number, number + 1])
+            turned = share[low:high, None] * arc.sweep
+            place[low:high] = arc.centre + np.cos(turned) * arc.arm + np.sin(turned) * arc.side
+        return place
+
+
+@dataclass(frozen=True)
+class Path:
+    """Points along a path, near enough to one another for a cubic between two.
+
+    Args:
+        s: Length up to each, tip and a little for every turn of a joint. Shape (m,). [m]
+        q: Joints. Shape (m, nq). [rad or m]
+        position: Tip. Shape (m, 3). [m]
+        feed: Greatest speed in s from each point to the next, as programmed. Shape (m,). [m/s]
+        stops: Points at which the robot rests, ends included.
+        before: Slope dq/ds as each point is reached. Shape (m, nq).
+        after: Slope as it is left; another one where it rests. Shape (m, nq).
+        ends: Length at the end of every move, its blend included. Shape (moves,). [m]
+
+    """
+
+    s: Array
+    q: Array
+    position: Array
+    feed: Array
+    stops: NDArray[np.int_]
+    before: Array
+    after: Array
+    ends: Array
+
+    @cached_property
+    def bends(self) -> tuple[Array, Array, Array, Array]:
+        """Sizes of dq/ds, d2q/ds2, shape (m, nq), and of dp/ds, d2p/ds2 of the tip, shape (m,). [rad, m, 1/m]."""
+        tip = np.gradient(self.position, self.s, axis=0)
+        return (np.abs(0.5 * (self.before + self.after)), np.abs(np.gradient(self.after, self.s, axis=0)),
+                np.linalg.norm(tip, axis=1), np.linalg.norm(np.gradient(tip, self.s, axis=0), axis=1))  # fmt: skip
+
+
+def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = None) -> Nodes:
+    """Find the joints at the end of every instruction, each in the branch nearest to the one before.
+
+    Args:
+        instructions: The instructions.
+        arm: The robot.
+        start: Joints near those of the first instruction; without, and where that gives none, those nearest to the
+            middle of the limits. Shape (nq,). [rad or m]
+
+    Raises:
+        InputError: If an end is out of reach.
+
+    """
+    n = len(instructions)
+    q = np.array(instructions.q)
+    bent = mark_whole(q)
+    given = locate_frames(arm.chain, np.where(bent[:, None], q, 0.0))
+    posed = mark_whole(instructions.position)
+    position = np.where(posed[:, None], instructions.position, given.tcp_position)
+    rotation = np.array(given.tcp_rotation)
+    for k in range(n):  # an instruction each; the tool turns no more about itself than its axis needs
+        if k and not bent[k] and not bent[k - 1] and (instructions.axis[k] == instructions.axis[k - 1]).all():
+            rotation[k] = rotation[k - 1]
+        elif not bent[k]:
+            rotation[k] = _turn_axis(rotation[k - 1] if k else _first_frame(instructions.axis[0]), instructions.axis[k])
+        elif posed[k]:
+            rotation[k] = _turn_axis(rotation[k], instructions.axis[k])
+    need = np.flatnonzero(posed & ~(bent & ~instructions.straight))
+    near = np.asarray(arm.robot.lower + arm.robot.upper) / 2 if start is None else start
+    near = np.where(np.isfinite(near), near, 0.0)
+    if len(need):
+        _choose_branches(instructions, arm, q, (position, rotation), need, near)
+    frames = locate_frames(arm.chain, q)
+    position, rotation = frames.tcp_position, frames.tcp_rotation
+    return Nodes(instructions, q, position, rotation, _measure_moves(instructions, arm.chain, q, position))
+
+
+def _first_frame(axis: Array) -> Array:
+    """Return a TCP frame on a tool axis whose x points along the base's x as far as it can (assumed)."""
+    z = -axis
+    x = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _turn_axis(rotation: Array, axis: Array) -> Array:
+    """Turn a frame the shortest way until its z points against a tool axis."""
+    z, wanted = rotation[:, 2], -axis
+    (a, b, c), (d, e, f) = z.tolist(), wanted.tolist()
+    x, y, s, cosine = b * f - c * e, c * d - a * f, a * e - b * d, a * d + b * e + c * f
+    if x * x + y * y + s * s < 1e-24:
+        return rotation if cosine > 0 else rotation @ np.diag([1.0, -1.0, -1.0])
+    if cosine < -0.9:  # the formula below divides by 1 + cosine
+        size = float(np.sqrt(x * x + y * y + s * s))
+        turn = np.array([x, y, s]) / size * np.arctan2(size, cosine)
+        return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
+    skew = np.array([[0.0, -s, y], [s, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(rotation + skew @ rotation + skew @ (skew @ rotation) / (1.0 + cosine))
+
+
+def _choose_branches(
+    instructions: Instructions, arm: Arm, q: Array, poses: tuple[Array, Array], need: NDArray[np.int_], near: Array
+) -> None:
+    """Fill in the joints of poses, each nearest to those given, or to those before."""
+    held = np.tile(near[arm.held], (len(need), 1)) if len(arm.held) else None
+    slots = solve_branches(arm, poses[0][need], poses[1][need], held)
+    solved, given, row = mark_whole(slots.reshape(-1, q.shape[1])).reshape(slots.shape[:2]), mark_whole(q), -1
+    full, lower, upper = ~arm.robot.prismatic * 2.0 * np.pi, arm.robot.lower, arm.robot.upper
+    needed = np.isin(np.arange(len(q)), need).tolist()
+    for k in range(len(q)):
+        if needed[k]:
+            row += 1
+            target, found = q[k] if given[k] else near, slots[row][solved[row]]
+            turned = found + np.round((target - found) / (2 * np.pi)) * full
+            inside = (turned >= lower) & (turned <= upper)
+            if not inside.all():  # a pose near or beyond a limit
+                found = np.where(inside.all(axis=1)[:, None], turned, found)
+                found = found[((found >= lower - 1e-9) & (found <= upper + 1e-9)).all(axis=1)]
+            else:
+                found = turned
+            if not len(found):
+                raise InputError("no joints within the limits reach this pose, expected one within reach",
+                                 file=instructions.file, where=int(instructions.lines[k]))  # fmt: skip
+            q[k] = found[np.abs(found - target).max(axis=1).argmin()]
+        near = q[k]
+
+
+def _measure_moves(instructions: Instructions, chain: Chain, q: Array, position: Array) -> Array:
+    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    bent = np.flatnonzero(~instructions.straight)
+    bent = bent[bent > 0]
+    if len(bent):
+        share = np.linspace(0.0, 1.0, 17)[:, None]
+        between = (q[bent - 1][:, None] + share * (q[bent] - q[bent - 1])[:, None]).reshape(-1, q.shape[1])
+        tip = locate_frames(chain, between).tcp_position.reshape(len(bent), 17, 3)
+        length[bent] = np.linalg.norm(np.diff(tip, axis=1), axis=2).sum(axis=1)
+    return length
+
+
+def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP) -> Path:
+    """Lay points along the executed path, before any drive lags.
+
+    Args:
+        nodes: Where the moves end.
+        arm: The robot.
+        blend_share: Length of a blend over its zone; 0 gives the programmed path itself.
+        spacing: Way between two points, about. [m]
+
+    Raises:
+        InfeasibleError: If a line cannot be followed in one branch.
+
+    """
+    length, n = nodes.length, len(nodes.length)
+    reach = np.zeros(n)
+    reach[1:-1] = np.minimum(blend_share * nodes.instructions.zone[1:-1], 0.5 * np.minimum(length[1:-1], length[2:]))
+    reach[reach < 1e-6] = 0.0
+    safe = np.maximum(length, 1e-12)
+    leave, arrive = np.r_[0.0, reach[:-1] / safe[1:]], reach / safe  # shares of the move taken by blends
+    move, share, corner = _lay_points(length, leave, arrive, reach, spacing)
+    q = _solve_points(nodes, arm, (move, share, corner), (leave, arrive))
+    position = locate_frames(arm.chain, q).tcp_position
+    tip = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    step = tip + TURN * np.abs(np.diff(q, axis=0)).sum(axis=1)
+    keep = np.r_[True, step > 1e-10]
+    ends = np.flatnonzero((corner == 0) & (share == 1.0) & (reach[move] == 0.0))
+    count = np.cumsum(keep) - 1
+    stops = np.unique(np.r_[0, count[ends]])
+    driven = np.where(corner & (share > 0.5), np.minimum(move + 1, n - 1), move)
+    speed = nodes.instructions.feed[driven[1:]] * step / np.maximum(tip, 1e-12)
+    s, q, position = np.r_[0.0, np.cumsum(step)][keep], q[keep], position[keep]
+    feed = np.r_[speed[keep[1:]], np.inf]
+    ends = s[count[np.searchsorted(move, np.arange(n), "right") - 1]]
+    return Path(s, q, position, feed, stops, *_find_slopes(s, q, stops), ends)
+
+
+def _lay_points(
+    length: Array, leave: Array, arrive: Array, reach: Array, spacing: float
+) -> tuple[NDArray[np.int_], Array, NDArray[np.bool_]]:
+    """Return of every point its move (or corner), how far along it is, and whether it is on a blend."""
+    n = len(length)
+    count = np.clip(np.ceil(length / spacing).astype(int), FEWEST, MOST)
+    count[0] = 0
+    move = np.repeat(np.arange(n), count + 1)
+    place = np.arange(len(move)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+    share = leave[move] + (1.0 - arrive[move] - leave[move]) * place / np.maximum(count[move], 1)
+    share[(place == count[move]) & (reach[move] == 0.0)] = 1.0
+    inner = np.arange(1, BLEND_POINTS) / BLEND_POINTS
+    corners = np.flatnonzero(reach > 0.0)
+    all_moves = np.r_[move, np.repeat(corners, len(inner))]
+    all_shares = np.r_[share, np.tile(inner, len(corners))]
+    blends = np.r_[np.zeros(len(move), bool), np.ones(len(corners) * len(inner), bool)]
+    order = np.lexsort((all_shares, blends, all_moves))
+    return all_moves[order], all_shares[order], blends[order]
+
+
+def _solve_points(
+    nodes: Nodes, arm: Arm, points: tuple[NDArray[np.int_], Array, NDArray[np.bool_]], trims: tuple[Array, Array]
+) -> Array:
+    """Return the joints of every point."""
+    move, share, corner = points
+    leave, arrive = trims
+    n, lines = len(nodes.length), nodes.instructions.straight
+    before, after = np.maximum(move - 1, 0), np.minimum(move + 1, n - 1)
+    here = nodes.q[move]
+    back, ahead = nodes.q[before] - here, nodes.q[after] - here
+    into = np.where(corner, (1.0 - share) ** 2 * arrive[move], 1.0 - share)[:, None]
+    out = np.where(corner, share**2 * leave[after], 0.0)[:, None]
+    q = here + into * back + out * ahead
+    straight = lines[move] & (move > 0) & (~corner | lines[after])
+    rows = np.flatnonzero(straight)
+    if len(rows):
+        m = move[rows]
+        p = nodes.along(m, 1.0 - into[rows, 0])
+        bent = np.flatnonzero(corner[rows])
+        p[bent] += nodes.along(after[rows][bent], out[rows[bent], 0]) - nodes.position[m[bent]]
+        turned = np.swapaxes(nodes.rotation, 1, 2)
+        back_turn = Rotation.from_matrix(turned @ nodes.rotation[np.maximum(np.arange(n) - 1, 0)]).as_rotvec()
+        ahead_turn = Rotation.from_matrix(turned @ nodes.rotation[np.minimum(np.arange(n) + 1, n - 1)]).as_rotvec()
+        turn = Rotation.from_rotvec(into[rows] * back_turn[m] + out[rows] * ahead_turn[m]).as_matrix()
+        rotation = nodes.rotation[m] @ turn
+        q[rows] = refine_ik(arm, q[rows], p, rotation, iterations=40)
+        missed = np.abs(pose_error(arm.chain, q[rows], p, rotation)).max(axis=1) > MISSED
+        _refuse(nodes, m[missed], "cannot be followed along a line: a point of it is out of reach")
+    _blend_joints(nodes, q, points, straight)
+    gap = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > JUMP
+    _refuse(nodes, move[1:][gap & straight[1:]], "cannot be followed along a line: the arm would change its branch")
+    return q
+
+
+def _blend_joints(
+    nodes: Nodes, q: Array, points: tuple[NDArray[np.int_], Array, NDArray[np.bool_]], straight: NDArray[np.bool_]
+) -> None:
+    """Blend in the joints where a joint move meets a line: from the last point before to the first one after."""
+    move, share, corner = points
+    rows = np.flatnonzero(corner & ~straight)
+    if not len(rows):
+        return
+    first = np.searchsorted(move, move[rows], "left")
+    last = np.searchsorted(move, move[rows], "right")  # first point of the next move
+    plain = np.flatnonzero(~corner)
+    entry = plain[np.searchsorted(plain, rows) - 1]
+    leaving = np.minimum(last, len(move) - 1)
+    assert (first <= entry).all()
+    w, here = share[rows, None], nodes.q[move[rows]]
+    q[rows] = here + (1.0 - w) ** 2 * (q[entry] - here) + w**2 * (q[leaving] - here)
+
+
+def _refuse(nodes: Nodes, moves: NDArray[np.int_], message: str) -> None:
+    if len(moves):
+        instructions = nodes.instructions
+        line = int(instructions.lines[moves[0]])
+        raise InfeasibleError(f"{instructions.file}:{line}: {message}; make it a joint move or divide it",
+                              waypoints=sorted({int(move) for move in moves}))  # fmt: skip
+
+
+def _find_slopes(s: Array, q: Array, stops: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Return the slopes on either side of every point; they differ where the robot rests."""
+    slope = np.gradient(q, s, axis=0, edge_order=2)
+    chord = np.diff(q, axis=0) / np.diff(s)[:, None]
+    before, after = slope.copy(), slope.copy()
+    inner = stops[(stops > 0) & (stops < len(s) - 1)]
+    before[inner], after[inner] = chord[inner - 1], chord[inner]
+    return before, after
+
+
+def follow_path(path: Path, s: Array) -> Array:
+    """Return the joints at lengths of a path, by a cubic between two points. Shape (k,) -> (k, nq)."""
+    s = np.clip(s, path.s[0], path.s[-1])
+    i = np.clip(np.searchsorted(path.s, s, "right") - 1, 0, len(path.s) - 2)
+    step = (path.s[i + 1] - path.s[i])[:, None]
+    u = (s - path.s[i])[:, None] / step
+    q = (1 + 2 * u) * (1 - u) ** 2 * path.q[i] + u**2 * (3 - 2 * u) * path.q[i + 1]
+    return np.asarray(q + step * (u * (1 - u) ** 2 * path.after[i] - u**2 * (1 - u) * path.before[i + 1]))

@@ -1,0 +1,336 @@
+"""Identify a controller from logs: blends, speed law, lag and lost motion, kept as far as they help rows left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from compplan.controllers.motion.drives import hold_direction, lag_command
+from compplan.controllers.motion.model import (
+    CYCLE,
+    WindowRun,
+    drop_along,
+    find_residual,
+    measure_left,
+    read_run,
+    run_window,
+)
+from compplan.controllers.motion.windows import Window
+from compplan.controllers.writers.servo import LONGEST_LAG, ServoMotion
+from compplan.robot import Array
+from compplan.statics.ik import Arm
+
+#: Models from the plainest to the richest: what each lets free.
+RUNGS: dict[str, tuple[str, ...]] = {
+    "blend": ("speed",),
+    "one lag": ("speed", "common"),
+    "lag": ("speed", "lag"),
+    "lag and acceleration": ("speed", "lag", "acceleration"),
+    "lag, acceleration and lost motion": ("speed", "lag", "acceleration", "lost"),
+}
+#: Blend shares that are tried first, how finely the best is searched before a parabola through three finds it, and
+#: with more windows than how many every second one searches.
+SHARES, FINEST, SEARCHED = (0.3, 0.7, 1.1), 0.1, 4
+#: Time in which a wrong speed counts as a distance. [s]
+SPEED_WEIGHT = 0.01
+#: What a joint is expected to differ by, a standard deviation: lag [s], acceleration lag [s^2], lost motion [rad].
+SPREAD = {"lag": 0.02, "acceleration": 5e-4, "lost": 5e-4}
+#: A richer model has to leave less than this share of a plainer one, on rows left out.
+WORTH = 0.98
+#: A model is no worse than the programmed path up to this distance. [m]
+EQUAL = 1e-6
+#: Steps of a fit.
+STEPS = 5
+#: Groups of rows that are left out in turn, at most.
+GROUPS = 3
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What logs say of a controller.
+
+    Args:
+        motion: The model fitted to all rows.
+        rung: Its name in `RUNGS`, or "none" where no model helps rows left out.
+        helps: Whether it is to be written.
+        left: Distance of rows left out across the executed path. Shape (n,). [m]
+        left_before: The same by the folder's own values. Shape (n,). [m]
+        without: Distance across the programmed path. Shape (n,). [m]
+        ladder: By rung the (median, p95) of rows left out. [m]
+        held_out: "log" or "time": what was left out in turn.
+
+    """
+
+    motion: ServoMotion
+    rung: str
+    helps: bool
+    left: Array
+    left_before: Array
+    without: Array
+    ladder: dict[str, tuple[float, float]] = field(default_factory=dict)
+    held_out: str = "log"
+
+
+def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
+    """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all.
+
+    Args:
+        windows: Windows of all logs.
+        folder: The folder's own values.
+        arm: The robot.
+
+    """
+    logs = sorted({window.log for window in windows})
+    by_log = len(logs) > 1
+    count = min(GROUPS, len(logs) if by_log else len(windows))
+    groups = [logs.index(w.log) % count if by_log else k * count // len(windows) for k, w in enumerate(windows)]
+    without = np.concatenate([window.beside for window in windows])
+    before = np.concatenate([measure_left(window, folder, arm) for window in windows])
+    if count < 2:
+        return Identified(folder, "none", False, without, before, without, {}, "time")
+    everything = climb_ladder(windows, folder, arm)
+    whole = everything["lag"]  # where the search for each group begins
+    pieces: dict[str, dict[int, Array]] = {name: {} for name in RUNGS}
+    for group in range(count):
+        seen = [w for w, g in zip(windows, groups, strict=True) if g != group]
+        fitted = climb_ladder(seen, whole, arm, step=0.1)
+        for name, motion in fitted.items():
+            for k, window in enumerate(windows):
+                if groups[k] == group:
+                    pieces[name][k] = measure_left(window, motion, arm)
+    left = {name: np.concatenate([pieces[name][k] for k in range(len(windows))]) for name in RUNGS}
+    ladder = {name: summarise_distance(values) for name, values in left.items()}
+    best = min(score(values) for values in ladder.values())
+    rung = next(name for name, values in ladder.items() if score(values) * WORTH <= best)
+    motion = everything[rung]
+    none, old = summarise_distance(without), summarise_distance(before)
+    helps = all(new < was and new < plain + EQUAL for new, was, plain in zip(ladder[rung], old, none, strict=True))
+    held = "log" if by_log else "time"
+    return Identified(motion, rung, helps, left[rung], before, without, ladder, held)
+
+
+def summarise_distance(values: Array) -> tuple[float, float]:
+    """Return median and 95th percentile."""
+    return float(np.median(values)), float(np.percentile(values, 95))
+
+
+def score(values: tuple[float, float]) -> float:
+    """Return the one number that models are ranked by: the geometric mean of median and 95th percentile."""
+    return float(np.sqrt(max(values[0], 1e-9) * max(values[1], 1e-9)))
+
+
+def climb_ladder(windows: Sequence[Window], begin: ServoMotion, arm: Arm, step: float = 0.2) -> dict[str, ServoMotion]:
+    """Fit every rung, each from the one before; blends are searched from steps of a share of 0.2, or around one."""
+    zero = np.zeros(len(begin.lag))
+    motion = replace(begin, lag=np.full(len(zero), max(0.01, float(begin.lag.mean()))), acceleration_lag=zero,
+                     lost_motion=zero)  # fmt: skip
+    some = windows[::2] if len(windows) > SEARCHED else windows
+    motion = search_blend(some, motion, ("speed", "lag"), arm, step)
+    found: dict[str, ServoMotion] = {}
+    for name, free in RUNGS.items():
+        if name == "blend":
+            plain = replace(motion, lag=zero, acceleration_lag=zero, lost_motion=zero)
+            found[name] = fit_motion(windows, plain, free, arm)
+        else:
+            motion = fit_motion(windows, motion, free, arm)
+            found[name] = motion
+    return found
+
+
+def search_blend(
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, step: float
+) -> ServoMotion:
+    """Fit the rest at blend shares: coarsely, or from the one given, then ever finer around the best."""
+    tried: dict[float, tuple[float, ServoMotion]] = {}
+
+    def fit(share: float, begin: ServoMotion) -> None:
+        share = round(min(max(share, 0.0), 2.0), 4)
+        if share not in tried:
+            fitted = fit_motion(windows, replace(begin, blend_share=share), free, arm, steps=3)
+            tried[share] = (_cost(windows, fitted, arm), fitted)
+
+    for share in SHARES if step > 0.1 else (motion.blend_share,):
+        fit(share, motion)
+    while step >= FINEST:
+        best = min(tried, key=lambda share: tried[share][0])
+        for share in (best - step, best + step):
+            fit(share, tried[best][1])
+        step /= 2
+    best = min(tried, key=lambda share: tried[share][0])
+    low, high = tried.get(round(best - FINEST, 4)), tried.get(round(best + FINEST, 4))
+    if low and high:
+        bend = low[0] - 2.0 * tried[best][0] + high[0]
+        fit(best + 0.5 * FINEST * (low[0] - high[0]) / max(bend, 1e-15), tried[best][1])
+    return min(tried.values(), key=lambda entry: entry[0])[1]
+
+
+def _cost(windows: Sequence[Window], motion: ServoMotion, arm: Arm) -> float:
+    gaps = np.concatenate([_lengths(find_residual(w, run_window(w, motion, arm))) for w in windows])
+    return float(np.mean(np.sqrt(gaps**2 + 1e-12)))
+
+
+def _lengths(gap: Array) -> Array:
+    return np.asarray(np.linalg.norm(gap, axis=1))
+
+
+def fit_motion(
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, steps: int = STEPS
+) -> ServoMotion:
+    """Fit a model by damped Gauss-Newton steps with robust weights; blends stay.
+
+    A joint's parameters change its own column alone, so that one run gives the slopes of all joints.
+
+    Args:
+        windows: What to fit to.
+        motion: Where to begin.
+        free: What may change: speed, common or lag, acceleration, lost.
+        arm: The robot.
+        steps: Most steps.
+
+    """
+    now, damping = _evaluate(windows, motion, free, arm), 1e-3
+    for _ in range(steps):
+        matrix, gap, slopes = now
+        scale = np.sqrt(np.diag(matrix)) + 1e-12
+        moved = False
+        for _ in range(4):
+            damped = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
+            change = np.linalg.solve(damped, gap / scale) / scale
+            trial = _apply(motion, free, change)
+            then = _evaluate(windows, trial, free, arm, slopes=False)
+            if then[2] < slopes * (1 - 1e-4):
+                motion, moved, damping = trial, True, damping * 0.2
+                break
+            damping = max(damping, 1e-4) * 10.0
+        if not moved:
+            break
+        now = _evaluate(windows, motion, free, arm)
+    return motion
+
+
+def _names(free: tuple[str, ...], nq: int) -> list[tuple[str, int]]:
+    names: list[tuple[str, int]] = []
+    for name in free:
+        if name == "speed":
+            names += [("pace", 0), ("smoothing", 0)]
+        else:
+            names += [(name, 0)] if name == "common" else [(name, j) for j in range(nq)]
+    return names
+
+
+def _apply(motion: ServoMotion, free: tuple[str, ...], change: Array) -> ServoMotion:
+    lag, acceleration, lost = motion.lag.copy(), motion.acceleration_lag.copy(), motion.lost_motion.copy()
+    pace, smoothing = motion.acceleration, motion.smoothing
+    for (name, j), value in zip(_names(free, len(lag)), change, strict=True):
+        if name == "pace":
+            pace = float(np.clip(pace * np.exp(np.clip(value, -0.7, 0.7)), 0.05, 200.0))
+        elif name == "smoothing":
+            smoothing = float(np.clip(smoothing + np.clip(value, -0.03, 0.03), 0.0, 0.4))
+        elif name == "common":
+            lag = lag + value
+        elif name == "lag":
+            lag[j] += value
+        elif name == "acceleration":
+            acceleration[j] += value
+        else:
+            lost[j] = np.clip(lost[j] + value, 0.0, 0.01)
+    return replace(motion, acceleration=pace, smoothing=smoothing, lag=np.clip(lag, 0.0, LONGEST_LAG / 2),
+                   acceleration_lag=np.clip(acceleration, -0.02, 0.02), lost_motion=lost)  # fmt: skip
+
+
+def _evaluate(
+    windows: Sequence[Window], motion: ServoMotion, free: tuple[str, ...], arm: Arm, slopes: bool = True
+) -> tuple[Array, Array, float]:
+    """Return the normal matrix, its right side and the robust cost, all windows together."""
+    nq = len(motion.lag)
+    names = _names(free, nq)
+    matrix, side, cost = np.zeros((len(names),) * 2), np.zeros(len(names)), 0.0
+    for window in windows:
+        run = run_window(window, motion, arm)
+        gap = _stack_gap(window, run)
+        size = 2e-5
+        weight = 1.0 / (1.0 + (gap / (8 * size)) ** 2)
+        cost += float(((8 * size) ** 2 * np.log1p((gap / (8 * size)) ** 2)).sum()) / size**2
+        if slopes:
+            columns = _find_columns(window, run, gap, motion, free, arm)
+            weighed = columns * weight[:, None]
+            matrix += columns.T @ weighed / size**2
+            side += weighed.T @ gap / size**2
+    prior, wanted = _expect(motion, names)
+    matrix += np.diag(prior)
+    side += prior * wanted
+    return matrix, side, cost + float((prior * wanted**2).sum())
+
+
+def _stack_gap(window: Window, run: WindowRun) -> Array:
+    """Return gaps across the path and of speed, as lengths. Shape (n (nq + 1),). [m]."""
+    across = find_residual(window, run)
+    _, slope = run.here
+    slope = slope * window.leverage / CYCLE
+    size = np.maximum(_lengths(slope), 1e-9)
+    speed = (window.rate * window.leverage * slope).sum(axis=1) / size - size
+    return np.concatenate([across.ravel(), SPEED_WEIGHT * speed])
+
+
+def _find_columns(
+    window: Window, run: WindowRun, gap: Array, motion: ServoMotion, free: tuple[str, ...], arm: Arm
+) -> Array:
+    """Return the slopes of what a run explains, one column a free number. Shape (n (nq + 1), k)."""
+    nq = window.q.shape[1]
+    columns: list[Array] = []
+    _, tangent = run.here
+    tangent = tangent * window.leverage
+    for name, j in _names(free, nq):
+        if name in ("pace", "smoothing"):
+            value = 0.05 if name == "pace" else 0.004
+            unit = np.array([value, 0.0] if name == "pace" else [0.0, value])
+            moved = _stack_gap(window, run_window(window, _apply(motion, ("speed",), unit), arm))
+            columns.append((gap - moved) / value)
+            continue
+        if j == 0:
+            slope = _joint_slopes(run, motion, name)
+            here, _ = read_run(slope, run.at)
+            rates = _speed_slopes(slope, run, window)
+        part = here * window.leverage
+        if name != "common":
+            part = part * (np.arange(nq) == j)
+        speed = SPEED_WEIGHT * (rates.sum(axis=1) if name == "common" else rates[:, j])
+        columns.append(np.concatenate([drop_along(part, tangent).ravel(), speed]))
+    return np.stack(columns, axis=1)
+
+
+def _speed_slopes(slope: Array, run: WindowRun, window: Window) -> Array:
+    """Return by how much each joint's parameter changes the speed along the run. Shape (n, nq)."""
+    _, change = read_run(slope, run.at)
+    _, tangent = run.here
+    tangent = tangent * window.leverage
+    size = np.maximum(_lengths(tangent), 1e-12)[:, None]
+    return np.asarray(change * window.leverage * tangent / size / CYCLE)
+
+
+def _joint_slopes(run: WindowRun, motion: ServoMotion, name: str) -> Array:
+    """Return the slopes of all joints of a run in one kind of parameter, each in its own joint's."""
+    if name == "lost":
+        return np.asarray(-0.5 * hold_direction(run.command, CYCLE))
+    base = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)
+    step = 1e-3 if name in ("common", "lag") else 1e-5
+    lag, acceleration = motion.lag, motion.acceleration_lag
+    moved = (lag + step, acceleration) if name in ("common", "lag") else (lag, acceleration + step)
+    return (lag_command(run.command, *moved, CYCLE) - base) / step
+
+
+def _expect(motion: ServoMotion, names: list[tuple[str, int]]) -> tuple[Array, Array]:
+    """Return how firmly numbers are expected near what they usually are, and how far they are from it."""
+    prior, wanted = np.zeros(len(names)), np.zeros(len(names))
+    for k, (name, j) in enumerate(names):
+        if name in SPREAD:
+            values = {"lag": motion.lag, "acceleration": motion.acceleration_lag, "lost": motion.lost_motion}[name]
+            centre = float(values.mean()) if name == "lag" else 0.0
+            prior[k], wanted[k] = SPREAD[name] ** -2, centre - float(values[j])
+        elif name == "smoothing":
+            prior[k], wanted[k] = 0.2**-2, 0.04 - motion.smoothing
+        elif name == "pace":
+            prior[k], wanted[k] = 1.0, float(np.log(3.0 / motion.acceleration))
+    return prior, wanted

@@ -1,0 +1,172 @@
+"""A log of executed joints, with clocks as they are: late rows, missing rows, rows torn between two cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.motion.exports import TRACE_ENDINGS, read_kuka_trace, read_recording, rename_export
+from compplan.controllers.motion.instructions import read_joints
+from compplan.controllers.writers.counting import from_controller, load_controller
+from compplan.errors import InputError
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Array, read_table
+from compplan.robot import Robot
+
+#: Fewest rows that say anything.
+FEWEST_ROWS = 50
+#: A reading is torn where it is behind its neighbours by a cycle's motion, within these shares of it.
+TORN_LOW, TORN_HIGH = 0.5, 1.6
+#: and by so many standard deviations of all readings.
+TORN_SIGMAS = 5.0
+#: Time over which rates are taken. [s]
+RATE_SPAN = 0.024
+
+COLUMNS = (
+    FileColumn("time", "time", required=True),
+    FileColumn("q#", ("angle", "length"), required=True, missing=True),
+    FileColumn("q#_cmd", ("angle", "length"), missing=True),
+    FileColumn("tau#", ("moment", "force"), missing=True),
+)
+
+
+@dataclass(frozen=True)
+class Log:
+    """Hold what a log says, rows in the order of time.
+
+    Args:
+        file: Where it was read from.
+        time: Clock of the log. Shape (n,). [s]
+        raw: Joints as logged. Shape (n, nq). [rad or m]
+        q: Joints with torn readings put right. Shape (n, nq). [rad or m]
+        rate: Rates of them. Shape (n, nq). [rad/s or m/s]
+        torn: Which readings were torn. Shape (n, nq).
+        cycle: Usual time between rows. [s]
+        late: Share of rows whose clock is off by more than a fifth of a cycle.
+        missing: Share of rows that are not there.
+        notes: What was read past.
+
+    """
+
+    file: Path
+    time: Array
+    raw: Array
+    q: Array
+    rate: Array
+    torn: NDArray[np.bool_]
+    cycle: float
+    late: float
+    missing: float
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def read_log(file: Path, robot: Robot) -> Log:
+    """Read LOG.csv and put torn readings right.
+
+    Args:
+        file: A table, a recording (.mcap) of joint states, or a trace of KUKA (.dat, .r64).
+        robot: The robot that was logged.
+
+    Raises:
+        InputError: With file and line, if it is no log of this robot.
+
+    """
+    if file.suffix.lower() == ".mcap":
+        time, raw = read_recording(file, robot)
+        notes: list[str] = []
+    elif file.suffix.lower() in TRACE_ENDINGS:
+        time, counted, notes = read_kuka_trace(file, robot)
+        raw = from_controller(load_controller(robot), counted)
+    else:
+        table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
+        raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
+        if rename_export(table.headers["q1"]) != table.headers["q1"]:
+            raw = from_controller(load_controller(robot), np.where(robot.prismatic, 1e3 * raw, np.degrees(raw)))
+    whole = np.isfinite(raw).all(axis=1) & np.isfinite(time)
+    if not whole.all():
+        notes.append(f"{int((~whole).sum())} rows without a joint are left out")
+    raw, time = raw[whole], time[whole]
+    if (np.diff(time) < 0.0).any():
+        order = np.argsort(time, kind="stable")
+        notes.append(f"{int((np.diff(time) < 0).sum())} rows stand before an earlier one; rows are taken by their time")
+        raw, time = raw[order], time[order]
+    fresh = np.r_[True, np.diff(time) > 0.0][: len(time)]
+    if not fresh.all():
+        notes.append(f"{int((~fresh).sum())} rows repeat a time and are left out")
+    raw, time = raw[fresh], time[fresh]
+    if len(time) < FEWEST_ROWS:
+        raise InputError(f"has {len(time)} whole rows of different times, expected at least {FEWEST_ROWS}", file=file)
+    return clean_log(file, time, raw, notes)
+
+
+def clean_log(file: Path, time: Array, raw: Array, notes: list[str]) -> Log:
+    """Find torn readings and put them right.
+
+    A reading is held against the cubic through its four neighbours. What all joints share is a late clock; what one
+    joint is behind by a cycle's motion is a torn row.
+
+    Raises:
+        InputError: If no joint moves.
+
+    """
+    cycle = float(np.median(np.diff(time)))
+    if np.ptp(raw, axis=0).max() < 1e-4:
+        raise InputError("no joint moves in this log, expected the log of a program that runs", file=file)
+    rate = find_rates(time, raw, max(1, round(0.5 * RATE_SPAN / cycle)))
+    gap = raw - _bridge_rows(time, raw)
+    moving = np.abs(rate) > 1e-3 * np.abs(rate).max()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = np.where(moving, gap / rate, np.nan)
+    shared = _median_rows(shift)
+    rest = gap - rate * np.nan_to_num(shared)[:, None]
+    sigma = 1.4826 * np.median(np.abs(rest), axis=0) + 1e-9
+    behind = -rest / np.where(moving, rate * cycle, np.inf)
+    torn = (behind > TORN_LOW) & (behind < TORN_HIGH) & (np.abs(rest) > TORN_SIGMAS * sigma)
+    torn[:2] = torn[-2:] = False
+    q = np.where(torn, raw - rest, raw)
+    span = np.diff(time) / cycle
+    late = float(np.mean(np.abs(span - np.round(span)) > 0.2))
+    missing = float(np.maximum(np.round(span) - 1.0, 0.0).sum() / max(1.0, np.round(span).sum()))
+    rate = find_rates(time, q, max(1, round(0.5 * RATE_SPAN / cycle)))
+    return Log(file, time, raw, q, rate, torn, cycle, late, missing, tuple(notes))
+
+
+def find_rates(time: Array, q: Array, half: int) -> Array:
+    """Return rates over `half` rows to either side. Shape (n, nq)."""
+    n = len(time)
+    low, high = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half, n - 1)
+    return np.asarray((q[high] - q[low]) / (time[high] - time[low])[:, None])
+
+
+def _bridge_rows(time: Array, q: Array) -> Array:
+    """Return every row as the cubic through two rows before and two after has it; the ends as they are."""
+    out = q.copy()
+    if len(time) < 5:
+        return out
+    at = time[2:-2]
+    near = [time[:-4] - at, time[1:-3] - at, time[3:-1] - at, time[4:] - at]
+    rows = [q[:-4], q[1:-3], q[3:-1], q[4:]]
+    out[2:-2] = 0.0
+    for k in range(4):
+        weight = np.ones(len(at))
+        for other in range(4):
+            if other != k:
+                weight = weight * near[other] / (near[other] - near[k])
+        out[2:-2] += weight[:, None] * rows[k]
+    return out
+
+
+def _median_rows(values: Array) -> Array:
+    """Return the median of every row, NaN left out; NaN where fewer than three are there."""
+    count = np.isfinite(values).sum(axis=1)
+    ordered = np.sort(values, axis=1)  # NaN last
+    rows = np.arange(len(values))
+    low, high = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, values.shape[1] - 1)
+    middle = 0.5 * (ordered[rows, low] + ordered[rows, high])
+    return np.where(count >= 3, middle, np.nan)

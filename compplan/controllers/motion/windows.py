@@ -1,0 +1,198 @@
+"""Pieces of programs with the rows of a log that lie in them: what a model is fitted to and judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.motion.align import Places, find_nearest, measure_way, place_rows
+from compplan.controllers.motion.geometry import STEP, Nodes, Path, build_path, locate_nodes
+from compplan.controllers.motion.instructions import read_instructions
+from compplan.controllers.motion.log import Log, read_log
+from compplan.errors import InputError
+from compplan.robot import Array, Robot
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import Arm
+from compplan.toolpath.toolpath import interpolate
+
+#: Most rows of a log that are placed, of a window, and most windows of all logs.
+MOST_PLACED, MOST_ROWS, MOST_WINDOWS = 100_000, 500, 8
+#: Points along a program beside which a log is placed, about; windows of it are laid as finely as any path.
+MOST_POINTS = 100_000
+#: Time of a window, and what is executed before and after its rows, so that it runs as in the whole program. [s]
+WINDOW, LEAD = 5.0, 0.5
+#: A log whose rows are usually farther from the program is of another one. [m]
+OTHER_PROGRAM = 0.05
+#: Points of a path to either side among which a row's is looked for.
+BESIDE = 25
+#: A tip that goes slower rests. [m/s]
+RESTING = 5e-4
+
+
+@dataclass(frozen=True)
+class Window:
+    """A piece of a program with rows of the log.
+
+    Args:
+        log: Which log it is of.
+        nodes: The moves, from some before the rows to some after.
+        s: Length of every row along the programmed path of the piece. Shape (n,). [m]
+        q: Joints of the rows. Shape (n, nq). [rad or m]
+        rate: Rates of them. Shape (n, nq).
+        tip: Nominal tips of them. Shape (n, 3). [m]
+        torn_by: What torn readings moved the tip. Shape (n, 3). [m]
+        point: Nearest points of the programmed path. Shape (n, 3). [m]
+        leverage: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
+        paths: Executed paths by blend share, as far as they were laid.
+        known: Lengths of the rows along them.
+        latest: The model that it was run with last, `motion`, and the `run`.
+
+    """
+
+    log: int
+    nodes: Nodes
+    s: Array
+    q: Array
+    rate: Array
+    tip: Array
+    torn_by: Array
+    point: Array
+    leverage: Array
+    paths: dict[float, Path] = field(default_factory=dict)
+    known: dict[float, Array] = field(default_factory=dict)
+    latest: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def beside(self) -> Array:
+        """Distance of every row across the programmed path. Shape (n,). [m]."""
+        return np.asarray(np.linalg.norm(self.tip + self.torn_by - self.point, axis=1))
+
+    def path(self, arm: Arm, blend_share: float) -> Path:
+        """Return the executed path of the piece at a blend share, kept for the next time."""
+        key = round(blend_share, 4)
+        if key not in self.paths:
+            self.paths[key] = build_path(self.nodes, arm, key)
+        return self.paths[key]
+
+    def lengths(self, arm: Arm, blend_share: float) -> Array:
+        """Return the length of every row along the executed path, of its nearest point. Shape (n,). [m]."""
+        key = round(blend_share, 4)
+        if key not in self.known:
+            path, sharp = self.path(arm, key), self.path(arm, 0.0)
+            guess = np.searchsorted(path.s, self.s * path.s[-1] / sharp.s[-1]).clip(0, len(path.s) - 1)
+            on_path = interpolate(self.s, sharp.s, sharp.position)
+            _, share = find_nearest(path.position, guess, on_path, BESIDE)
+            self.known[key] = np.interp(share, np.arange(len(path.s)), path.s)
+        return self.known[key]
+
+
+@dataclass(frozen=True)
+class PlacedLog:
+    """A log beside its program.
+
+    Args:
+        log: The log.
+        nodes: Where the moves of the program end.
+        rows: Rows of the log that are placed. Shape (n,).
+        places: Where they are on the programmed path. Shape (n,).
+        programmed: The programmed path.
+        ends: Length of the programmed path at the end of every move. Shape (moves,). [m]
+
+    """
+
+    log: Log
+    nodes: Nodes
+    rows: NDArray[np.int_]
+    places: Places
+    programmed: Path
+    ends: Array
+
+
+def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
+    """Read a log and its program, and find every row of the one on the other.
+
+    Raises:
+        InputError: If one of them is not what it has to be, or the log is of another program.
+
+    """
+    log, instructions = read_log(file, robot), read_instructions(program, robot)
+    nodes = locate_nodes(instructions, arm, log.q[0])
+    programmed = build_path(nodes, arm, 0.0, max(STEP, float(nodes.length.sum()) / MOST_POINTS))
+    rows = np.arange(0, len(log), max(1, -(-len(log) // MOST_PLACED)))
+    tip = locate_frames(arm.chain, log.q[rows]).tcp_position
+    places = place_rows(programmed, tip, measure_way(log.time[rows], tip))
+    usual = float(np.median(places.distance))
+    if usual > OTHER_PROGRAM:
+        raise InputError(f"its rows are {1e3 * usual:.0f} mm beside {program} (median), expected a log of this program",
+                         file=file)  # fmt: skip
+    return PlacedLog(log, nodes, rows, places, programmed, programmed.ends)
+
+
+def cut_windows(traces: list[PlacedLog], arm: Arm) -> list[Window]:
+    """Cut the logs into windows of some seconds; of many an even choice, drawn from all logs alike."""
+    windows: list[Window] = []
+    for number, trace in enumerate(traces):
+        spans = _divide_rows(trace)
+        most = max(2, MOST_WINDOWS // len(traces))
+        chosen = np.unique(np.linspace(0, len(spans) - 1, min(most, len(spans))).round().astype(int))
+        windows += [window for k in chosen if (window := _cut_window(trace, number, spans[k], arm)) is not None]
+    if not windows:
+        raise InputError("no row moves along the program, expected the log of a program that runs",
+                         file=traces[0].log.file)  # fmt: skip
+    return windows
+
+
+def _divide_rows(trace: PlacedLog) -> list[tuple[int, int]]:
+    """Divide the rows that move by time; first row and the one after the last of each span."""
+    time = trace.log.time[trace.rows]
+    count = max(1, round((time[-1] - time[0]) / WINDOW))
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1))
+    edges[-1] = len(time)
+    return [(int(a), int(b)) for a, b in pairwise(edges) if b - a > 5]
+
+
+def _cut_window(trace: PlacedLog, number: int, span: tuple[int, int], arm: Arm) -> Window | None:
+    log, ends, feed = trace.log, trace.ends, trace.nodes.instructions.feed
+    part = slice(*span)
+    s, rows = trace.places.s[part], trace.rows[part]
+    speed = np.linalg.norm(_tip_rate(arm, log.q[rows], log.rate[rows]), axis=1)
+    moves = (speed > RESTING) & (s > ends[0]) & (s < ends[-1])
+    if moves.sum() < 10:
+        return None
+    lead = LEAD * float(feed.max())
+    time = trace.log.time[rows]
+    moves &= np.abs(s - np.median(s[moves])) < 2.0 * lead + float(feed.max() * (time[-1] - time[0]))  # no feed goes on
+    first = max(0, int(np.searchsorted(ends, s[moves].min() - lead, "right")) - 1)
+    last = min(len(ends) - 1, int(np.searchsorted(ends, s[moves].max() + lead)))
+    keep = np.flatnonzero(moves)
+    keep = keep[:: max(1, -(-len(keep) // MOST_ROWS))]
+    chosen = rows[keep]
+    q, raw = log.q[chosen], log.raw[chosen]
+    tip = locate_frames(arm.chain, q).tcp_position
+    torn_by = locate_frames(arm.chain, raw).tcp_position - tip
+    levers = np.stack([_tip_rate(arm, q, np.tile(row, (len(q), 1))) for row in np.eye(q.shape[1])])
+    leverage = np.sqrt((levers**2).sum(axis=2).mean(axis=1)) + 0.02
+    return Window(number, _slice_nodes(trace.nodes, first, last + 1), s[keep] - ends[first], q, log.rate[chosen], tip,
+                  torn_by, trace.places.point[part][keep], leverage)  # fmt: skip
+
+
+def _tip_rate(arm: Arm, q: Array, rate: Array) -> Array:
+    """Return velocities of the tip. Shape (n, 3). [m/s]."""
+    step = 1e-5
+    ahead, back = (locate_frames(arm.chain, q + sign * step * rate).tcp_position for sign in (1.0, -1.0))
+    return np.asarray((ahead - back) / (2 * step))
+
+
+def _slice_nodes(nodes: Nodes, first: int, end: int) -> Nodes:
+    """Return some of the moves; the first one is where the piece begins."""
+    part, told = slice(first, end), nodes.instructions
+    cut = replace(told, lines=told.lines[part], straight=told.straight[part], position=told.position[part],
+                  axis=told.axis[part], q=told.q[part], feed=told.feed[part], zone=told.zone[part])  # fmt: skip
+    length = nodes.length[part].copy()
+    length[0] = 0.0
+    return Nodes(cut, nodes.q[part], nodes.position[part], nodes.rotation[part], length)

@@ -1,0 +1,384 @@
+"""Readers that run native robot programs as their controllers would, and share nothing with the writers.
+
+Each returns the moves in the order in which the robot makes them, with what was in force at each: tool, base, speed,
+whether the robot stops there. A line that a reader does not know stops it. Lengths in mm, angles in deg.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from compplan.controllers.readback.actions import mark_actions, read_action
+from compplan.controllers.readback.poses import (
+    NUMBER,
+    Move,
+    kuka_pose,
+    read_numbers,
+    staubli_poses,
+)
+
+# --------------------------------------------------------------------------------------------------------------- KRL
+
+ARM = ("A1", "A2", "A3", "A4", "A5", "A6")
+_KRL_FIELD = re.compile(rf"(\w+) ({NUMBER})")
+
+
+@lru_cache(maxsize=4096)
+def _krl_value(text: str) -> tuple[float | None, str, float]:
+    """Return the number that a text is; else, where it is a sum, its first part and the number added to it."""
+    if re.fullmatch(NUMBER, text):
+        return float(text), "", 0.0
+    match = re.fullmatch(r"(.+)([-+])(\d+)", text)
+    return (None, "", 0.0) if match is None else (None, match[1], float(match[2] + match[3]))
+
+
+@lru_cache(maxsize=4096)
+def _krl_name(name: str) -> tuple[str, str | None]:
+    """Return a variable's name, and what numbers its element."""
+    match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
+    assert match, f"no variable: {name}"
+    return match[1].upper(), match[2]
+
+
+@lru_cache(maxsize=256)
+def _lay_out_krl(lines: tuple[str, ...]) -> list[tuple[str, tuple[str, ...] | None, tuple[str, ...] | None]]:
+    """Return lines with what they open: the lines of a FOR and nothing, or both branches of an IF."""
+    laid: list[tuple[str, tuple[str, ...] | None, tuple[str, ...] | None]] = []
+    row = 0
+    while row < len(lines):
+        word = lines[row].partition(" ")[0]
+        if word not in ("FOR", "IF"):
+            laid.append((lines[row], None, None))
+        else:
+            end = _end_krl(lines, row, word)
+            body, other = lines[row + 1 : end], None
+            if word == "IF":
+                depths = np.cumsum([line.startswith("IF ") - (line == "ENDIF") for line in body])
+                middle = next((i for i, line in enumerate(body) if line == "ELSE" and not depths[i]), len(body))
+                body, other = body[:middle], body[middle + 1 :]
+            laid.append((lines[row], body, other))
+            row = end
+        row += 1
+    return laid
+
+
+def _end_krl(lines: tuple[str, ...], row: int, word: str) -> int:
+    depth = 0
+    for index in range(row, len(lines)):
+        depth += lines[index].startswith(f"{word} ")
+        depth -= lines[index] == f"END{word}"
+        if not depth:
+            return index
+    raise AssertionError(f"{word} without END{word}")
+
+
+@lru_cache(maxsize=4096)
+def _krl_move(line: str) -> tuple[str, str, str | None] | None:
+    """Return motion, target and blend of a line that moves."""
+    match = re.fullmatch(r"(PTP|S?LIN|S?CIRC) (\S+|\{.*?\}|\{.*?\},\{.*?\})(?: (C_\w+))?", line)
+    return None if match is None else (match[1], match[2], match[3])
+
+
+@dataclass
+class _Krl:
+    """A KRL interpreter for declarations, assignments, FOR, IF, calls, PTP, (S)LIN and (S)CIRC."""
+
+    folder: Path
+    values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
+    whole: set[str] = field(default_factory=set)
+    moves: list[Move] = field(default_factory=list)
+    axes: tuple[float, ...] = ()
+    carried: bool = False
+
+    def evaluate(self, text: str) -> Any:
+        text = text.strip()
+        if text.startswith("#"):
+            return text
+        if text.startswith("{M "):
+            return read_numbers(text)[:4]
+        if text.startswith("{"):
+            return {key: float(value) for key, value in _KRL_FIELD.findall(text)}
+        number, start, more = _krl_value(text)
+        if number is not None:
+            return number
+        if start:
+            return float(self.evaluate(start)) + more
+        name = self.resolve(text)
+        return self.values.get(name) if name.startswith(("BASE_DATA", "TOOL_DATA", "LOAD_DATA")) else self.values[name]
+
+    def resolve(self, name: str) -> str:
+        """Return a variable's name with the number of its element."""
+        whole, index = _krl_name(name)
+        return whole if index is None else f"{whole}[{int(float(self.evaluate(index)))}]"
+
+    def assign(self, name: str, text: str) -> None:
+        value = self.evaluate(text)
+        if name.strip() in self.whole:
+            value = float(math.floor(float(value) + 0.5))
+        self.values[self.resolve(name)] = value
+
+    def call(self, name: str) -> None:
+        data = self.folder / f"{name}.dat"
+        assert not (data.exists() and (self.folder / f"{name}.src").read_bytes().count(b"\r\n") < 2), "CR LF"
+        for line in data.read_text().splitlines() if data.exists() else []:
+            if "=" in line and not line.startswith((";", "&")):
+                self.assign(*line.split("=", 1))
+        text = mark_actions((self.folder / f"{name}.src").read_text(), "krl")
+        lines = [line.split(";")[0].strip() for line in text.splitlines()]
+        start = lines.index(f"DEF {name}()")
+        self.run([line for line in lines[start + 1 : lines.index("END")] if line])
+
+    def run(self, lines: Sequence[str]) -> None:
+        for line, first, other in _lay_out_krl(tuple(lines)):
+            if first is None:
+                self.step(line)
+            elif other is None:
+                self.count(line, first)
+            else:
+                match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", line)
+                assert match, f"unknown line: {line}"
+                self.run(first if float(self.evaluate(match[1])) > float(match[2]) else other)
+
+    def count(self, head: str, body: tuple[str, ...]) -> None:
+        match = re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", head)
+        assert match, f"unknown line: {head}"
+        first, last = (int(float(self.evaluate(text))) for text in match.groups()[1:])
+        for number in range(first, last + 1):
+            self.values[match[1]] = float(number)
+            self.run(body)
+
+    def step(self, line: str) -> None:
+        if moved := _krl_move(line):
+            via, _, target = moved[1].rpartition(",{") if moved[0].endswith("CIRC") else ("", "", moved[1])
+            point = self.evaluate(f"{{{target}" if via else target)
+            self.move(moved[0], point, moved[2], self.evaluate(via) if via else None)
+        elif act := read_action(line):
+            self.moves.append(act)
+        elif match := re.fullmatch(r"DECL INT ([\w,]+)", line):
+            self.whole |= set(match[1].split(","))
+        elif line in ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM()", "INTERRUPT ON 3"):
+            pass  # what every module of the controller declares: stop messages
+        elif line == "BAS(#INITMOV,0)":
+            self.values |= {"$APO.CPTP": 0.0, "$APO.CDIS": 0.0, "$ADVANCE": 3.0}
+        elif match := re.fullmatch(r"(\w+)\(\)", line):
+            self.call(match[1])
+        elif match := re.fullmatch(r"\$BASE=EK\(MACHINE_DEF\[(\d+)\].ROOT,MACHINE_DEF\[\1\].MECH_TYPE,(.*)\)", line):
+            self.assign("$BASE", match[2])
+            self.carried = True
+        else:
+            assert "=" in line, f"unknown line: {line}"
+            self.carried = self.carried and not line.startswith("$BASE=")
+            self.assign(*line.split("=", 1))
+
+    def move(self, word: str, point: dict[str, float], blend: str | None, via: dict[str, float] | None) -> None:
+        turned = self.values.get("$CIRC_TYPE"), self.values.get("$ORI_TYPE")
+        assert via is None or turned == ("#BASE", "#VAR"), "arcs whose turn of the tool is not stated"
+        space = {"C_PTP": "$APO.CPTP", "C_DIS": "$APO.CDIS"}.get(blend or "")
+        stops = space is None or not self.values.get(space) or not self.values.get("$ADVANCE")
+        places = {key: self.values[f"${key.upper()}"] for key in ("tool", "base")}
+        frames: dict[str, Any] = {
+            key: place and kuka_pose(*(place[name] for name in "XYZABC")) for key, place in places.items()
+        }
+        joints = tuple(point[name] for name in ARM) if "A1" in point else None
+        pose = kuka_pose(*(point[key] for key in "XYZABC")) if "X" in point else None
+        configuration = tuple(int(point[key]) for key in "ST" if key in point)
+        external = tuple(point.get(f"E{number}", 0.0) for number in range(1, 7))
+        feed, percent = (float(self.values["$VEL.CP"]) * 1e3, None) if word != "PTP" else (None, self.percent())
+        kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word if word == "PTP" else word.removeprefix("S")]
+        middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
+        load = tuple(self.values.get("$LOAD") or ())
+        self.moves.append(
+            Move(
+                kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle,
+                carried=self.carried,
+            )
+        )
+
+    def percent(self) -> float:
+        rates = {self.values[f"$VEL_AXIS[{number}]"] for number in range(1, 7)}
+        assert len(rates) == 1, "axes differ"
+        return float(rates.pop())
+
+
+def read_krl(source: Path) -> list[Move]:
+    """Run a KRL program; its name is that of the .src file, parts and data lie beside it."""
+    interpreter = _Krl(source.parent)
+    interpreter.call(source.stem)
+    return interpreter.moves
+
+
+# -------------------------------------------------------------------------------------------------------------- VAL3
+
+
+PLACE = ("x", "y", "z", "rx", "ry", "rz")
+_VAL3_MOVE = re.compile(r"move([jlc])\((?:(\w+)\[(\d+)\],)?(\w+)\[(\w+)\],(\w+),(\w+)\)")
+_VAL3_FEED = re.compile(rf"(\w+)\.tvel=(?:({NUMBER})|(\w+)\[(\w+)\])")
+_VAL3_FOR = re.compile(r"for (\w+)=(\d+) to (\d+)")
+_VAL3_IF = re.compile(r"if (\w+)\[(\w+)\]>0")
+_STANDING = np.eye(4)
+#: A line, what it says where it opens a block, and the lines of its blocks.
+_Val3Line = tuple[str, re.Match[str] | None, list[str], list[str] | None]
+
+
+def _val3_tag(element: ElementTree.Element) -> str:
+    return element.tag.split("}")[-1]
+
+
+@dataclass
+class _Val3:
+    """A VAL3 interpreter for counting loops, if, calls, movej, movel and movec over the arrays of the .dtx file."""
+
+    folder: Path
+    data: dict[str, list[dict[str, str]]]
+    scalars: dict[str, float] = field(default_factory=dict)
+    waited: bool = True
+    moves: list[Move] = field(default_factory=list)
+    blocks: dict[int, tuple[list[str], list[_Val3Line]]] = field(default_factory=dict)
+    places: dict[str, list[Any]] = field(default_factory=dict)
+    turns: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
+
+    def call(self, name: str) -> None:
+        root = ElementTree.fromstring((self.folder / f"{name}.pgx").read_text())
+        code = next(element.text or "" for element in root.iter() if _val3_tag(element) == "Code")
+        lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
+        lines = [line for line in lines if line]
+        assert (lines[0], lines[-1]) == ("begin", "end")
+        self.run(lines[1:-1])
+
+    def run(self, lines: list[str]) -> None:
+        """Run lines; a block is laid out once, however often a loop comes to it."""
+        if id(lines) not in self.blocks:
+            self.blocks[id(lines)] = (lines, self.lay_out(lines))
+        for line, match, first, other in self.blocks[id(lines)][1]:
+            if match is None:
+                self.step(line)
+            elif other is None:
+                for number in range(int(match[2]), int(match[3]) + 1):
+                    self.scalars[match[1]] = number
+                    self.run(first)
+            else:
+                self.run(first if float(self.element(match[1], match[2])["value"]) > 0 else other)
+
+    def lay_out(self, lines: list[str]) -> list[_Val3Line]:
+        """Return lines with what they open: the lines of a loop, or both branches of an if."""
+        laid: list[_Val3Line] = []
+        row = 0
+        while row < len(lines):
+            line = lines[row]
+            if match := _VAL3_FOR.fullmatch(line):
+                end = self.find(lines, row, "endFor", "for ")
+                laid.append((line, match, lines[row + 1 : end], None))
+                row = end
+            elif match := _VAL3_IF.fullmatch(line):
+                end, other = (self.find(lines, row, word, "if ") for word in ("endIf", "else"))
+                laid.append((line, match, lines[row + 1 : other], lines[other + 1 : end]))
+                row = end
+            else:
+                laid.append((line, None, [], None))
+            row += 1
+        return laid
+
+    @staticmethod
+    def find(lines: list[str], row: int, word: str, opening: str) -> int:
+        """Return where a block that opens at a row has its `word`."""
+        depth = 0
+        for index in range(row, len(lines)):
+            depth += lines[index].startswith(opening)
+            if depth == 1 and lines[index] == word:
+                return index
+            depth -= lines[index] == ("endIf" if opening == "if " else "endFor")
+        raise AssertionError(f"no {word}")
+
+    def element(self, name: str, index: str) -> dict[str, str]:
+        return self.data[name][int(self.scalars[index])]
+
+    def place(self, name: str, index: int = 0) -> Any:
+        """Return the pose of an element; those of an array are read at once."""
+        if name not in self.places:
+            numbers = np.array([[each[key] for key in PLACE] for each in self.data[name]], float)
+            self.places[name] = list(staubli_poses(numbers))
+        return self.places[name][index]
+
+    def joints(self, name: str, index: int) -> tuple[float, ...]:
+        """Return the joints of an element; those of an array are read at once."""
+        if name not in self.turns:
+            numbers = np.array([[each[f"j{number}"] for number in range(1, 7)] for each in self.data[name]], float)
+            self.turns[name] = list(map(tuple, numbers.tolist()))
+        return self.turns[name][index]
+
+    def step(self, line: str) -> None:
+        if match := _val3_move(line):
+            self.move(*match)
+        elif feed := _val3_feed(line):
+            self.data[feed[0]][0]["tmax"] = feed[1] or self.element(feed[2], feed[3])["value"]
+        elif act := read_action(line):
+            assert self.waited, "what happens beside motion does not wait for the arm"
+            self.moves.append(act)
+        elif called := re.fullmatch(r"call (\w+)\(\)", line):
+            self.call(called[1])
+        elif line == "waitEndMove()":
+            self.moves[-1:] = [move._replace(stops=True) for move in self.moves[-1:]]
+            self.waited = True
+        else:
+            assert line == "resetMotion()", f"unknown line: {line}"
+
+    def move(self, kind: str, vias: str, middle: str, points: str, index: str, mounted: str, way: str) -> None:
+        row = int(index) if index.isdigit() else int(self.scalars[index])
+        assert (kind == "c") == bool(vias)
+        point, tool, how = self.data[points][row], self.data[mounted][0], self.data[way][0]
+        assert tool["fatherId"] == "flange[0]"
+        self.waited = False
+        joints, pose, base = None, None, _STANDING
+        if kind == "j":
+            joints = self.joints(points, row)
+        else:
+            father = point["fatherId"].removesuffix("[0]")
+            (frame,) = self.data[father]
+            assert frame["fatherId"] == "world[0]"
+            pose, base = self.place(points, row), self.place(father)
+        words = tuple(point[key] for key in ("shoulder", "elbow", "wrist") if key in point)
+        stops = how["blend"] == "off" or not float(how["leave"])
+        slow = float(how["tmax"]) < 99999
+        feed, percent = (float(how["tmax"]), None) if slow else (None, float(how["vel"]))
+        name, via = {"j": "joint", "l": "line", "c": "arc"}[kind], self.place(vias, int(middle)) if vias else None
+        self.moves.append(Move(name, stops, joints, (), pose, feed, percent, words, self.place(mounted), base, via=via))
+
+
+@lru_cache(maxsize=4096)
+def _val3_move(line: str) -> tuple[str, ...] | None:
+    """Return kind, array and index of the point between, of the end, tool and descriptor of a line that moves."""
+    match = _VAL3_MOVE.fullmatch(line)
+    assert match or not line.startswith("move"), f"unknown line: {line}"
+    return None if match is None else tuple(text or "" for text in match.groups())
+
+
+@lru_cache(maxsize=4096)
+def _val3_feed(line: str) -> tuple[str, ...] | None:
+    """Return descriptor, and number, or array and index, of a line that sets a feed."""
+    match = _VAL3_FEED.fullmatch(line)
+    return None if match is None else tuple(text or "" for text in match.groups())
+
+
+def read_val3(project: Path) -> list[Move]:
+    """Run the program start of a VAL3 project folder."""
+    data: dict[str, list[dict[str, str]]] = {}
+    root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
+    for element in root.iter():
+        if _val3_tag(element) == "Data":
+            values = [dict(child.attrib) for child in element]
+            assert [value["key"] for value in values] == [str(key) for key in range(int(element.attrib["size"]))]
+            data[element.attrib["name"]] = values
+    listed = re.search(r'millimeterUnit="(\w+)"', next(project.glob("*.pjx")).read_text())
+    assert listed and listed[1] == "true"
+    interpreter = _Val3(project, data)
+    interpreter.call("start")
+    return interpreter.moves

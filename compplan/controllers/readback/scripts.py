@@ -1,0 +1,312 @@
+"""Readers that run URScript, SINUMERIK, INFORM and AS programs as their controllers would; see kuka_staubli."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.controllers.readback.actions import mark_actions, read_action
+from compplan.controllers.readback.poses import (
+    NUMBER,
+    Move,
+    Pose,
+    fanuc_pose,
+    kawasaki_pose,
+    read_numbers,
+    shift,
+    turn,
+    vector_pose,
+)
+
+# ---------------------------------------------------------------------------------------------------------- URScript
+
+
+def read_urscript(path: Path) -> list[Move]:
+    """Run a URScript program, or the numbered ones that it was cut into, in order."""
+    parts = sorted(path.parent.glob(f"{path.stem}_[0-9]*.script"), key=lambda part: int(part.stem.split("_")[-1]))
+    return [move for part in ([path] if path.exists() else parts) for move in _run_script(part)]
+
+
+def _run_script(path: Path) -> list[Move]:
+    lines = [line.split("#")[0].strip() for line in mark_actions(path.read_text(), "urscript").splitlines()]
+    lines = [line for line in lines if line]
+    assert (lines[0], lines[-1]) == (f"def {path.stem}():", "end")
+    frames: dict[str, Pose | None] = {}
+    load: tuple[float, ...] = ()
+    moves = []
+    for line in lines[1:-1]:
+        if act := read_action(line):
+            moves.append(act)
+        elif match := re.fullmatch(r"set_tcp\(p\[(.*)\]\)", line):
+            frames["tool"] = vector_pose(*read_numbers(match[1]))
+        elif match := re.fullmatch(r"part = p\[(.*)\]", line):
+            frames["part"] = vector_pose(*read_numbers(match[1]))
+        elif match := re.fullmatch(rf"set_(?:target_)?payload\(({NUMBER}), \[(.*)\]\)", line):
+            load = (float(match[1]), *(value * 1e3 for value in read_numbers(match[2])))
+        elif re.fullmatch(r"part = \w+", line):
+            frames["part"] = None
+        elif match := re.fullmatch(rf"movej\(\[(.*)\], a=1.4, v=({NUMBER})(?:, r=({NUMBER}))?\)", line):
+            joints = tuple(math.degrees(value) for value in read_numbers(match[1]))
+            rate, stops = math.degrees(float(match[2])), not float(match[3] or 0)
+            moves.append(Move("joint", stops, joints, rate=rate, tool=frames.get("tool"), base=np.eye(4), load=load))
+        elif line.startswith("movec("):
+            place = r"pose_trans\(part, p\[(.*?)\]\)"
+            pattern = rf"movec\({place}, {place}, a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?, mode=0\)"
+            match = re.fullmatch(pattern, line)
+            assert match, f"unknown line: {line}"
+            via, pose = (vector_pose(*read_numbers(text)) for text in match.groups()[:2])
+            feed, stops = float(match[3]) * 1e3, not float(match[4] or 0)
+            tool, base = frames.get("tool"), frames["part"]
+            moves.append(Move("arc", stops, pose=pose, feed=feed, tool=tool, base=base, load=load, via=via))
+        else:
+            pattern = rf"movel\(pose_trans\(part, p\[(.*)\]\), a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?\)"
+            match = re.fullmatch(pattern, line)
+            assert match, f"unknown line: {line}"
+            pose, feed, stops = vector_pose(*read_numbers(match[1])), float(match[2]) * 1e3, not float(match[3] or 0)
+            tool, base = frames.get("tool"), frames["part"]
+            moves.append(Move("line", stops, pose=pose, feed=feed, tool=tool, base=base, load=load))
+    return moves
+
+
+# --------------------------------------------------------------------------------------------------------- SINUMERIK
+
+
+_WORD = re.compile(rf"([XYZ]) ?({NUMBER})")
+_POLY = re.compile(rf" PO\[([XYZ])\]=\(({NUMBER}),({NUMBER}),({NUMBER})\)")
+#: Words that set what the reader takes for granted.
+KNOWN = {"G17", "G90", "G94", "G710", "G500", "D1", "TRAORI", "ORIWKS", "ORIRPY", "G642", "TRAFOOF", "M30"}
+
+
+@dataclass
+class _Sinumerik:
+    """A SINUMERIK interpreter for TRANS, AROT, tool lengths, G0, G1, CIP, POLY, PTP, CP and calls."""
+
+    folder: Path
+    frame: Pose | None = field(default_factory=lambda: np.eye(4))
+    lengths: dict[str, float] = field(default_factory=dict)
+    modal: set[str] = field(default_factory=set)
+    travel: str = "CP"
+    feed: float = 0.0
+    moves: list[Move] = field(default_factory=list)
+    asked: Pose | None = None
+
+    def ask(self, text: str) -> None:
+        """Take from the comments what tool lengths and frame of the cell have to be; people enter these numbers."""
+        if match := re.search(r"^; lengths of D1 of tool \d+ have to be: (Z.*)$", text, re.M):
+            self.lengths = {str(5 - "XYZ".index(name)): float(value) for name, value in _WORD.findall(match[1])}
+        if match := re.search(r"^; \S+ has to be the part frame: (X.*)\n; turned by (.*)$", text, re.M):
+            self.asked = shift(*(float(value) for _, value in _WORD.findall(match[1])))
+            for name, value in _WORD.findall(match[2]):
+                self.asked = self.asked @ turn(name.lower(), float(value))
+
+    def run(self, text: str) -> None:
+        self.ask(text)
+        marked = mark_actions(text, "sinumerik")
+        for line in filter(None, (line.split(";")[0].strip() for line in marked.splitlines())):
+            line = re.sub(r"^N\d+ ", "", line)
+            if act := read_action(line):
+                self.moves.append(act)
+            elif match := re.fullmatch(rf"\$TC_DP([1345])\[\d+,1\]=({NUMBER})", line):
+                self.lengths[match[1]] = float(match[2])
+            elif match := re.fullmatch(rf"TRANS X({NUMBER}) Y({NUMBER}) Z({NUMBER})", line):
+                self.frame = shift(*map(float, match.groups()))
+            elif match := re.fullmatch(rf"AROT ([XYZ])({NUMBER})", line):
+                self.frame = self.frame @ turn(match[1].lower(), float(match[2]))
+            elif line == "TRANS":
+                self.frame = np.eye(4)
+            elif line in ("PTP", "CP"):
+                self.travel = line
+            elif line.startswith("POLY "):
+                self.bend(line)
+            elif line.startswith(("G0 ", "G1 ", "CIP ")):
+                between = re.findall(rf"([IJK]1)=AC\(({NUMBER})\)", line)
+                via = shift(*(float(dict(between)[key]) for key in ("I1", "J1", "K1"))) if between else None
+                code, _, rest = re.sub(rf" [IJK]1=AC\({NUMBER}\)", "", line).partition(" ")
+                words = re.findall(rf"(?:(STAT|TU|[ABC]2|E1)=|([XYZF]))({NUMBER})", rest)
+                self.move({word or letter: number for word, letter, number in words}, code, line.endswith(" G9"), via)
+            elif (self.folder / f"{line}.SPF").exists():
+                part = (self.folder / f"{line}.SPF").read_text()
+                assert part.splitlines()[-1] == "M17"
+                self.run(part.removesuffix("M17\n"))
+            else:
+                said = {re.sub(r"^T\d+$", "T", word) for word in re.sub(rf"^G641 ADIS={NUMBER}$", "G642", line).split()}
+                if own := {word for word in said if re.fullmatch(r"G5(?:[4-7]|\d\d)", word)} - {"G500"}:
+                    self.frame = self.asked
+                assert said <= KNOWN | own | {"T"}, f"unknown line: {line}"
+                self.modal |= said
+
+    def bend(self, line: str) -> None:
+        """Read f(p) = a0 + a1 p + a2 p^2 + a3 p^3 over 0 to PL; a0 is the place before, a1 follows."""
+        terms = {name: tuple(map(float, rest)) for name, *rest in _POLY.findall(line)}
+        code, _, rest = _POLY.sub("", line).partition(" ")
+        interval = float(re.search(rf" PL=({NUMBER})", line)[1])  # type: ignore[index]
+        words = {word or letter: number for word, letter, number in
+                 re.findall(rf"(?:([ABC]2|E1)=|(F))({NUMBER})", rest)}  # fmt: skip
+        start = self.moves[-1].pose
+        assert start is not None and self.moves[-1].flange_turn and set(terms) == set("XYZ")
+        ends = []
+        for a0, (end, a2, a3) in zip(start[:3, 3], (terms[name] for name in "XYZ"), strict=True):
+            a1 = (end - a0) / interval - a2 * interval - a3 * interval**2
+            ends.append([a1 * interval, (a1 + 2.0 * a2 * interval + 3.0 * a3 * interval**2) * interval])
+        words |= {name: str(terms[name][0]) for name in "XYZ"}
+        self.move(words, code, line.endswith(" G9"), None, np.array(ends).T)
+
+    def move(self, words: dict[str, str], code: str, stops: bool, via: Pose | None, bend: Pose | None = None) -> None:
+        assert (code == "CIP") == (via is not None)
+        assert {"TRAORI", "ORIRPY", "G94", "G17", "T"} <= self.modal
+        value = {key: float(number) for key, number in words.items()}
+        self.feed = value.get("F", self.feed)
+        mounted = shift(self.lengths["5"], self.lengths["4"], self.lengths["3"]) if self.lengths else None
+        pose = fanuc_pose(*(value[key] for key in ("X", "Y", "Z", "A2", "B2", "C2")))
+        kind = {("G0", "PTP"): "joint", ("G1", "CP"): "line", ("CIP", "CP"): "arc",
+                ("POLY", "CP"): "curve"}[code, self.travel]  # fmt: skip
+        external = tuple(value[key] for key in value if key.startswith("E"))
+        configuration = tuple(int(value[key]) for key in ("STAT", "TU") if key in value)
+        feed = None if kind == "joint" else self.feed / 60
+        self.moves.append(
+            Move(kind, stops, None, external, pose, feed, None, configuration, mounted, self.frame, flange_turn=True,
+                 via=via, bend=bend)
+        )  # fmt: skip
+
+
+def read_sinumerik(path: Path) -> list[Move]:
+    """Run a SINUMERIK part program; subprograms lie beside it."""
+    interpreter = _Sinumerik(path.parent)
+    interpreter.run(path.read_text())
+    return interpreter.moves
+
+
+# ------------------------------------------------------------------------------------------------------------ INFORM
+
+
+def read_inform(path: Path) -> list[Move]:
+    """Run an INFORM job and those that it calls."""
+    return _run_job(path, {})
+
+
+def _run_job(path: Path, frames: dict[str, Pose]) -> list[Move]:
+    head, body = mark_actions(path.read_text(), "inform").split("NOP\n")
+    points, stations, variables, kind = {}, {}, {}, ""
+    configuration: tuple[int, ...] = ()
+    for line in head.splitlines():
+        if line.startswith("///POSTYPE "):
+            kind = line.split()[1]
+        elif line.startswith("///RCONF "):
+            configuration = tuple(int(number) for number in line.split()[1].split(","))
+            assert len(configuration) == 24
+        elif match := re.fullmatch(r"C(\d{5})=(.*)", line):
+            points[match[1]] = (kind, read_numbers(match[2]), configuration[:6])
+        elif match := re.fullmatch(r"EC(\d{5})=(.*)", line):
+            assert kind == "ANGLE"
+            stations[match[1]] = tuple(read_numbers(match[2]))
+        elif match := re.fullmatch(r"P(\d{5})=(.*)", line):
+            assert kind == "BASE"
+            variables[match[1]] = fanuc_pose(*read_numbers(match[2]))
+    assert re.search(rf"^///NPOS {len(points)},0,{len(stations)},{len(variables)},0,0$", head, re.M)
+    assert not stations or re.search(r"^///GROUP2 ST\d+$", head, re.M)
+    moves: list[Move] = []
+    for line in body.removesuffix("END\n").splitlines():
+        if act := read_action(line):
+            moves.append(act)
+        elif match := re.fullmatch(r"(MFRAME UF#\(\d+\)|SETTOOL TL#\(\d+\)) P(\d{5})( BF)?", line):
+            frames[match[1][0]] = variables[match[2]]
+        elif match := re.fullmatch(r"CALL JOB:(\w+)", line):
+            moves += _run_job(path.with_name(f"{match[1]}.JBI"), frames)
+        elif not line.startswith("'"):
+            other = rf"(?: \+MOVJ EC(\d{{5}})(?: VJ={NUMBER})?)?"
+            match = re.fullmatch(rf"S?MOV([JL]) C(\d{{5}}) (VJ|V)=({NUMBER}) PL=(\d){other}", line)
+            assert match, f"unknown line: {line}"
+            assert line.startswith("S") == (match[6] is not None and match[1] == "L")
+            external = () if match[6] is None else stations[match[6]]
+            assert (match[1], match[3]) in (("J", "VJ"), ("L", "V"))
+            kind, values, words = points[match[2]]
+            speed: dict[str, Any] = {"percent" if match[1] == "J" else "feed": float(match[4])}
+            stops, name = match[5] == "0", {"J": "joint", "L": "line"}[match[1]]
+            target: dict[str, Any] = {"joints": tuple(values)} if kind == "ANGLE" else {"pose": fanuc_pose(*values)}
+            assert kind in ("ANGLE", "USER")
+            words = words if kind == "USER" else ()
+            base = frames.get("M") if kind == "USER" else np.eye(4)
+            target |= {"external": external, "carried": line.startswith("S")}
+            moves.append(Move(name, stops, **target, **speed, configuration=words, tool=frames.get("S"), base=base))
+    return moves
+
+
+# ------------------------------------------------------------------------------------------------------- Kawasaki AS
+
+
+def read_kawasaki(path: Path) -> list[Move]:
+    """Run the program of an AS file; further programs lie beside it."""
+    programs: dict[str, list[str]] = {}
+    values: dict[str, list[float]] = {}
+    for file in path.parent.glob("*.as"):
+        text = mark_actions(file.read_text(), "kawasaki_as")
+        for head, body in re.findall(r"^\.(PROGRAM \w+\(\)|JOINTS|TRANS)\n(.*?)^\.END", text, re.M | re.S):
+            if head.startswith("PROGRAM"):
+                programs[head[8:-2]] = body.splitlines()
+            else:
+                values |= {line.split()[0]: [float(n) for n in line.split()[1:]] for line in body.splitlines()}
+    runner = _Kawasaki(programs, values)
+    runner.run(path.stem)
+    return runner.moves
+
+
+@dataclass
+class _Kawasaki:
+    programs: dict[str, list[str]]
+    values: dict[str, list[float]]
+    frames: dict[str, Pose | None] = field(default_factory=dict)
+    load: tuple[float, ...] = ()
+    speed: tuple[float, str] = (0.0, "")
+    blends: bool = False
+    between: Pose | None = None
+    moves: list[Move] = field(default_factory=list)
+
+    def run(self, name: str) -> None:
+        for line in filter(None, (line.split(";")[0].strip() for line in self.programs[name])):
+            if act := read_action(line):
+                self.moves.append(act)
+            elif match := re.fullmatch(r"POINT part = TRANS\((.*)\)|TOOL TRANS\((.*)\)", line):
+                numbers = read_numbers(match[1] or match[2])
+                self.frames["part" if match[1] else "tool"] = kawasaki_pose(*numbers)
+            elif match := re.fullmatch(r"POINT (part) = \w+|(TOOL) \w+", line):
+                self.frames[(match[1] or match[2]).lower()] = None
+            elif line.startswith("WEIGHT "):
+                self.load = tuple(read_numbers(line))
+            elif line.startswith("ACCURACY "):
+                self.blends = read_numbers(line)[0] > 0 and "CP" in self.frames
+            elif line == "CP ON":
+                self.frames["CP"] = np.eye(4)
+            elif match := re.fullmatch(rf"SPEED ({NUMBER})( MM/S)?", line):
+                self.speed = (float(match[1]), match[2] or "")
+            elif match := re.fullmatch(r"CALL (\w+)", line):
+                self.run(match[1])
+            elif line == "BREAK":
+                self.moves[-1] = self.moves[-1]._replace(stops=True)
+            else:
+                self.move(line)
+
+    def move(self, line: str) -> None:
+        if match := re.fullmatch(r"C1MOVE part\+(\w+)", line):
+            self.between = kawasaki_pose(*self.values[match[1]][:6])
+            return
+        arc = line.startswith("C2MOVE ")
+        assert arc == (self.between is not None)
+        match = re.fullmatch(r"JMOVE (#\w+)|(?:L|C2)MOVE part\+(\w+)", line)
+        assert match, f"unknown line: {line}"
+        numbers = self.values[match[1] or match[2]]
+        external, tool = tuple(numbers[6:]), self.frames["tool"]
+        target: dict[str, Any]
+        if match[1]:
+            assert self.speed[1] == ""
+            kind, target = "joint", {"joints": tuple(numbers[:6]), "percent": self.speed[0], "base": np.eye(4)}
+        else:
+            assert self.speed[1] == " MM/S"
+            pose = kawasaki_pose(*numbers[:6])
+            kind, target = "arc" if arc else "line", {"pose": pose, "feed": self.speed[0], "base": self.frames["part"]}
+            target["via"], self.between = self.between, None
+        self.moves.append(Move(kind, not self.blends, external=external, tool=tool, load=self.load, **target))

@@ -1,0 +1,170 @@
+"""Native robot programs, one file a language."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.language import Language
+from compplan.controllers.writers.machine import Wiring, describe_events
+from compplan.controllers.writers.post import describe_cell
+from compplan.controllers.writers.program import Program, build_program
+from compplan.errors import InputError, UnknownNameError
+from compplan.io.notes import Stop
+from compplan.io.plugins import Registry
+from compplan.robot import Robot
+
+_OWN = ("krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "own", "csv")
+#: Every language, by the name of its module. It may also say whose controllers
+#: speak the language (BRAND), its words for events (PHRASES), and what a user has to know of a program (describe).
+WRITERS: Registry[Language] = Registry[Language](_OWN, __name__).install("languages").load_installed()
+
+__all__ = [
+    "WRITERS", "Program", "Wiring", "build_program", "check_brand", "check_languages", "describe_program",
+    "write_program",
+]  # fmt: skip
+
+
+def write_program(
+    program: Program, language: str, folder: str | Path, *, most: int | None = None, any_brand: bool = False
+) -> list[Path]:
+    """Write a program in a controller's language.
+
+    Args:
+        program: The program.
+        language: One of `WRITERS`.
+        folder: Folder to write to; made if needed.
+        most: Greatest number of points in a file; left out: what the controller takes.
+        any_brand: Whether a language of another brand than the robot's controller will do.
+
+    Returns:
+        The files written.
+
+    Raises:
+        UnknownNameError: If there is no such language.
+        InputError: If the program does not fit the language, or the folder cannot be written.
+
+    """
+    if language not in WRITERS:
+        raise UnknownNameError("program language", language, list(WRITERS))
+    if not any_brand:
+        check_brand(program.controller, language)
+    return WRITERS[language].write(program, Path(folder), most)
+
+
+def check_brand(controller: str, language: str) -> None:
+    """Refuse a language that controllers of another brand speak.
+
+    A controller of a brand that no language here belongs to, or that nobody names, may have any.
+
+    Args:
+        controller: What controller the robot has, as controller.toml names it.
+        language: One of `WRITERS`.
+
+    Raises:
+        InputError: If the controller is of another brand than the language.
+
+    """
+    brand = _brand(language)
+    if brand and brand.lower() in controller.lower():
+        return
+    fitting = list_languages(controller)
+    if language not in fitting:
+        raise InputError(
+            f"{language} is the language of {_brand(language)}, the robot's controller is a {controller}, choose from "
+            f"{fitting}; any_brand = true writes it all the same"
+        )
+
+
+def list_languages(controller: str) -> list[str]:
+    """List the languages that a controller may have, its own brand's first: all of `WRITERS` where that is not known.
+
+    Args:
+        controller: What controller the robot has, as controller.toml names it.
+
+    """
+    brands = {name: _brand(name) for name in WRITERS}
+    own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
+    spoken = [name for name, brand in brands.items() if not own or not brand or brand in own]
+    return sorted(spoken, key=lambda name: brands[name] not in own)
+
+
+def check_languages(
+    robot: Robot, languages: Sequence[str], *, file: Path, form: str = "both", any_brand: bool = False
+) -> None:
+    """Refuse a job that asks for programs that its robot cannot have, before it is planned.
+
+    Args:
+        robot: The robot.
+        languages: The languages of `WRITERS` that the job asks for.
+        file: The job file, for the message.
+        form: Which moves the programs shall have, as in `Program`.
+        any_brand: Whether a language of another brand than the robot's controller will do.
+
+    Raises:
+        InputError: If it is of another brand, has joints or a controller.toml that a language is not written for, or
+            its controller.toml is not what it has to be.
+
+    """
+    controller = load_controller(robot).name if languages else ""
+    moving = [name for name, module in WRITERS.items() if getattr(module, "MOVES_PART", False)]
+    for language in languages:
+        if robot.ground and language not in moving:
+            message = f"{language} programs cannot move what carries the part, choose from {moving}"
+            raise InputError(message, file=file, where="output.programs")
+        try:
+            if not any_brand:
+                check_brand(controller, language)
+            if language != "own":  # what it takes, its template says
+                _rehearse(robot, language, form)
+        except InputError as error:
+            if error.file is not None:
+                raise
+            raise InputError(error.message, file=file, where="output.programs") from None
+
+
+def _rehearse(robot: Robot, language: str, form: str) -> None:
+    """Write two waypoints amid the joint limits, for what a language says of the robot, and throw them away."""
+    low, high = (np.where(np.isfinite(limit), limit, 0.0) for limit in (robot.lower, robot.upper))
+    q = 0.5 * (low + high) + np.array([[0.0], [1e-3]])
+    program = build_program(robot, q, np.full(2, 0.01), np.array([True, False]), name="rehearsal")
+    with TemporaryDirectory() as folder:
+        WRITERS[language].write(replace(program, form=form), Path(folder), None)
+
+
+def describe_program(program: Program, language: str) -> list[str]:
+    """Return what a user has to know of a program in a language, one sentence each.
+
+    Args:
+        program: The program.
+        language: One of `WRITERS`.
+
+    """
+    notes: list[str] = []
+    if not program.known:
+        notes.append(Stop(
+            f"{language}: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: the robot folder has no controller.toml, they "
+            "are those of the URDF; check every axis against the controller's display"
+        ))  # fmt: skip
+    swings = np.flatnonzero(program.swings).tolist()
+    if swings and language != "csv":
+        where = f"{', '.join(map(str, swings[:5]))}{' ...' if len(swings) > 5 else ''}"
+        changes = f"{language}: the configuration changes within a cut, at {where}: linear programs swing over"
+        notes.append(Stop(changes))
+    module = WRITERS[language]
+    describe, phrases = getattr(module, "describe", None), getattr(module, "PHRASES", None)
+    own = [*(describe(program) if describe else []), *describe_cell(program.post, getattr(module, "CELL", None))]
+    if phrases is not None:
+        own += describe_events(program.events, program.wiring, phrases)
+    elif any(event.kind != "comment" for event in program.events):
+        own.append("spindle, coolant, dwells and stops of the CAM file are not in this table")
+    return [*notes, *(type(note)(f"{language}: {note}") for note in own)]
+
+
+def _brand(language: str) -> str:
+    return str(getattr(WRITERS[language], "BRAND", ""))

@@ -1,0 +1,362 @@
+"""As few moves as the path needs: lines, arcs and cubics through rows of a program, within a tolerance of all its rows.
+
+A fitted move begins and ends at rows of the program; an arc goes by the rows between as near as it can, a cubic leaves
+its ends as the path does. Every row that is left out lies within the tolerance of the move that stands for it, and what
+is bent within it of the chord between two rows. Arcs of the CAM file are tried first, as a whole. The tool turns evenly
+along a move. Where the plan's speed changes by more than `FEED`, another move begins, so that each takes the time that
+the plan takes for it; starts from rest and stops are left to the controller. A move that it would not have the time for
+is joined to a neighbour, or else driven slower.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.writers.frames import quaternions
+from compplan.controllers.writers.program import Program
+from compplan.controllers.writers.shapes import (
+    ARC_LENGTH,
+    ARC_ROWS,
+    CURVE_ROWS,
+    find_circle,
+    find_tangents,
+    find_via,
+    follow_arc,
+    follow_curve,
+    follow_line,
+    is_flat,
+)
+from compplan.io.tables import Array
+
+#: Kinds of moves beside arcs, which are called by a row that they go by.
+LINE, CURVE = -1, -2
+#: Greatest ratio of two speeds within a move.
+FEED = 1.01
+#: Cycles below which a move may join rows of any speed.
+SHORT = 2.0
+#: Greatest turn of the tool beside an even one. [rad]
+TURN = float(np.radians(0.01))
+#: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
+NOWHERE, UNTURNED = 5e-4, 3e-5
+#: Least feed that is written: no language rounds it to zero. [mm/s]
+LEAST_FEED = 1e-3
+#: Greatest departure of joints that carry the part from an even motion. [deg or mm]
+CARRIED = 0.02
+#: Time from a rest, or before one, in which the controller speeds up or slows down by itself. [s]
+RAMP = 0.5
+#: Rows that are looked at at once, and how a search goes on from a move that fits.
+BLOCK, GROW = 2048, 1.6
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Hold a fitted program.
+
+    Args:
+        program: The program at the ends of its moves, with `via` of its arcs and `bend` of its cubics.
+        rows: The row of each in the whole program. Shape (m,).
+        kinds: LINE, CURVE, or the row that an arc goes by. Shape (m,).
+        slowed: How many moves are driven slower than planned, so that the controller has the time for them.
+
+    """
+
+    program: Program
+    rows: NDArray[np.int_]
+    kinds: NDArray[np.int_]
+    slowed: int = 0
+
+
+def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> Fitted:
+    """Fit lines, arcs and cubics to the linear moves of a program; one without a tolerance stays as it is.
+
+    Args:
+        program: The program, with poses; `tolerance` and `cycle` of it say how closely, and the least time of a move.
+        arcs: Whether the language has arcs.
+        curves: Whether it has cubics.
+
+    """
+    n = len(program)
+    if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
+        return Fitted(program, np.arange(n), np.full(n, LINE))
+    alone, stops = program.alone(linear=True), program.stops(linear=True)
+    track = _Track(program, 1e3 * program.tolerance, stops, arcs, curves)
+    if (arcs, curves) in program.pieces:
+        return _take_rows(program, track, *program.pieces[arcs, curves])
+    kept = np.flatnonzero(alone | stops | _mark_ends(program))
+    pieces: list[tuple[int, int]] = []
+    for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
+        pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
+    ends = np.array([0, *(end for end, _ in pieces)])
+    kind = np.array([LINE, *(kind for _, kind in pieces)])
+    return _take_rows(program, track, ends, kind)
+
+
+def _mark_ends(program: Program) -> NDArray[np.bool_]:
+    """Mark the first and the last row, where something happens, and where the speed begins or ceases to matter."""
+    marked = np.zeros(len(program), bool)
+    marked[[0, -1]] = True
+    marked[[event.place for event in program.events if event.place >= 0]] = True
+    if program.free is not None:
+        marked[:-1] |= program.free[1:] != program.free[:-1]
+    return marked
+
+
+def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Fitted:
+    """Return the program at some of its rows, with the feed that takes the time of the plan."""
+    assert program.tcp is not None and program.time is not None
+    length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
+    time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
+    cut[0] = False
+    short = cut & (time < program.cycle * (1.0 - 1e-9))
+    moved = cut & (length > 0.0) & (time > 0.0)
+    feed = program.feed[ends].copy()
+    feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
+    feed[cut] = np.maximum(feed[cut], LEAST_FEED)
+    via, bend = np.full((len(ends), 4, 4), np.nan), np.full((len(ends), 2, 3), np.nan)
+    via[kind >= 0] = program.tcp[kind[kind >= 0]]
+    for k in np.flatnonzero(kind >= 0).tolist():
+        beside = 1e-3 * find_via(track.x[ends[k - 1] : ends[k] + 1], int(kind[k] - ends[k - 1]))
+        via[k, :3, 3] = program.part[:3, :3] @ beside + program.part[:3, 3]
+    for k in np.flatnonzero(kind == CURVE).tolist():
+        bend[k] = 1e-3 * track.bend(ends[k - 1], ends[k])
+    place = np.searchsorted(ends, [event.place for event in program.events])
+    events = [
+        replace(event, place=int(new) if event.place >= 0 else -1)
+        for event, new in zip(program.events, place, strict=True)
+    ]
+    some: dict[str, Any] = {
+        name: None if (values := getattr(program, name)) is None else values[ends]
+        for name in (
+            "joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of",
+            "corner",
+        )
+    }
+    words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
+    fewer = replace(
+        program, **some, feed=feed, via=via, bend=bend, words=words, native=native, events=tuple(events), tolerance=0.0,
+        pieces={},
+    )
+    return Fitted(fewer, ends, kind, int(np.count_nonzero(short)))
+
+
+class _Track:
+    """The tip along a program's rows: what a line, an arc or a cubic between two of them leaves."""
+
+    def __init__(
+        self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool, curves: bool
+    ) -> None:
+        assert program.time is not None
+        poses = program.positions
+        self.x, self.turn = 1e3 * poses[:, :3, 3], quaternions(poses)
+        self.tolerance, self.arcs, self.curves = np.full(len(program), tolerance), arcs, curves
+        self.cycle = program.cycle
+        self.tolerance *= 1.0 if program.coarser is None else program.coarser
+        self.step = np.linalg.norm(np.diff(self.x, axis=0, prepend=self.x[:1]), axis=1)
+        self.along = np.cumsum(self.step)
+        self.tangent = np.zeros_like(self.x)
+        lasts = np.diff(program.time, prepend=program.time[0])
+        self.speed = _leave_ramps(self.step / np.maximum(lasts, 1e-9), lasts, stops)
+        moves = (self.step > 0.0) & ~program.alone(linear=True)
+        self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
+        drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
+        edges = np.flatnonzero(np.diff(drawn, append=-1))
+        #: The row at which the arc of the file ends that leads on from each, itself where there is none.
+        self.drawn = np.arange(len(program))
+        on = np.flatnonzero(drawn[1:])
+        self.drawn[on] = edges[np.searchsorted(edges, on + 1)]
+        self.begins = np.flatnonzero(np.diff(drawn) * (drawn[1:] > 0))
+        self.carried = program.joints[:, program.carries] if program.moves_part else np.zeros((len(program), 0))
+        self.free = np.zeros(len(program), bool) if program.free is None else program.free
+        self.guess = 4
+
+    def divide(self, first: int, last: int) -> list[tuple[int, int]]:
+        """Return end and kind of each move from one row to another."""
+        pieces: list[tuple[int, int]] = []
+        at = first
+        if self.curves:
+            self.tangent[first : last + 1] = find_tangents(self.x[first : last + 1], self.along[first : last + 1])
+        while at < last:
+            most = self._bound_speed(at, last)
+            after = np.searchsorted(self.begins, at, side="right")
+            before_arc = min(most, int(self.begins[after])) if after < len(self.begins) else most
+            piece = self._keep_arc(at, min(most, int(self.drawn[at]))) or self._reach(at, before_arc)
+            pieces.append(piece)
+            at = piece[0]
+        return self._lengthen(first, pieces)
+
+    def rests(self, a: int, b: int) -> bool:
+        """Tell whether the tool stays where it is, within rounding, in place and turn, and so does what carries it."""
+        carried = self.carried[a : b + 1]
+        if np.abs(self.x[a : b + 1] - self.x[a]).max() > NOWHERE or np.abs(carried - carried[:1]).max(initial=0.0) > 0:
+            return False
+        return bool(np.linalg.norm(_turn_from(self.turn[a], self.turn[a : b + 1]), axis=1).max() <= UNTURNED)
+
+    def _keep_arc(self, at: int, end: int) -> tuple[int, int] | None:
+        """Return an arc of the file from a row up to another, or to a half or a third of it, where one fits."""
+        for pieces in (1, 2, 3) if end > at else ():
+            way = self.along[at] + (self.along[end] - self.along[at]) / pieces
+            far = end if pieces == 1 else int(np.searchsorted(self.along, way - 1e-9))
+            if far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
+                return far, middle
+        return None
+
+    def _reach(self, at: int, most: int) -> tuple[int, int]:
+        """Return how far one move from a row leads at most, and its kind."""
+        end, kind = self._search(at, most, min(at + self.guess, most), lambda b: self.fits(at, b, LINE)), LINE
+        if self.arcs and end < most:
+            begin = max(end + 1, min(at + max(self.guess, ARC_ROWS), most))
+            far = self._search(at, most, begin, lambda b: self.fits(at, b, self._find_middle(at, b), True))
+            if far > end and far - at >= ARC_ROWS and self.fits(at, far, middle := self._find_middle(at, far)):
+                end, kind = far, middle
+        if self.curves and end < most:
+            begin = max(end + 1, min(at + max(self.guess, CURVE_ROWS), most))
+            far = self._search(at, most, begin, lambda b: self.fits(at, b, CURVE))
+            if far > end and far - at >= CURVE_ROWS:
+                end, kind = far, CURVE
+        self.guess = max(end - at, 2)
+        return end, kind
+
+    def _search(self, at: int, most: int, begin: int, fits: Callable[[int], bool]) -> int:
+        """Return the farthest row that a move leads to, near enough; the next one where none farther does."""
+        good, bad, trial = at + 1, most + 1, begin
+        while good < most:
+            if trial > good and fits(trial):
+                good = trial
+                trial = min(max(int(at + GROW * (good - at)), good + 1), most)
+                if bad <= most:
+                    trial = (good + bad) // 2
+            else:
+                bad = min(bad, trial)
+                trial = (good + bad) // 2
+            if bad - good <= max(1, (good - at) // 24) or trial <= good:
+                break
+        return good
+
+    def _bound_speed(self, at: int, last: int) -> int:
+        """Return the last row before the speed has changed by too much."""
+        if self.free[at + 1]:
+            return last
+        for start in range(at + 1, last + 1, BLOCK):
+            speed = self.speed[at + 1 : min(start + BLOCK, last + 1)]
+            high, low = np.maximum.accumulate(speed), np.minimum.accumulate(speed)
+            beyond = np.flatnonzero(high > FEED * low)
+            if len(beyond):
+                return int(at + max(beyond[0], 1))
+        return last
+
+    def _lengthen(self, first: int, pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Join moves that take less than a cycle to a neighbour, where path and speed allow it."""
+        joined: list[tuple[int, int]] = []
+        for end, kind in pieces:
+            while joined:
+                start = joined[-2][0] if len(joined) > 1 else first
+                here = joined[-1][0]
+                if min(self.time[end] - self.time[here], self.time[here] - self.time[start]) >= self.cycle:
+                    break
+                if self.time[end] - self.time[start] > SHORT * self.cycle and self._bound_speed(start, end) < end:
+                    break
+                kinds = (LINE, self._find_middle(start, end), CURVE)[: 3 if self.curves else 2 if self.arcs else 1]
+                trials = [trial for trial in kinds if self.fits(start, end, trial)]
+                if not trials:
+                    break
+                kind = trials[0]
+                joined.pop()
+            joined.append((end, kind))
+        return joined
+
+    def _find_middle(self, a: int, b: int) -> int:
+        """Return the row that lies nearest to half of the way."""
+        return int(np.clip(np.searchsorted(self.along, 0.5 * (self.along[a] + self.along[b])), a + 1, b - 1))
+
+    def fits(self, a: int, b: int, kind: int, flat: bool = False) -> bool:
+        """Tell whether all rows between two lie near enough to a line, an arc by a middle row, or a cubic.
+
+        `flat` takes arcs that are too flat or too short for controllers, on the way to farther rows.
+        """
+        if b - a < 2:
+            return True
+        found = self._follow(a, b, kind, flat)
+        if found is None:
+            return False
+        off, share = found
+        if off.max() > self.tolerance[a + 1 : b + 1].min() or (np.diff(share) < 0.0).any():
+            return False
+        carried = self.carried[a : b + 1]
+        if carried.size and np.abs(carried - carried[0] - share[:, None] * (carried[-1] - carried[0])).max() > CARRIED:
+            return False
+        return bool(self._measure_turn(a, b, share) <= TURN)
+
+    def _follow(self, a: int, b: int, kind: int, flat: bool) -> tuple[Array, Array] | None:
+        """Return how far rows lie from a move, and at which share of it; None where there is no such move."""
+        x, along = self.x[a : b + 1], self.along[a : b + 1]
+        if kind == LINE:
+            return follow_line(x)
+        if b - a < (CURVE_ROWS if kind == CURVE else ARC_ROWS) or (not flat and along[-1] - along[0] < ARC_LENGTH):
+            return None
+        if kind == CURVE:
+            return follow_curve(x, along, self.bend(a, b))
+        via = find_via(x, kind - a)
+        return None if not flat and is_flat(x[0], via, x[-1]) else follow_arc(x, via)
+
+    def bend(self, a: int, b: int) -> Array:
+        """Return the derivatives of the cubic between two rows by its share. Shape (2, 3). [mm]"""
+        return np.asarray((self.along[b] - self.along[a]) * self.tangent[[a, b]])
+
+    def _measure_turn(self, a: int, b: int, share: Array) -> float:
+        """Return how far the tool turns beside an even turn along a move. [rad]"""
+        turned = _turn_from(self.turn[a], self.turn[a : b + 1])
+        return float(np.linalg.norm(turned - share[:, None] * turned[-1], axis=1).max())
+
+    def measure(self, a: int, b: int, kind: int) -> float:
+        """Return the length of a move. [mm]"""
+        if kind == CURVE:
+            return float(self.along[b] - self.along[a])
+        circle = None if kind == LINE else find_circle(self.x[a], find_via(self.x[a : b + 1], kind - a), self.x[b])
+        if circle is None:
+            return float(np.linalg.norm(self.x[b] - self.x[a]))
+        centre, u, v, _ = circle
+        arm = self.x[b] - centre
+        return float(np.linalg.norm(self.x[a] - centre) * (np.arctan2(arm @ v, arm @ u) % (2.0 * np.pi)))
+
+
+def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
+    """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
+
+    The speed has to rise from row to row up to there, and not to fall at once again.
+
+    Args:
+        speed: Speed of the move that ends at each row. Shape (n,). [mm/s]
+        lasts: Time of each. Shape (n,). [s]
+        stops: Rows where the tool stands. Shape (n,).
+
+    """
+    sent, at = speed.copy(), np.flatnonzero(stops)
+    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        if b - a < 2:
+            continue
+        for way in (slice(a + 1, b + 1), slice(b, a, -1)):
+            v, time = speed[way], np.cumsum(lasts[way])
+            near = v[: max(int(np.searchsorted(time, RAMP)), 1)]
+            reached = int(np.argmax(near * FEED >= near.max()))
+            stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > FEED * v[reached - 1]
+            if stays and (np.diff(v[: reached + 1]) > 0.0).all():
+                sent[way][:reached] = v[reached]
+    return sent
+
+
+def _turn_from(start: Array, turns: Array) -> Array:
+    """Return rotation vectors from one orientation to others, both quaternions. Shape (4,), (n, 4) -> (n, 3) [rad]."""
+    w, vector = start[0], -start[1:]
+    (x, y, z), (a, b, c) = vector, turns[:, 1:].T
+    real = w * turns[:, 0] - turns[:, 1:] @ vector
+    across = np.column_stack([y * c - z * b, z * a - x * c, x * b - y * a])
+    imaginary = w * turns[:, 1:] + turns[:, :1] * vector + across
+    imaginary = np.where(real[:, None] < 0.0, -imaginary, imaginary)
+    size = np.linalg.norm(imaginary, axis=1)
+    angle = 2.0 * np.arctan2(size, np.abs(real))
+    return np.asarray(imaginary * np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 2.0)[:, None])

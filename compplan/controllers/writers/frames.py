@@ -1,0 +1,80 @@
+"""Frames of robot programs, and the angles in which controllers write them."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.controllers.writers.counting import locate_link
+from compplan.controllers.writers.pendant import locate_pendant
+from compplan.io.tables import Array
+from compplan.robot import Robot
+
+
+def euler_angles(rotation: Array, order: str) -> Array:
+    """Return Euler angles in scipy's letters: capitals turn about turning axes, small letters about fixed ones.
+
+    "ZYX" are A B C of KUKA, "XYZ" rx ry rz of VAL3, "xyz" W P R of FANUC and Rx Ry Rz of Yaskawa, "ZYZ" O A T of
+    Kawasaki. Where the angles are not unique, the last one is 0.
+
+    Args:
+        rotation: Rotations. Shape (n, 3, 3).
+        order: Order of the axes.
+
+    Returns:
+        Shape (n, 3). [deg]
+
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return np.asarray(Rotation.from_matrix(rotation).as_euler(order, degrees=True)) + 0.0
+
+
+def place_numbers(pose: Array, order: str, digits: int = 7) -> list[float]:
+    """Return a pose as controllers take it: x, y, z and three Euler angles. Shape (4, 4) [m] -> 6 numbers [mm, deg]."""
+    angles = euler_angles(pose[None, :3, :3], order)[0]
+    return [value + 0.0 for value in np.round(np.concatenate([pose[:3, 3] * 1e3, angles]), digits).tolist()]
+
+
+def place_table(poses: Array, order: str) -> Array:
+    """Return poses as x, y, z and three Euler angles. Shape (n, 4, 4) [m] -> (n, 6) [mm, deg]."""
+    table = np.column_stack([poses[:, :3, 3] * 1e3, euler_angles(poses[:, :3, :3], order)])
+    return np.asarray(np.round(table, 6) + 0.0, np.float64)
+
+
+def quaternions(poses: Array) -> Array:
+    """Return rotations as quaternions, real part first and not negative. Shape (n, 4, 4) -> (n, 4)."""
+    x, y, z, w = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True).T
+    return np.column_stack([w, x, y, z])
+
+
+def rotation_vectors(poses: Array) -> Array:
+    """Return rotations as axis times angle. Shape (n, 4, 4) -> (n, 3) [rad]."""
+    return np.asarray(Rotation.from_matrix(poses[:, :3, :3]).as_rotvec())
+
+
+def flange_turn(robot: Robot) -> Array:
+    """Return the pose of the controller's flange frame seen from the robot's flange frame. Shape (4, 4) [m].
+
+    Controllers count tools from a flange frame with z out of the flange: the one that [pendant] of controller.toml
+    states, else a frame tool0 of the URDF in the very place of the flange (ROS-Industrial), else the flange itself.
+    """
+    found = locate_pendant(robot)
+    return np.eye(4) if found is None else found.pose
+
+
+def weigh_tool(robot: Robot) -> tuple[float | None, Array]:
+    """Return mass [kg] and centre [m] of what is mounted on the flange, flange frame; None where nobody states it."""
+    links = [robot.base, *(joint.child for joint in robot.joints)]
+    beyond = links[links.index(robot.flange) :]
+    rest = np.zeros((1, robot.nq))
+    flange = locate_link(robot, rest, robot.flange)[0]
+    mass, moment = 0.0, np.zeros(3)
+    for body in robot.bodies:
+        if body.link in beyond:
+            seen = np.linalg.inv(flange) @ locate_link(robot, rest, body.link)[0]
+            mass += body.mass
+            moment += body.mass * (seen[:3, :3] @ body.centre + seen[:3, 3])
+    return (mass, moment / mass) if mass > 0.0 else (None, moment)

@@ -1,0 +1,53 @@
+"""What the file of a language offers, and which robots it is written for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from compplan.controllers.writers.program import Program
+from compplan.errors import InputError
+
+
+def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
+    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes.
+
+    Raises:
+        InputError: If the robot does not fit.
+
+    """
+    slides = int(program.outer.sum())
+    if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
+        rail = f" and up to {sliding} sliding" if sliding else ""
+        own = list(program.joint_names)
+        raise InputError(f"{language} programs are written for six rotating{rail} joints, this robot has {own}")
+
+
+@dataclass(frozen=True)
+class MainForm:
+    """How a language writes a program that calls others, for jobs of several tools; a language without calls has none.
+
+    Args:
+        suffix: Ending of its files.
+        longest: Letters of its name.
+        format: The text, from the name, the program of the first tool (for the head), and the programs to call.
+        newline: What ends its lines.
+
+    """
+
+    suffix: str
+    longest: int
+    format: Callable[[str, Program, Sequence[str]], str]
+    newline: str = "\r\n"
+
+
+class Language(Protocol):
+    """What the file of a language offers; MAIN, a `MainForm`, too where it has calls."""
+
+    name: str
+
+    def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
+        """Write a program into a folder, at most so many points in a file; return the files."""
+        ...

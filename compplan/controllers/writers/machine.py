@@ -1,0 +1,191 @@
+"""What a program switches on the machine where the CAM file does: signals of the cell, waits, stops, comments.
+
+An event that no signal is named for stops the program and says what the operator has to do, so that no cutter that
+stands still is fed into the part. Every language has a `Phrases`; `phrase_events` writes all of them the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from compplan.controllers.writers.text import clean_text
+from compplan.errors import InputError
+from compplan.toolpath.events import Event
+
+#: A signal: its number, or its name where the language has names.
+Signal = int | str
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """Hold the signals of a cell and what they do; what is None is not wired.
+
+    Args:
+        spindle: Output that turns the spindle.
+        spindle_reverse: Output that turns it counter-clockwise while `spindle` is on.
+        spindle_ready: Input that is on when the spindle has its speed.
+        spindle_wait_s: How long to wait for the spindle where there is no such input. [s]
+        coolant: Output of flood coolant.
+        mist: Output of mist coolant.
+        tool_change: Program that changes the tool; it gets the tool's number.
+        optional_stop: Input that is on while optional stops are wanted; left out: every one stops.
+        signals: Outputs for signals of a robot program that was read, by their name there.
+
+    """
+
+    spindle: Signal | None = None
+    spindle_reverse: Signal | None = None
+    spindle_ready: Signal | None = None
+    spindle_wait_s: float = 5.0
+    coolant: Signal | None = None
+    mist: Signal | None = None
+    tool_change: str | None = None
+    optional_stop: Signal | None = None
+    signals: Mapping[str, Signal] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Phrases:
+    """Hold how a language says things; each gives lines.
+
+    Args:
+        say: Comment of a text.
+        switch: Sets an output: (signal, on).
+        wait: Waits: (seconds).
+        expect: Waits for an input: (signal).
+        pause: Stops until the operator goes on: (what to do).
+        pause_if: ... while an input is on: (signal, what to do).
+        call: Calls a program with a number: (name, number).
+        named: Whether signals may have names.
+        native: Lines of events that the language has words of its own for, None for others.
+
+    """
+
+    say: Callable[[str], list[str]]
+    switch: Callable[[Signal, bool], list[str]]
+    wait: Callable[[float], list[str]]
+    expect: Callable[[Signal], list[str]]
+    pause: Callable[[str], list[str]]
+    pause_if: Callable[[Signal, str], list[str]]
+    call: Callable[[str, float], list[str]]
+    named: bool = False
+    native: Callable[[Event], list[str] | None] = lambda event: None
+
+
+def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, language: str) -> dict[int, list[str]]:
+    """Return the lines of a program's events by the row after which they stand; -1: before the first move.
+
+    Raises:
+        InputError: If a signal is a name where the language takes numbers only.
+
+    """
+    check_signals(wiring, phrases, language)
+    lines: dict[int, list[str]] = {}
+    for event in events:
+        lines.setdefault(event.place, [])
+    for place, written in lines.items():
+        asked: list[str] = []
+        for event in (event for event in events if event.place == place):
+            found = plan_event(event, wiring, phrases)
+            if asked and found.code:
+                written += phrases.pause(", then ".join(asked))
+                asked = []
+            written += [*found.remark, *found.code]
+            asked += [found.task] if found.task else []
+        written += phrases.pause(", then ".join(asked)) if asked else []
+    return lines
+
+
+@dataclass(frozen=True)
+class EventLines:
+    """Hold what has to be done for an event: its comment, its lines, or what the operator is asked to do."""
+
+    remark: list[str]
+    code: list[str] = field(default_factory=list)
+    task: str = ""
+
+
+def plan_event(event: Event, wiring: Wiring, phrases: Phrases) -> EventLines:
+    """Return what has to be done for an event."""
+    text = clean_text(event.describe())
+    if not text:
+        return EventLines([])
+    said, native, kind = phrases.say(text), phrases.native(event), event.kind
+    if kind == "comment":
+        return EventLines(said)
+    if native is not None:
+        return EventLines(said, native)
+    if kind in ("spindle_cw", "spindle_ccw") and _turns(kind, wiring):
+        return EventLines(said, _start_spindle(kind, wiring, phrases))
+    if kind == "spindle_off" and wiring.spindle is not None:
+        return EventLines(said, _switch_all([wiring.spindle, wiring.spindle_reverse], phrases, on=False))
+    if kind in ("coolant", "mist", "coolant_off"):
+        wired = {"coolant": [wiring.coolant], "mist": [wiring.mist]}.get(kind, [wiring.coolant, wiring.mist])
+        return EventLines(said, _switch_all(wired, phrases, on=kind != "coolant_off"))
+    if kind == "tool" and wiring.tool_change:
+        return EventLines(said, phrases.call(wiring.tool_change, event.value))
+    if kind == "dwell":
+        return EventLines(said, phrases.wait(event.value))
+    if kind == "optional_stop" and wiring.optional_stop is not None:
+        return EventLines(said, phrases.pause_if(wiring.optional_stop, text))
+    if kind == "output" and event.text in wiring.signals:
+        return EventLines(said, phrases.switch(wiring.signals[event.text], event.value != 0.0))
+    return EventLines(said, task=text)
+
+
+def _turns(kind: str, wiring: Wiring) -> bool:
+    return wiring.spindle is not None and (kind == "spindle_cw" or wiring.spindle_reverse is not None)
+
+
+def _start_spindle(kind: str, wiring: Wiring, phrases: Phrases) -> list[str]:
+    lines: list[str] = []
+    if wiring.spindle_reverse is not None:
+        lines += phrases.switch(wiring.spindle_reverse, kind == "spindle_ccw")
+    lines += _switch_all([wiring.spindle], phrases, on=True)
+    ready = wiring.spindle_ready
+    return lines + (phrases.wait(wiring.spindle_wait_s) if ready is None else phrases.expect(ready))
+
+
+def _switch_all(outputs: Sequence[Signal | None], phrases: Phrases, *, on: bool) -> list[str]:
+    return [line for output in outputs if output is not None for line in phrases.switch(output, on)]
+
+
+def check_signals(wiring: Wiring, phrases: Phrases, language: str) -> None:
+    """Refuse names of signals in a language that numbers them.
+
+    Raises:
+        InputError: If there is one.
+
+    """
+    single = {name: getattr(wiring, name) for name in
+              ("spindle", "spindle_reverse", "spindle_ready", "coolant", "mist", "optional_stop")}  # fmt: skip
+    for key, signal in {**single, **wiring.signals}.items():
+        if isinstance(signal, str) and not phrases.named:
+            raise InputError(f"output.io {key} is {signal!r}, {language} numbers its signals; give a number")
+
+
+def name_signal(signal: Signal, prefix: str) -> str:
+    """Return the name of a signal in a language that names them: 3 becomes the prefix with 3."""
+    return f"{prefix}{signal}" if isinstance(signal, int) else signal
+
+
+def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -> list[str]:
+    """Return what has to be said of events that nothing is wired for, one sentence each."""
+    left = [event for event in events if event.kind != "comment" and phrases.native(event) is None]
+    asked = [event for event in left if plan_event(event, wiring, phrases).task]
+    notes = []
+    if asked:
+        kinds = ", ".join(dict.fromkeys(event.kind.replace("_", " ") for event in asked))
+        notes.append(f"the program stops for {len(asked)} events and asks the operator ({kinds}): see [output.io]")
+    cooled = [event for event in left if event.kind in ("coolant", "mist") and getattr(wiring, event.kind) is None]
+    if cooled:
+        notes.append("coolant is a comment only: no output is named in [output.io]")
+    if wiring.spindle is not None and any(event.kind.startswith("spindle_c") for event in left):
+        notes.append("spindle speeds are comments: the output of [output.io] turns it, its drive sets the speed")
+        if wiring.spindle_ready is None:
+            notes.append(f"the program waits {wiring.spindle_wait_s:g} s for the spindle (assumed): spindle_ready")
+    tools = {(event.value, event.text) for event in events if event.kind == "tool"}
+    if len(tools) > 1:
+        notes.append(f"{len(tools)} tools are called: the program is planned for one: write [[tool]] for each")
+    return notes

@@ -1,0 +1,174 @@
+"""What stands around the moves of a program: a Jinja template a language, and one of a user's own in its place.
+
+A template gets the words of its language's writer; docs/programs.md names them. It runs in a sandbox, an unknown word
+is an error, and what comes out has to be plain ASCII in lines that the controller takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Protocol
+
+from compplan.errors import InputError
+from compplan.io.notes import Stop
+from compplan.io.tables import read_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jinja2 import Environment
+
+#: Letters of a line that controllers take: KSS 471, TP programs 254, the others assumed.
+LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
+
+
+@dataclass(frozen=True)
+class Post:
+    """How a job wants programs of a language written around their moves.
+
+    Args:
+        template: File of its own template, or None for the one of the package.
+        tool: Number or name of the cell's own tool data, None for those of the job.
+        base: Number or name of the cell's own frame, None for the part frame of the job.
+        overwrite: Whether programs fill the cell's tool data and frame with those of the job.
+        main: Name of the main program, None for that of the job.
+        positioner: Number or name by which the cell knows what carries the part, None for the language's usual one.
+
+    """
+
+    template: Path | None = None
+    tool: int | str | None = None
+    base: int | str | None = None
+    overwrite: bool = False
+    main: str | None = None
+    positioner: int | str | None = None
+
+
+class Templated(Protocol):
+    """What templates are written from: a program."""
+
+    @property
+    def name(self) -> str:
+        """Name of the program."""
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Lines that run before the first move."""
+    @property
+    def footer(self) -> tuple[str, ...]:
+        """Lines that run after the last move."""
+    @property
+    def post(self) -> Post:
+        """How the job wants it written."""
+
+
+@dataclass(frozen=True)
+class CellWords:
+    """What a language can call of a cell by itself: kind of the words for tool and frame, None where it has none."""
+
+    tool: type | None
+    base: type | None
+    #: Numbers of tool and frame where a job names none: languages whose programs always count from numbered ones.
+    numbers: Mapping[str, int | str] = field(default_factory=dict)
+    #: Kind of the word for a positioner, None where programs move none.
+    positioner: type | None = None
+
+
+def check_cell(post: Post, cell: CellWords, language: str) -> Post:
+    """Return a job's wishes with the numbers that a language needs in any case.
+
+    Raises:
+        InputError: If the job names tool or frame in a way that the language does not know.
+
+    """
+    for key, kind in (("tool", cell.tool), ("base", cell.base), ("positioner", cell.positioner)):
+        value = getattr(post, key)
+        if value is None:
+            continue
+        if kind is None:
+            what = "move none" if key == "positioner" else "hold their own"
+            raise InputError(f"output.cell {key} is {value!r}, {language} programs {what}")
+        if not isinstance(value, kind) or (isinstance(value, str) and not value.isidentifier()):
+            word = "a number" if kind is int else "a name of the cell's"
+            raise InputError(f"output.cell {key} is {value!r}, {language} takes {word}")
+    named = {key: value for key, value in cell.numbers.items() if getattr(post, key) is None}
+    return Post(**{**vars(post), **named})
+
+
+def describe_cell(post: Post, cell: CellWords | None) -> list[Stop]:
+    """Return what has to be settled at the machine where programs count from the cell's own data."""
+    if cell is None or post.overwrite:
+        return []
+    named = {"tool": post.tool, "frame": post.base}
+    numbers = {"tool": cell.numbers.get("tool"), "frame": cell.numbers.get("base")}
+    kept = {key: numbers[key] if value is None else value for key, value in named.items()}
+    data = " and ".join(f"{key} {value}" for key, value in kept.items() if value is not None)
+    return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
+
+
+def name_main(program: Templated) -> str:
+    """Return the name that a job gives its main program, else that of the program."""
+    return program.post.main or program.name
+
+
+def name_kind(program: Templated, ending: str) -> str:
+    """Return what tells joint and linear programs apart; nothing where the job names its one program."""
+    return "" if program.post.main else ending
+
+
+def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> str:
+    """Return the text that a language's template, or the user's own, makes of a program.
+
+    Args:
+        program: The program.
+        language: Language whose template it is.
+        words: What the template may use.
+
+    Raises:
+        InputError: If the template is not one, uses a word that there is not, or makes what no controller takes.
+
+    """
+    from jinja2 import TemplateError
+
+    own = program.post.template
+    text = read_post(language) if own is None else read_text(own)
+    try:
+        made = _environment().from_string(text).render({"header": program.header, "footer": program.footer, **words})
+    except TemplateError as error:
+        line = getattr(error, "lineno", None)
+        raise InputError(f"is no template of {language}: {error.message or error}", file=own, where=line) from None
+    except (TypeError, ValueError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
+        raise InputError(f"is no template of {language}: {error}", file=own) from None
+    if not made.isascii() or "\0" in made:
+        raise InputError(f"makes letters of {language} that no program takes, expected plain ASCII", file=own)
+    longest = LONGEST_LINE.get(language, 1000)
+    for number, line in enumerate(made.split("\n"), start=1):
+        if len(line) > longest:
+            message = f"line {number} of a {language} program has {len(line)} letters, at most {longest}"
+            raise InputError(message, file=own)
+    return made
+
+
+def read_post(language: str) -> str:
+    """Return the package's template of a language.
+
+    Raises:
+        InputError: If it has none.
+
+    """
+    file = files(__package__) / "posts" / f"{language}.jinja"
+    if not file.is_file():
+        raise InputError(f"there is no template of {language}")
+    return file.read_text(encoding="utf-8")
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import StrictUndefined
+    from jinja2.sandbox import SandboxedEnvironment
+
+    return SandboxedEnvironment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False
+    )

@@ -1,0 +1,386 @@
+"""A robot program before it has a language: joint positions as the controller counts them, feeds and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.writers.counting import (
+    believed_robot,
+    find_bend,
+    krl_status,
+    load_controller,
+    locate_link,
+    name_words,
+    native_words,
+    rates_to_controller,
+    to_controller,
+)
+from compplan.controllers.writers.frames import flange_turn, weigh_tool
+from compplan.controllers.writers.machine import Wiring
+from compplan.controllers.writers.post import Post
+from compplan.controllers.writers.text import clean_text
+from compplan.errors import InputError, ShapeError
+from compplan.io.tables import Array
+from compplan.robot import Robot
+from compplan.toolpath.events import Event, find_halts
+
+#: Joint positions that are written as zero, without a sign. [deg or mm]
+ZERO = 5e-7
+#: Ends and kinds of fitted moves, by whether they have arcs, and cubics.
+Pieces = dict[tuple[bool, bool], tuple[NDArray[np.int_], NDArray[np.int_]]]
+
+
+@dataclass(frozen=True)
+class Program:
+    """Hold a program; row i describes the move that ends at waypoint i.
+
+    Args:
+        name: Name; the languages shorten it to what they allow.
+        joints: Commanded joint positions as the controller counts them. Shape (n, nq). [deg or mm]
+        joint_names: The controller's names of the joints, from the base.
+        prismatic: Which joints slide. Shape (nq,).
+        feed: Feed; 0 for rapid moves. Shape (n,). [mm/s]
+        rapid: Which moves are rapid. Shape (n,).
+        exact: Waypoints where the tool stands still, beside those that `stops` finds, or None. Shape (n,).
+        time: Time at each waypoint, or None. Shape (n,). [s]
+        rates: Greatest joint rates, or None. Shape (nq,). [deg/s or mm/s]
+        tcp: Commanded TCP poses in the geometry that the controller believes, base frame, or None. [m]
+            Shape (n, 4, 4).
+        tool: Pose of the TCP frame seen from the controller's flange frame (z out of the flange), or None. [m]
+            Shape (4, 4).
+        part: Pose of the part frame seen from the base. Cartesian positions count from it. Shape (4, 4). [m]
+        world: Pose of the frame that the controller's frames count from, seen from the base. Shape (4, 4). [m]
+        mass: Mass of the tool, or None where nobody states it. [kg]
+        centre: Centre of its mass in the controller's flange frame. Shape (3,). [m]
+        status: S of KRL positions, or None. Shape (n,).
+        bent: Which way the wrist is bent: False below the fifth axis' singular angle, or None. Shape (n,).
+        words: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
+        native: The controller's own words for them, where controller.toml has them. Shape (n,) each.
+        known: Whether the robot folder says how its controller counts.
+        robot: Name of the robot.
+        controller: What controller it is.
+        comments: Lines for the head of every file.
+        header: Lines of the language itself that run before the first move, such as what starts the spindle.
+        footer: Lines of the language itself that run after the last move.
+        events: What happens beside motion, each after the row that it names; -1: before the first move.
+        wiring: Signals of the cell that do it.
+        post: How the job wants it written around the moves.
+        tolerance: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
+        coarser: Factor on it for the move that ends at each row, or None for 1. Shape (n,).
+        cycle: Least time of a written move. [s]
+        free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
+        form: "linear": moves of the tool alone where a language can write them; "joint", "both".
+        via: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
+        bend: Derivatives by the share of a move, at start and end of a cubic to each waypoint, nan elsewhere; or None.
+            Part axes. Shape (n, 2, 3). [m]
+        splines: Whether cubics and spline blocks are asked for where the language has them.
+        arc_of: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
+        line_of: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
+        carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
+        corner: How far the zone at each row may lead beside the path, or None for as far as the language's own.
+            Shape (n,). [m]
+        blend_share: Length of the controller's blends over their zones.
+        smoothing: Time over which the controller averages the speed. [s]
+        pieces: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs, and cubics.
+
+    """
+
+    name: str
+    joints: Array
+    joint_names: tuple[str, ...]
+    prismatic: NDArray[np.bool_]
+    feed: Array
+    rapid: NDArray[np.bool_]
+    exact: NDArray[np.bool_] | None = None
+    time: Array | None = None
+    rates: Array | None = None
+    tcp: Array | None = None
+    tool: Array | None = None
+    part: Array = field(default_factory=lambda: np.eye(4))
+    world: Array = field(default_factory=lambda: np.eye(4))
+    mass: float | None = None
+    centre: Array = field(default_factory=lambda: np.zeros(3))
+    status: NDArray[np.int64] | None = None
+    bent: NDArray[np.bool_] | None = None
+    words: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    native: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    known: bool = True
+    robot: str = ""
+    controller: str = ""
+    comments: tuple[str, ...] = ()
+    header: tuple[str, ...] = ()
+    footer: tuple[str, ...] = ()
+    events: tuple[Event, ...] = ()
+    wiring: Wiring = field(default_factory=Wiring)
+    post: Post = field(default_factory=Post)
+    tolerance: float = 0.0
+    coarser: Array | None = None
+    cycle: float = 0.0
+    free: NDArray[np.bool_] | None = None
+    form: str = "both"
+    via: Array | None = None
+    bend: Array | None = None
+    splines: bool = False
+    arc_of: NDArray[np.int_] | None = None
+    line_of: NDArray[np.int_] | None = None
+    carries: NDArray[np.bool_] | None = None
+    corner: Array | None = None
+    blend_share: float = 1.0
+    smoothing: float = 0.04
+    pieces: Pieces = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n, nq = self.joints.shape
+        shapes = {
+            "feed": (n,), "rapid": (n,), "exact": (n,), "time": (n,), "rates": (nq,), "tcp": (n, 4, 4), "status": (n,),
+            "bent": (n,), "free": (n,), "via": (n, 4, 4), "bend": (n, 2, 3), "arc_of": (n,), "line_of": (n,),
+            "carries": (nq,), "coarser": (n,), "corner": (n,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array is not None and np.shape(array) != shape:
+                raise ShapeError(f"program {name} has shape {np.shape(array)}, expected {shape}")
+        if len(self.joint_names) != nq:
+            raise ShapeError(f"program has {len(self.joint_names)} joint names, expected {nq}")
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @property
+    def moves_part(self) -> bool:
+        """Tell whether joints carry the part."""
+        return self.carries is not None and bool(self.carries.any())
+
+    @property
+    def outer(self) -> NDArray[np.bool_]:
+        """Tell which joints are external axes: those that slide, or carry the part. Shape (nq,)."""
+        return self.prismatic if self.carries is None else self.prismatic | self.carries
+
+    @property
+    def base_frame(self) -> Array:
+        """Pose of the part frame seen from the frame that the controller counts from (from what carries the part).
+
+        Shape (4, 4) [m].
+        """
+        return np.asarray(np.linalg.inv(self.world) @ self.part)
+
+    @property
+    def positions(self) -> Array:
+        """Commanded TCP poses seen from the part frame. Shape (n, 4, 4) [m].
+
+        Raises:
+            InputError: If the poses are not known.
+
+        """
+        if self.tcp is None:
+            raise InputError("a program with positions needs the poses of the TCP")
+        return np.asarray(np.linalg.inv(self.part) @ self.tcp)
+
+    @property
+    def arcs(self) -> NDArray[np.bool_]:
+        """Tell the moves that are arcs. Shape (n,)."""
+        return np.zeros(len(self), bool) if self.via is None else np.isfinite(self.via[:, 0, 0])
+
+    @property
+    def via_positions(self) -> Array:
+        """Poses that arcs go through, seen from the part frame; nan elsewhere. Shape (n, 4, 4) [m]."""
+        via = np.full((len(self), 4, 4), np.nan) if self.via is None else self.via
+        return np.asarray(np.linalg.inv(self.part) @ via)
+
+    @property
+    def curves(self) -> NDArray[np.bool_]:
+        """Tell the moves that are cubics. Shape (n,)."""
+        return np.zeros(len(self), bool) if self.bend is None else np.isfinite(self.bend[:, 0, 0])
+
+    def say_line(self, row: int, sign: str) -> str:
+        """Return the line of the CAM file that a move stands on as a comment behind it, by a language's sign."""
+        line = 0 if self.line_of is None else int(self.line_of[row])
+        return f" {sign} CAM line {line}" if line else ""
+
+    def writes_joints(self, *, linear: bool) -> bool:
+        """Tell whether a language that can (`linear`) or cannot write moves of the tool is to write joint moves."""
+        return self.form != "linear" or not linear
+
+    @property
+    def swings(self) -> NDArray[np.bool_]:
+        """Tell the cutting moves in which a configuration word or the wrist's bend changes: a straight move cannot.
+
+        Shape (n,).
+        """
+        changed = np.zeros(len(self), dtype=bool)
+        for values in (*self.words.values(), *([] if self.bent is None else [self.bent])):
+            changed[1:] |= values[1:] != values[:-1]
+        return changed & ~self.rapid
+
+    def alone(self, *, linear: bool) -> NDArray[np.bool_]:
+        """Tell the moves that are joint moves of their own: rapid ones, and swings among linear ones. Shape (n,)."""
+        return self.rapid | self.swings if linear else self.rapid
+
+    def stops(self, *, linear: bool) -> NDArray[np.bool_]:
+        """Tell the moves that stop at their end: those alone, what comes before one, events, `exact`. Shape (n,)."""
+        alone = self.alone(linear=linear)
+        stops = alone | np.append(alone[1:], True)
+        stops[find_halts(self.events)] = True
+        return np.asarray(stops if self.exact is None else stops | self.exact)
+
+
+def build_program(
+    robot: Robot,
+    q: Array,
+    feed: Array,
+    rapid: NDArray[np.bool_],
+    *,
+    name: str,
+    time: Array | None = None,
+    comments: Sequence[str] = (),
+    part: Array | None = None,
+    exact: NDArray[np.bool_] | None = None,
+    events: Sequence[Event] = (),
+    wiring: Wiring | None = None,
+) -> Program:
+    """Build a program from commanded joint positions: in the controller's counting, and with its geometry.
+
+    Args:
+        robot: The robot; its folder says how its controller counts.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
+        rapid: Which moves are rapid. Shape (n,).
+        name: Name of the program.
+        time: Time at each waypoint, or None. Shape (n,). [s]
+        comments: Lines for the head of every file.
+        part: Pose of the part frame seen from the base; left out: the base itself. Shape (4, 4). [m]
+        exact: Waypoints where the tool stands still, beside the ends of cuts and of rapid moves. Shape (n,).
+        events: What happens beside motion, each after the waypoint that it names; -1: before the first move.
+        wiring: Signals of the cell that do it; left out: none, the programs stop and ask the operator.
+
+    Raises:
+        InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
+
+    """
+    believed = believed_robot(robot)
+    tip = locate_link(believed, q, robot.tcp)
+    turned = flange_turn(robot)
+    flange = locate_link(believed, q[:1], robot.flange) @ turned
+    mass, centre = weigh_tool(robot)
+    return Program(
+        name=name,
+        **_count_joints(robot, believed, q),
+        prismatic=robot.prismatic,
+        feed=np.where(rapid, 0.0, np.asarray(feed) * 1e3),
+        rapid=np.asarray(rapid, dtype=bool),
+        exact=exact,
+        time=time,
+        tcp=tip,
+        tool=np.linalg.inv(flange[0]) @ tip[0],
+        part=np.eye(4) if part is None else np.asarray(part, dtype=np.float64),
+        carries=robot.carriers,
+        mass=mass,
+        centre=turned[:3, :3].T @ (centre - turned[:3, 3]),
+        robot=robot.name,
+        comments=tuple(comments),
+        events=tuple(events),
+        wiring=wiring or Wiring(),
+    )
+
+
+def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
+    """Return what a program holds of how its controller counts joints and frames, by the names of `Program`."""
+    controller = load_controller(robot)
+    words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
+    return {
+        "joints": np.where(np.abs(joints) < ZERO, 0.0, joints), "joint_names": controller.joint_names,
+        "rates": rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
+        "world": np.eye(4) if robot.ground else controller.world,
+        "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
+        "bent": find_bend(believed, q), "known": controller.known, "controller": controller.name,
+    }  # fmt: skip
+
+
+def split_parts(count: int, most: int) -> list[slice]:
+    """Return the rows of each file, none longer than `most`, all about equally long.
+
+    Raises:
+        InputError: If `most` is less than 1.
+
+    """
+    if most < 1:
+        raise InputError(f"max_points_per_file is {most}, expected at least 1")
+    parts = max(1, -(-count // most))
+    edges = np.linspace(0, count, parts + 1).round().astype(int)
+    return [slice(int(low), int(high)) for low, high in pairwise(edges)]
+
+
+def count_digits(program: Program, most: int) -> int:
+    """Return how many digits the number of a program's last part has."""
+    return len(str(max(1, -(-len(program) // max(most, 1)))))
+
+
+def head_lines(program: Program) -> list[str]:
+    """Return what stands at the head of every file, safe in every language."""
+    lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
+    if not program.known:
+        lines.append("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: no controller.toml; they are those of the URDF")
+    if not program.header and not any(event.kind.startswith("spindle") for event in program.events):
+        lines.append("no header lines: spindle and coolant are not started here")
+    return [clean_text(line) for line in [*lines, *program.comments]]
+
+
+def order_joints(program: Program, wanted: Sequence[str], language: str) -> list[int]:
+    """Return the columns of joints that a language calls by these names.
+
+    Raises:
+        InputError: If the controller has no such joint.
+
+    """
+    missing = [name for name in wanted if name not in program.joint_names]
+    if missing:
+        own = list(program.joint_names)
+        message = f"{language} programs need joints named {list(wanted)}, this controller has {own}"
+        raise InputError(f"{message}; set joint_names in controller.toml")
+    return [program.joint_names.index(name) for name in wanted]
+
+
+def joint_shares(program: Program) -> Array:
+    """Return the share of the joint rates that each move asks for; nan where it is not known, and for rapid moves.
+
+    The move from one waypoint to the next takes the time that `time` says, else distance over feed; the joint that asks
+    for the greatest share of its rate decides. Shape (n,).
+    """
+    shares = np.full(len(program), np.nan)
+    duration = None
+    if program.time is not None:
+        duration = np.diff(program.time)
+    elif program.tcp is not None:
+        distance = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1) * 1e3
+        duration = np.where(program.feed[1:] > 0.0, distance / np.maximum(program.feed[1:], 1e-9), np.nan)
+    if duration is not None and program.rates is not None and len(program) > 1:
+        share = np.max(np.abs(np.diff(program.joints, axis=0)) / program.rates, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wanted = share / duration
+        shares[1:] = np.where(np.isfinite(wanted) & ~program.rapid[1:], wanted, np.nan)
+    return shares
+
+
+def joint_percent(program: Program) -> Array:
+    """Return the share of the joint rates that each move asks for, 1 to 100; rapid moves 100, unknown ones 10.
+
+    Shape (n,). [%]
+    """
+    shares = joint_shares(program)
+    percent = np.where(np.isfinite(shares), 100.0 * shares, np.where(program.rapid, 100.0, 10.0))
+    return np.clip(percent, 1.0, 100.0)
+
+
+def describe_feeds(program: Program, written: Array, steps: str) -> list[str]:
+    """Return what must be said where a language writes feeds in steps and some [mm/s] are off by more than 1 %."""
+    wrong = ~program.rapid & (np.abs(written - program.feed) > 0.01 * program.feed)
+    if not wrong.any():
+        return []
+    count, slowest = int(np.count_nonzero(wrong)), program.feed[wrong].min()
+    return [f"feeds are written in steps of {steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]

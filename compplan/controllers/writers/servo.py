@@ -1,0 +1,144 @@
+"""[motion] of controller.toml: how a controller moves what a program says, and how its drives follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from compplan.errors import InputError
+from compplan.io.tables import Array
+from compplan.io.tomlfile import Numbers, StrictTable
+
+#: Share of a second in which a joint without a stated acceleration reaches its full velocity (assumed). [s]
+FULL_SPEED = 0.3
+#: Greatest lag of a drive that is taken for true. [s]
+LONGEST_LAG = 0.5
+#: Source of a model that nobody measured.
+ASSUMED = "assumed"
+
+
+class MotionTable(StrictTable):
+    """[motion] of controller.toml: every key may be left out, which the defaults below then stand for (assumed).
+
+    cycle_ms: step of the interpolator. blend_share: length of a corner's blend over its zone.
+    acceleration_mm_s2: of the tip. smoothing_ms: time over which speed is averaged (S-shape).
+    lag_ms, acceleration_lag_ms2, lost_motion_deg: one number a joint; lost motion of a slide in mm.
+    resolution_mm: steps of the tip below this do nothing; 0: none is known.
+    """
+
+    cycle_ms: Annotated[float, Field(ge=0.1, le=100.0)] = 4.0
+    blend_share: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
+    acceleration_mm_s2: Annotated[float, Field(gt=0.0, le=1e6)] = 3000.0
+    smoothing_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 40.0
+    lag_ms: Numbers | None = None
+    acceleration_lag_ms2: Numbers | None = None
+    lost_motion_deg: Numbers | None = None
+    resolution_mm: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    source: str = ASSUMED
+
+
+@dataclass(frozen=True)
+class ServoMotion:
+    """Hold how a controller moves.
+
+    Args:
+        cycle: Step of the interpolator. [s]
+        blend_share: Length of a corner's blend over its zone.
+        acceleration: Greatest acceleration of the tip along and across the path. [m/s^2]
+        smoothing: Time over which the speed along the path is averaged. [s]
+        lag: First-order lag T1 of each drive. Shape (nq,). [s]
+        acceleration_lag: What the drive falls behind per acceleration, T2. Shape (nq,). [s^2]
+        lost_motion: Full width that a joint loses where it turns back. Shape (nq,). [rad or m]
+        velocity_limits: Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
+        source: Who says so, or "assumed".
+        resolution: Smallest step of the tip that moves anything, 0 where none is known. [m]
+
+    """
+
+    cycle: float
+    blend_share: float
+    acceleration: float
+    smoothing: float
+    lag: Array
+    acceleration_lag: Array
+    lost_motion: Array
+    velocity_limits: Array
+    acceleration_limits: Array
+    source: str = ASSUMED
+    resolution: float = 0.0
+
+
+def read_motion(
+    table: MotionTable | None, prismatic: NDArray[np.bool_], limits: tuple[Array, Array], file: Path | None = None
+) -> ServoMotion:
+    """Return the motion that a table [motion] states; without one, or without a key, the assumed values.
+
+    Args:
+        table: The table, or None.
+        prismatic: Which joints slide. Shape (nq,).
+        limits: Velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
+        file: controller.toml, for messages.
+
+    Raises:
+        InputError: If a list does not hold one number a joint, or a lag is out of range.
+
+    """
+    table = MotionTable() if table is None else table
+    nq = len(prismatic)
+    lists: dict[str, Array] = {}
+    for key in ("lag_ms", "acceleration_lag_ms2", "lost_motion_deg"):
+        given = getattr(table, key)
+        if given is not None and len(given) != nq:
+            raise InputError(f"has {len(given)} numbers, expected {nq}, one a joint", file=file, where=f"motion.{key}")
+        lists[key] = np.zeros(nq) if given is None else np.array(given, dtype=np.float64)
+    bounds = {"lag_ms": (0.0, 1e3 * LONGEST_LAG), "acceleration_lag_ms2": (-1e6 * LONGEST_LAG**2,
+              1e6 * LONGEST_LAG**2), "lost_motion_deg": (0.0, 1.0)}  # fmt: skip
+    for key, (low, high) in bounds.items():
+        if (lists[key] < low).any() or (lists[key] > high).any():
+            message = f"is {lists[key].tolist()}, expected numbers from {low:g} to {high:g}"
+            raise InputError(message, file=file, where=f"motion.{key}")
+    velocity, acceleration = limits
+    acceleration = np.where(np.isfinite(acceleration), acceleration, velocity / FULL_SPEED)
+    unit = np.where(prismatic, 1e-3, np.pi / 180.0)
+    return ServoMotion(
+        1e-3 * table.cycle_ms, table.blend_share, 1e-3 * table.acceleration_mm_s2, 1e-3 * table.smoothing_ms,
+        1e-3 * lists["lag_ms"], 1e-6 * lists["acceleration_lag_ms2"], lists["lost_motion_deg"] * unit,
+        velocity, acceleration, table.source, 1e-3 * table.resolution_mm,
+    )  # fmt: skip
+
+
+def tabulate_motion(motion: ServoMotion, prismatic: NDArray[np.bool_]) -> Mapping[str, Any]:
+    """Return the table [motion] that states a motion."""
+    unit = np.where(prismatic, 1e3, 180.0 / np.pi)
+
+    def plain(values: Array) -> list[float]:
+        return [float(f"{value:.6g}") for value in values]
+
+    return {
+        "cycle_ms": float(f"{1e3 * motion.cycle:.6g}"),
+        "blend_share": float(f"{motion.blend_share:.6g}"),
+        "acceleration_mm_s2": float(f"{1e3 * motion.acceleration:.6g}"),
+        "smoothing_ms": float(f"{1e3 * motion.smoothing:.6g}"),
+        "lag_ms": plain(1e3 * motion.lag),
+        "acceleration_lag_ms2": plain(1e6 * motion.acceleration_lag),
+        "lost_motion_deg": plain(motion.lost_motion * unit),
+        **({"resolution_mm": float(f"{1e3 * motion.resolution:.6g}")} if motion.resolution else {}),
+        "source": motion.source,
+    }
+
+
+def list_assumed_motion(table: MotionTable | None) -> list[str]:
+    """Name the keys of [motion] that nobody stated."""
+    stated = set() if table is None else table.model_fields_set
+    if table is not None and table.source == ASSUMED:
+        stated = set()
+    return [name for name in MotionTable.model_fields if name not in {*stated, "source", "resolution_mm"}]
+
+

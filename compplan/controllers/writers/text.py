@@ -1,0 +1,80 @@
+"""Where words become part of a robot program: comments, names of programs, labels. Every writer goes through here."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+import unicodedata
+from collections.abc import Collection
+from pathlib import Path
+
+from compplan.errors import InputError
+from compplan.io.tables import read_text
+
+#: Letters of a comment; controllers cut longer lines or refuse them.
+LONGEST_COMMENT = 100
+#: What a comment may hold: nothing that ends a line, a comment, a string or a block in any of the languages.
+FOREIGN = re.compile(r"[^A-Za-z0-9 .,:+\-_/()=%#*]+")
+#: File names that Windows, which most controllers and their tools run on, keeps for itself.
+DEVICES = frozenset({"con", "prn", "aux", "nul"} | {f"{name}{n}" for name in ("com", "lpt") for n in range(10)})
+
+
+#: What tells the programs of one job apart: the tool of each, at the end of its name.
+LABEL = re.compile(r"_(?:T|op)\d{1,5}(?:_run\d+)?$")
+
+
+def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
+    """Return text as one line of plain letters that no controller takes for code.
+
+    Accents go, whatever is no letter, digit or plain sign becomes a space; what is too long ends in dots.
+
+    Args:
+        text: Any text.
+        longest: Letters that may be left.
+
+    """
+    head = unicodedata.normalize("NFKD", text[: 10 * longest])
+    plain = "".join(letter for letter in head if not unicodedata.combining(letter))
+    line = " ".join(FOREIGN.sub(" ", plain).split())
+    return line if len(line) <= longest else f"{line[: longest - 3].rstrip()}..."
+
+
+def wrap_text(text: str, longest: int) -> list[str]:
+    """Return text that is already clean in lines of at most so many letters."""
+    return textwrap.wrap(text, longest) or [""]
+
+
+def read_code(path: Path) -> tuple[str, ...]:
+    """Read lines that go into a program as they are.
+
+    Raises:
+        InputError: If the file cannot be read, or holds what would break a program: control letters, letters beyond
+            ASCII, or the end of a block of XML.
+
+    """
+    lines = []
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        line = line.removesuffix("\r")
+        if not all(letter == "\t" or " " <= letter <= "~" for letter in line) or "]]>" in line:
+            raise InputError("has letters that no program takes, expected plain ASCII", file=path, where=number)
+        lines.append(line)
+    return tuple(lines[:-1] if lines[-1:] == [""] else lines)
+
+
+def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> str:
+    """Return a name that a controller takes: letters, digits and _, a letter first, none of its own words.
+
+    Args:
+        text: Any text.
+        longest: Letters that the name may have.
+        reserved: Words that the language keeps for itself, in lower case.
+
+    """
+    name = re.sub(r"[^A-Za-z0-9]+", "_", clean_text(text, 10 * longest)).strip("_") or "program"
+    name = name if name[0].isalpha() else f"p_{name}"
+    label = LABEL.search(name)
+    tail = label.group() if label and len(name) > longest else ""
+    name = name[: longest - len(tail)].rstrip("_") + tail
+    if name.lower() in DEVICES or name.lower() in reserved:
+        name = f"{name[: longest - 2]}_p"
+    return name

@@ -1,0 +1,148 @@
+"""How far before a corner each language's programs let the controller leave the path, as they are written.
+
+The figure is what the program says, or what the maker's manual gives for the word that it says; where neither gives one
+it is assumed. A zone reaches at most half way to the nearer neighbour. `compplan trace` finds which share of it a
+controller uses (`blend_share`).
+
+A parabola that begins r before a corner and ends r behind it passes the corner at r |t' - t| / 4, t and t' the
+directions of travel before and behind it. Where that is more than a program allows there (`Program.corner`), its zone
+is made smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.writers.fit import fit_moves
+from compplan.controllers.writers.program import Program
+from compplan.controllers.writers.shapes import find_circle
+from compplan.io.tables import Array
+
+#: Speed of a move whose feed is not stated, the fastest that is taken for true. [m/s]
+FASTEST = 20.0
+#: A move that is shorter leads nowhere. [m]
+NOWHERE = 1e-8
+#: Steps that smaller zones are written in. [m]
+STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class BlendZone:
+    """Hold the zone of a language's corners.
+
+    Args:
+        size: Distance from the corner. [m]
+        source: Where the figure is from, or "assumed".
+        share: Most of it as a share of the shorter neighbour.
+        overlap: Time whose way at the feed counts too, in half smoothing times of the controller: where one move slows
+            down while the next one speeds up.
+
+    """
+
+    size: float
+    source: str
+    share: float = 0.5
+    overlap: float = 0.0
+
+
+ZONES = {
+    "krl": BlendZone(1e-4, "$APO.CDIS of the program"),
+    "rapid": BlendZone(3e-4, "z0 of the RAPID reference manual"),
+    "urscript": BlendZone(1e-4, "r of the program", share=0.4),
+    "val3": BlendZone(1e-4, "leave and reach of the program"),
+    "kawasaki_as": BlendZone(1e-4, "ACCURACY of the program"),
+    "fanuc_ls": BlendZone(0.0, "assumed of CNT100: slowing down and speeding up overlap", overlap=1.0),
+    "inform": BlendZone(5e-4, "assumed of PL=1"),
+    "sinumerik": BlendZone(1e-4, "assumed of G642"),
+}
+#: Languages that stop exactly where their own zone leads too far.
+STOPPING = frozenset({"val3", "inform"})
+#: Zone of a language that is not listed, such as a post of one's own.
+OTHER = BlendZone(1e-4, "assumed")
+
+
+def widest_zone(languages: tuple[str, ...]) -> BlendZone:
+    """Return the zone of the language among some that leaves the path the most at a corner.
+
+    That of a language which is not listed stands in its own file (`ZONE`); where it does not, it is assumed.
+    """
+    from compplan.controllers.writers import WRITERS  # its files read this one
+
+    zones = (ZONES.get(name) or getattr(WRITERS.get(name), "ZONE", OTHER) for name in languages)
+    return max(zones, key=lambda zone: (zone.size, zone.overlap))
+
+
+def mark_moves(program: Program) -> NDArray[np.bool_]:
+    """Tell the moves of a fitted program that lead somewhere, or stop; a controller reads past others. Shape (m,)."""
+    step = np.linalg.norm(np.diff(program.positions[:, :3, 3], axis=0), axis=1)
+    alone, stops = program.alone(linear=True), program.stops(linear=True)
+    return np.r_[True, step > NOWHERE] | alone | program.arcs | stops
+
+
+def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
+    """Return the zones of a fitted program at the ends of its moves as a language has them, and where they are smaller.
+
+    Args:
+        program: The program at the ends of its moves, with lines and arcs of the tool.
+        zone: The language's zone.
+
+    Returns:
+        Zones, 0 at exact stops, shape (m,) [m]; those that the program has to state because the language's own would
+        leave the path too far, infinite elsewhere, shape (m,) [m]; the language's own, shape (m,) [m].
+
+    """
+    kept = mark_moves(program)
+    position, via = program.positions[kept, :3, 3], program.via_positions[kept, :3, 3]
+    stops, alone = program.stops(linear=True)[kept], program.alone(linear=True)[kept]
+    feed = np.where(alone | (program.feed[kept] <= 0.0), FASTEST, 1e-3 * program.feed[kept])
+    chord = np.diff(position, axis=0, prepend=position[:1])
+    length = np.linalg.norm(chord, axis=1)
+    room = zone.share * np.minimum(length, np.r_[length[1:], 0.0])
+    size = zone.size + zone.overlap * 0.5 * program.smoothing * np.minimum(feed, np.r_[feed[1:], 0.0])
+    size = np.where(stops, 0.0, np.minimum(size, room))
+    row = np.cumsum(kept) - 1
+    if program.corner is None:
+        return size[row], np.full(len(row), np.inf), size[row]
+    leaves = chord / np.maximum(length, 1e-12)[:, None]
+    comes = leaves.copy()
+    for k in np.flatnonzero(np.isfinite(via[:, 0]) & ~alone & (np.arange(len(via)) > 0)).tolist():
+        circle = find_circle(position[k - 1], via[k], position[k])
+        if circle is not None:
+            centre, _, leaves[k], normal = circle
+            reach = np.cross(normal, position[k] - centre)
+            comes[k] = reach / max(float(np.linalg.norm(reach)), 1e-12)
+    for k in np.flatnonzero(program.curves[kept]).tolist():
+        assert program.bend is not None
+        slopes = program.bend[kept][k]
+        leaves[k], comes[k] = slopes / np.maximum(np.linalg.norm(slopes, axis=1), 1e-12)[:, None]
+    turn = np.linalg.norm(np.r_[leaves[1:], comes[-1:]] - comes, axis=1)
+    most = 4.0 * program.corner[kept] / (np.maximum(program.blend_share, 1e-3) * np.maximum(turn, 1e-12))
+    stated = np.where(size > most, np.maximum(np.floor(most / STEP), 1.0) * STEP, np.inf)
+    return np.minimum(size, stated)[row], stated[row], size[row]
+
+
+def stop_at_corners(program: Program, language: str) -> Program:
+    """Return a fitted program that stops exactly where a language without smaller zones would leave the path too far.
+
+    Args:
+        program: The program at the ends of its moves.
+        language: Name of the language.
+
+    """
+    stated = np.isfinite(find_zones(program, ZONES[language])[1])
+    if not stated.any():
+        return program
+    return replace(program, exact=stated if program.exact is None else program.exact | stated)
+
+
+def mark_corner_stops(program: Program, languages: Sequence[str]) -> NDArray[np.bool_]:
+    """Tell at which rows of a program, not yet fitted, `stop_at_corners` stops in any of some languages. Shape (n,)."""
+    may = np.zeros(len(program), bool)
+    for language in STOPPING & {*languages} if program.form != "joint" else ():
+        fitted = fit_moves(program, arcs=language == "val3")
+        may[fitted.rows[np.isfinite(find_zones(fitted.program, ZONES[language])[1])]] = True
+    return may

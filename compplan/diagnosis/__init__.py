@@ -1,0 +1,20 @@
+"""Diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it shrinks.
+
+    diagnosis = diagnose_campaign(robot, campaign, register=("base", "tool"))
+    diagnosis.verdict.status, diagnosis.verdict.findings     what is named, how probable, ambiguous with what
+    diagnosis.gap                                            before, after, held out, noise floor
+    diagnosis.updated                                        the updated robot
+    diagnosis.fit                                            everything else: linearization `at`, ledger, models
+
+The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models. Five
+rooms, each of which reads those before it: `data` (residuals and their noise) -> `ledger` (inner products, evidence)
+-> `search` (rounds of exact models) -> `doubt` (what speaks against a claim) -> `answer` (verdict, folder, where, what
+next). Each room's own docstring says what comes in, what goes out and by which equation;
+docs/concepts/diagnosis_numbers.md lists every number with its reason.
+"""
+
+from compplan.diagnosis.answer.result import Candidate, Diagnosis, Gap
+from compplan.diagnosis.answer.verdict import Finding, Structure, Verdict
+from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
+
+__all__ = ["Candidate", "Diagnosis", "Finding", "Gap", "Structure", "Verdict", "diagnose_campaign"]

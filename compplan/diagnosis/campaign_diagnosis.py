@@ -1,0 +1,205 @@
+"""Diagnose a campaign: conventions, registration, fit, verdict, held-out gap, updated robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.diagnosis.answer.delivery import deliver_folders
+from compplan.diagnosis.answer.result import Candidate, Diagnosis, Gap
+from compplan.diagnosis.answer.verdict import MOST_MARGIN, Finding, Verdict, judge_calibration, reach_verdict
+from compplan.diagnosis.data.agreed import LISTED
+from compplan.diagnosis.data.channels import position_residual
+from compplan.diagnosis.data.conventions import find_conventions
+from compplan.diagnosis.doubt.certainty import MOST_SURE
+from compplan.diagnosis.doubt.doubt import Doubt, raise_doubt
+from compplan.diagnosis.doubt.held_out import Folds, make_folds
+from compplan.diagnosis.search.fit import fit_effects
+from compplan.diagnosis.search.polish import polish_fit
+from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
+from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
+from compplan.effects import Effect, attain_scene, robot_effects
+from compplan.effects.linearization import AXES, Place
+from compplan.effects.scene import Scene
+from compplan.errors import InputError
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.pooling import pool_rows
+from compplan.measurement.registration import Registration, fitted_parts, stated_registration
+from compplan.robot import Array, Robot
+
+#: Fewest rows that a campaign needs (theory: twice the values of the frames of base and tool, three to a row).
+FEWEST_ROWS = 2 * len(AXES)
+#: Poses left out are farther off than all by this where some of them alone fix a frame (assumed: what frames take of
+#: few numbers makes less than two).
+OPEN_FRAMES = 5.0
+
+
+def diagnose_campaign(
+    robot: Robot, campaign: Campaign, *, register: Sequence[str] = (), without: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda text: None,
+) -> Diagnosis:  # fmt: skip
+    """Find which effects make the gap between a robot model and a measured campaign.
+
+    Args:
+        robot: The nominal robot; effects of its effects.toml count as known.
+        campaign: What was measured; rows of a pose are pooled where there are very many.
+        register: Frames that no model can know, of "base" and "tool"; they are fitted in every model.
+        without: Effects to leave out of the candidates.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: If the campaign has too few rows.
+    """
+    if campaign.usable.sum() < FEWEST_ROWS:
+        raise InputError(
+            f"{int(campaign.usable.sum())} usable rows, expected at least {FEWEST_ROWS}", file=campaign.file
+        )
+    campaign = pool_rows(campaign)
+    parts = fitted_parts(campaign, register)
+    known = robot_effects(robot)
+    progress("conventions")
+    conventions = () if "joint_coupling" in without else find_conventions(robot, campaign, parts)
+    problem = Problem(robot, campaign, parts, tuple(without), (*known, *conventions))
+    registration, nominal = _register(replace(problem, fixed=known), campaign)
+    started = _register(problem, campaign)[0] if conventions else registration
+    fit = polish_fit(fit_effects(problem, started, progress))
+    progress("verdict")
+    doubt = raise_doubt(fit, progress)
+    verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
+    return _conclude(fit, doubt, verdict, nominal, started, len(known), progress)
+
+
+def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, Scene]:
+    """Fit the registration of the nominal robot."""
+    state = FitState(problem.fixed, {}, None, campaign.usable)
+    scene, attained = attain_state(problem, state)
+    if not problem.register:
+        stated = stated_registration(campaign)
+        return stated, replace(scene, registration=stated)
+    registration = fit_registration(campaign, attained.position, attained.rotation, problem.register)
+    return registration, replace(scene, registration=registration)
+
+
+def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict:
+    """Put conventions that were found beforehand first among the findings."""
+    beforehand = problem.fixed[known:]
+    found = tuple(Finding(e, MOST_SURE, float("inf"), MOST_MARGIN, (), 1.0, -1) for e in beforehand)
+    if not found:
+        return verdict
+    status = {"none": "explained", "unknown": "partly_explained"}.get(verdict.status, verdict.status)
+    return replace(verdict, findings=(*found, *verdict.findings), status=status)
+
+
+def _conclude(
+    fit: Fit, doubt: Doubt, verdict: Verdict, nominal: Scene, registration: Registration | None, known: int,
+    progress: Callable[[str], None],
+) -> Diagnosis:  # fmt: skip
+    """Hold out, choose the updated robot, and collect the record."""
+    problem, campaign = fit.problem, fit.problem.campaign
+    progress("held out")
+    folds = Folds(fit, make_folds(campaign))
+    before = position_residual(campaign, nominal, attain_scene(nominal))
+    plain = folds.hold_out([], background=False)
+    if not problem.register:
+        plain = replace(plain, residual=before[plain.rows])
+    good = campaign.usable.copy()
+    good[fit.outliers] = False
+    refuse_open_frames(_rms(before[good]), plain.of(good[plain.rows]).rms, campaign)
+    state = FitState(problem.fixed, {}, registration, fit.state.use)
+    deliveries = deliver_folders(folds, verdict, plain, state, good)
+    first = deliveries[0]
+    seen = good[plain.rows]
+    if first.lawful is not None:
+        verdict = judge_calibration(verdict, plain.of(seen).rms, first.lawful.of(seen).rms)
+    ranked = rank_candidates(fit, verdict, folds)
+    taken = {f.effect.place for f in verdict.findings}
+    gap = Gap(
+        before=_rms(before[good]),
+        after=_rms(first.residual[good]),
+        held_out_before=_rms(plain.residual[seen]),
+        held_out_after=_rms(first.held.residual[seen]),
+        noise_floor=verdict.structure.floor,
+        registration_only=_rms(plain.residual[seen]),
+        generic=_rms(folds.hold_out([]).residual[seen]),
+        wrong=min((c.held_out for c in ranked if c.place not in taken), default=plain.rms),
+    )
+    return Diagnosis(
+        robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
+        doubt=doubt, verdict=_with_sizes(verdict, first.state), gap=gap, candidates=ranked, residual_before=before,
+        residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
+        deliveries=deliveries, noise=fit.noises["position"].source,
+    )  # fmt: skip
+
+
+def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> None:
+    """Refuse rows that do not tell where instrument, target or contacts are: no folder could be judged by them.
+
+    Args:
+        inside: What the nominal robot leaves of all rows. [m]
+        left_out: What it leaves of poses left out, of which nothing but frames knows. [m]
+        campaign: The rows.
+
+    Raises:
+        InputError: If the poses left out are much farther off.
+    """
+    if left_out > OPEN_FRAMES * inside:
+        raise InputError(
+            f"the rows do not fix where instrument, target and contacts are: the robot as it is leaves"
+            f" {1e3 * inside:.3g} mm on all of them and {1e3 * left_out:.3g} mm on poses left out; measure more poses,"
+            " and more at each contact",
+            file=campaign.file,
+        )
+
+
+def _with_sizes(verdict: Verdict, state: FitState) -> Verdict:
+    """Give the findings the parameters that the delivered robot holds."""
+
+    def event(effect: Effect) -> tuple[object, ...]:
+        return *effect.place, effect.parameters.get("row")
+
+    held = {event(effect): effect for effect in reversed(state.effects)}
+
+    def sized(finding: Finding) -> Finding:
+        return replace(finding, effect=held.get(event(finding.effect), finding.effect))
+
+    return replace(verdict, findings=tuple(sized(f) for f in verdict.findings))
+
+
+def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:
+    """Rank effects: named ones, then their rivals and what else explains the gap on its own."""
+    search, ledger = fit.search, fit.search.ledger
+    hyper = fit.model.posterior.hyper
+    probability: dict[Place, float] = {}
+    chosen: dict[Place, Claim] = {}
+    beforehand = {finding.effect.place for finding in verdict.findings if finding.signature < 0}
+    for finding in (*verdict.findings, *verdict.doubtful):
+        if finding.signature < 0:
+            continue
+        probability[finding.effect.place] = finding.probability
+        chosen[finding.effect.place] = Claim(finding.signature, finding.size)
+        for rival in finding.rivals[:TRIED]:
+            left = 1.0 - finding.probability
+            probability.setdefault(rival.place, 0.5 * finding.probability if rival.alike else 0.5 * left * rival.share)
+    alone = search.model([], hyper, fit=False)
+    gains = search.gains(alone)
+    for gain in gains:
+        place = ledger.signatures[gain.signature].place
+        if place in probability and place not in chosen:
+            chosen[place] = Claim(gain.signature, gain.size)
+    for gain in distinct_places(search, gains, LISTED):
+        place = ledger.signatures[gain.signature].place
+        if place not in beforehand:
+            chosen.setdefault(place, Claim(gain.signature, gain.size))
+            probability.setdefault(place, 0.0)
+    candidates = []
+    for place, claim in list(chosen.items())[: 2 * LISTED]:
+        held = folds.hold_out_linear([claim])
+        candidates.append(Candidate(place, held.rms, probability[place]))
+    return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), c.held_out)))
+
+
+def _rms(residual: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))) if len(residual) else 0.0

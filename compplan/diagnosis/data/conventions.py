@@ -1,0 +1,187 @@
+"""Conventions: ways of counting joints that put a robot centimetres off, found before anything is fitted.
+
+A coupling left out, a joint counted backwards or from another zero is no small error: it is named, not fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.controllers.writers.counting import load_controller
+from compplan.diagnosis.data.agreed import ROUNDING, SAMPLE, STEPS
+from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.registration import stated_registration
+from compplan.robot import Array, Robot, load_robot
+
+#: A gap of this size calls for a wrong convention (assumed). [m]
+SUSPICIOUS = 5e-3
+#: What explains a gap leaves less than this share of it (assumed: a third is never a matter of taste).
+CONVINCING = 0.3
+#: Share of the rows that lies within what is called the gap (assumed: a wrong coupling shows in the sweep of one joint
+#: of seven alone, and one row in ten may be gross).
+WITHIN = 0.9
+#: Longest step of the search for a ratio or a zero (assumed). [-, or rad]
+LONGEST_STEP = 0.3
+#: Shipped robots whose controllers count otherwise than their URDFs: joint 3 against the horizontal, axes backwards.
+BRANDS = ("fanuc_m10ia", "kuka_kr240", "kuka_kr270")
+
+
+def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> tuple[Effect, ...]:
+    """Find conventions of counting without which the campaign is far off.
+
+    Args:
+        robot: The nominal robot.
+        campaign: What was measured.
+        register: Frames that are fitted to each hypothesis.
+    """
+    rows = np.flatnonzero(campaign.usable & campaign.measured)
+    if not len(rows):
+        return ()
+    part = campaign.take(rows[:: max(1, len(rows) // SAMPLE)])
+    part = replace(part, link=None, motor=None, sights=None)
+    found: list[Effect] = []
+    gap = typical_gap(robot, part, register, found)
+    while gap > SUSPICIOUS:
+        trials = [
+            (typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot))
+        ]
+        best = min(trials, key=lambda t: (t[0], t[1]))
+        if best[0] > CONVINCING * gap:
+            several = [(typical_gap(robot, part, register, [*found, *e]), n, e)
+                       for n, (_, e) in enumerate(list_countings(robot))]  # fmt: skip
+            together = min(several, key=lambda t: (t[0], t[1]), default=(np.inf, 0, ()))
+            if together[0] <= CONVINCING * gap:
+                found += together[2]
+                gap = together[0]
+                continue
+            sized = [size_convention(robot, part, register, found, e) for e in sizeless(robot)]
+            best = min(((g, n, e) for n, (g, e) in enumerate(sized)), key=lambda t: (t[0], t[1]))
+        if best[0] > CONVINCING * gap:
+            break
+        found.append(best[2])
+        gap = best[0]
+    return tuple(found)
+
+
+def typical_gap(
+    robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect], within: float = WITHIN
+) -> float:
+    """Return the distance between measured and expected that a share of the rows keep, frames fitted if asked. [m]"""
+    distance: Array = np.linalg.norm(campaign.position - expect_targets(robot, campaign, register, effects), axis=1)
+    return float(np.quantile(distance, within))
+
+
+def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> Array:
+    """Return where the targets should be measured, frames fitted where asked. Shape (n, 3). [m]"""
+    stated = None if register else stated_registration(campaign)
+    attained = attain_scene(apply_effects(stage_scene(robot, campaign, registration=stated), effects))
+    position = attained.position
+    if register:
+        registration = fit_registration(campaign, attained.position, attained.rotation, register)
+        tool = registration.tool[campaign.target_index]
+        position = position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
+        position = position @ registration.base[:3, :3].T + registration.base[:3, 3]
+    return np.asarray(position)
+
+
+def size_convention(
+    robot: Robot, campaign: Campaign, register: tuple[str, ...], found: list[Effect], effect: Effect
+) -> tuple[float, Effect]:  # fmt: skip
+    """Find the ratio or zero of a convention by damped Gauss-Newton steps. Returns the typical gap [m] and the effect.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The rows that are compared.
+        register: Frames that are fitted to each hypothesis.
+        found: Conventions that were found before.
+        effect: The convention; its ratio or zero is the unknown.
+    """
+    key = "ratio" if "ratio" in effect.parameters else "zero_rad"
+    best, size = (np.inf, effect), 0.0
+    for _ in range(STEPS):
+        here = replace(effect, parameters={**effect.parameters, key: size})
+        there = replace(effect, parameters={**effect.parameters, key: size + ROUNDING})
+        expected = expect_targets(robot, campaign, register, [*found, here])
+        slope = (expect_targets(robot, campaign, register, [*found, there]) - expected) / ROUNDING
+        left = campaign.position - expected
+        gap = np.linalg.norm(left, axis=1)
+        best = min(best, (float(np.quantile(gap, WITHIN)), here), key=lambda b: b[0])
+        weight = 1.0 / np.maximum(gap, float(np.median(gap)))
+        step = float(np.sum(weight[:, None] * slope * left) / max(np.sum(weight[:, None] * slope**2), 1e-300))
+        if abs(step) < ROUNDING:
+            break
+        size += float(np.clip(step, -LONGEST_STEP, LONGEST_STEP))
+    return best
+
+
+def sizeless(robot: Robot) -> Iterator[Effect]:
+    """List couplings and shifted zeros whose size is unknown."""
+    joints = robot.actuated
+    for index, joint in enumerate(joints):
+        for other in (index - 1, index + 1, index - 2, index + 2):
+            if 0 <= other < len(joints) and joints[other].kind == joint.kind:
+                yield Effect("joint_coupling", joint.name, None, {"other": joints[other].name, "ratio": 0.0})
+        if joint.kind == "revolute":
+            yield Effect("joint_coupling", joint.name, None, {"zero_rad": 0.0})
+
+
+def hypotheses(robot: Robot) -> Iterator[Effect]:
+    """List couplings with the joint before, joints counted backwards, and zeros shifted by a quarter or half turn."""
+    joints = robot.actuated
+    for index, joint in enumerate(joints):
+        for other in (index - 1, index + 1, index - 2, index + 2):
+            if 0 <= other < len(joints) and joints[other].kind == joint.kind:
+                for ratio in (-1.0, 1.0):
+                    yield Effect("joint_coupling", joint.name, None, {"other": joints[other].name, "ratio": ratio})
+        if joint.kind == "revolute":
+            yield Effect("joint_coupling", joint.name, None, {"reversed": True})
+            for zero in np.pi * np.array([0.5, -0.5, 1.0]):
+                yield Effect("joint_coupling", joint.name, None, {"zero_rad": float(zero)})
+                yield Effect("joint_coupling", joint.name, None, {"reversed": True, "zero_rad": float(zero)})
+
+
+def list_countings(robot: Robot) -> list[tuple[str, tuple[Effect, ...]]]:
+    """List controllers that count otherwise than a URDF does, and the conventions that undo each.
+
+    The robot folder's own controller, and those of shipped robots of as many joints. With c the controller's joints and
+    q the URDF's, c = M q + z: q = M^-1 c - M^-1 z.
+    """
+    own = [robot] if robot.folder is not None and (robot.folder / "controller.toml").is_file() else []
+    shipped = [load_robot(name) for name in BRANDS]
+    found: dict[str, tuple[str, tuple[Effect, ...]]] = {}
+    for one in (*own, *(s for s in shipped if s.nq == robot.nq and not robot.prismatic.any())):
+        counting = load_controller(one)
+        inverse = np.linalg.inv(counting.matrix)
+        shift = -np.radians(inverse @ counting.zero)
+        effects: list[Effect] = []
+        for index, joint in enumerate(robot.actuated):
+            table: dict[str, object] = {"reversed": True} if inverse[index, index] < 0 else {}
+            table |= {"zero_rad": float(shift[index])} if abs(shift[index]) > ROUNDING else {}
+            if table:
+                effects.append(Effect("joint_coupling", joint.name, None, table))
+            for other in np.flatnonzero(np.abs(inverse[index]) > ROUNDING):
+                if other != index:
+                    ratio = {"other": robot.joint_names[other], "ratio": float(inverse[index, other])}
+                    effects.append(Effect("joint_coupling", joint.name, None, ratio))
+        if effects:
+            found.setdefault(repr(effects), (counting.name, tuple(effects)))
+    return list(found.values())
+
+
+def name_counting(robot: Robot, effects: Sequence[Effect]) -> str:
+    """Name the controller that counts as conventions say, in either direction of a coupled axis; "" for none."""
+    told = {_say(effect) for effect in effects if effect.name == "joint_coupling"}
+    if not told:
+        return ""
+    return next((name for name, own in list_countings(robot) if {_say(effect) for effect in own} == told), "")
+
+
+def _say(effect: Effect) -> str:
+    """Write a convention without the direction of a coupling, which is the URDF's own matter."""
+    table = {key: abs(value) if key == "ratio" else value for key, value in effect.parameters.items()}
+    return repr((effect.joint, sorted((k, round(v, 6) if isinstance(v, float) else v) for k, v in table.items())))

@@ -1,0 +1,242 @@
+"""Noise: what a perfect model of the robot would leave, from everything that a campaign and its robot folder tell.
+
+A row of a stay differs from its neighbours by the instrument; a stay differs from the next one at the same pose by what
+the robot does not repeat. With instrument variance v and repeatability variance r, per axis,
+
+    rows of one stay          scatter by v              (same visit, row after row)
+    means of n rows of stays  scatter by r + v / n      (the same pose met again anywhere in the campaign)
+    a campaign of single rows scatters by v + r
+
+Each variance rests on degrees of freedom, those of a sum on Welch and Satterthwaite's formula
+(v + r)^2 / (v^2 / a + r^2 / b) [Satterthwaite1946]. The evidence holds the noise to its estimate by the chi-square
+likelihood of those degrees of freedom, so that it can take no gap that repeats say is none of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, comb, gammaincinv
+
+from compplan.diagnosis.data.agreed import ENOUGH_ROWS, LEVEL, ROUNDING
+from compplan.diagnosis.data.outliers import OUTLYING
+from compplan.measurement.campaign import FORCE_NOISE, Campaign
+from compplan.measurement.pooling import LIKE_LOAD
+from compplan.robot import Array
+
+#: Instrument variances of two sources disagree where they differ by more than this factor (assumed).
+DISAGREE = 1.8
+#: Standard deviations per axis where nothing tells them (assumed: a laser tracker at some metres). [m, rad, rad]
+ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
+#: Repeatability per axis where nothing tells it (assumed: 30 to 120 um stated by makers are three standard deviations
+#: of a distance).
+ASSUMED_REPEATABILITY = 2e-5
+#: Degrees of freedom of what is stated (assumed: good to a tenth), of a stated repeatability (to a sixth), and of what
+#: is assumed (to a factor of two).
+STATED, STATED_REPEATABILITY, ASSUMED = 60.0, 20.0, 4.0
+#: Poses that come back worse than the instrument reads by this factor have play, drift or creep, which are causes
+#: (assumed: 15 to 40 um of robots beside 15 to 40 um of trackers).
+REPEATS_LIKE = 1.5
+#: No noise is known better than this many degrees of freedom tell (assumed: instruments differ by 7 % over a room).
+MOST_WITNESSES = 200.0
+#: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
+SINGLE_ROWS = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Standard deviation of a channel per axis, and how well it is known.
+
+    Attributes:
+        sigma: Standard deviation of a row about what its stay has in common, mean square over the rows. [m or rad]
+        witnesses: Degrees of freedom that it rests on.
+        source: What told it.
+        stay: Standard deviation of what a stay has in common: the robot's repeatability. Zero where stays are single
+            rows, whose `sigma` holds it. [m or rad]
+        spread: Standard deviation of each row over `sigma`; empty where all rows are alike. Shape (n,) or (0,).
+    """
+
+    sigma: float
+    witnesses: float
+    source: str
+    stay: float = 0.0
+    spread: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def leeway(self) -> float:
+        """Factor by which the variance may exceed its estimate before chance no longer explains it."""
+        # the chi-square quantile of so many witnesses
+        least = 2.0 * gammaincinv(0.5 * self.witnesses, 0.5 * (1.0 - LEVEL))
+        return float(self.witnesses / least) if self.witnesses > 0 else np.inf
+
+    @property
+    def known(self) -> bool:
+        """Tell whether anything but an assumption tells the noise."""
+        return self.source != "assumed"
+
+    def spread_of(self, rows: NDArray[np.int_]) -> Array:
+        """Return the standard deviation of some rows over `sigma`. Shape (rows,)."""
+        return self.spread[rows] if len(self.spread) else np.ones(len(rows))
+
+
+def estimate_noise(
+    campaign: Campaign, gap: Array, stated: Array | None, name: str, repeatability: float | None = None
+) -> Noise:
+    """Estimate the noise of a channel.
+
+    Args:
+        campaign: The campaign.
+        gap: Measured minus expected, NaN where it does not count. Shape (n, c). [m or rad]
+        stated: Standard deviation that the log states row by row, or None. Shape (n,). [m or rad]
+        name: Name of the channel.
+        repeatability: What the robot folder states, per axis, or None. [m]
+    """
+    spread = _stated_spread(stated, len(campaign))
+    instrument = _instrument(campaign, gap / spread[:, None], stated, name)
+    variance, witnesses, source = instrument
+    seen = np.isfinite(gap).all(1) & ~campaign.on_path
+    rows_a_stay = seen.sum() / max(len(np.unique(campaign.stay[seen])), 1)
+    single = bool(seen.any()) and rows_a_stay < SINGLE_ROWS
+    again, count, share = _revisit_scatter(campaign, gap / spread[:, None])
+    plain = spread if np.ptp(spread) > ROUNDING else np.zeros(0)
+    if name != "position":
+        return Noise(float(np.sqrt(variance)), witnesses, source, 0.0, plain)
+    if not witnesses and count:
+        # nothing but poses met again: they tell the sum of both
+        return Noise(float(np.sqrt(again)), min(count, MOST_WITNESSES), "poses met again", 0.0, plain)
+    variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
+    witnesses = witnesses or ASSUMED
+    # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
+    single_row = max(variance, campaign.scatter**2)
+    robot, freedom, told = _repeatability(again - share * variance, count, repeatability, single_row)
+    source = " and ".join(label for label in (source, told) if label)
+    if not single:
+        return Noise(float(np.sqrt(variance)), witnesses, source, float(np.sqrt(robot)) if told else 0.0, plain)
+    total = spread**2 * variance + robot
+    mean = float(np.mean(total))
+    freedom = mean**2 / (variance**2 / witnesses + robot**2 / freedom)
+    spread = np.sqrt(total / mean)
+    return Noise(
+        float(np.sqrt(mean)), min(freedom, MOST_WITNESSES), source, 0.0,
+        spread if np.ptp(spread) > ROUNDING else np.zeros(0),
+    )  # fmt: skip
+
+
+def _stated_spread(stated: Array | None, n: int) -> Array:
+    """Return the stated standard deviation of each row over its root mean square. Shape (n,)."""
+    if stated is None or not (np.isfinite(stated) & (stated > 0)).any():
+        return np.ones(n)
+    known = np.isfinite(stated) & (stated > 0)
+    mean = float(np.sqrt(np.mean(stated[known] ** 2)))
+    return np.where(known, np.where(known, stated, mean) / mean, 1.0)
+
+
+def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str) -> tuple[float, float, str]:
+    """Pool what repeats, paths and a stated sigma tell, as far as they agree: variance, degrees of freedom, source."""
+    told: list[tuple[str, float, float]] = []
+    squares, count = _repeat_scatter(campaign, gap)
+    if count > 0 and squares > 0:
+        told.append(("repeats", squares / count, count))
+    rough, rough_count = _path_roughness(campaign, gap)
+    if rough > 0:
+        told.append(("path", rough, min(rough_count, MOST_WITNESSES)))
+    if stated is not None and (np.isfinite(stated) & (stated > 0)).any():
+        told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), STATED))
+    if not told:
+        return ASSUMED_SIGMA[name] ** 2, 0.0 if name == "position" else ASSUMED, "assumed"
+    # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
+    # count
+    firm = [variance for _, variance, weight in told if weight >= ENOUGH_ROWS] or [told[0][1]]
+    told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < ENOUGH_ROWS]
+    weight = sum(w for _, _, w in told)
+    variance = sum(v * w for _, v, w in told) / weight
+    return float(variance), float(min(weight, MOST_WITNESSES)), " and ".join(label for label, _, _ in told)
+
+
+def _repeatability(
+    excess: float, count: float, stated: float | None, instrument: float
+) -> tuple[float, float, str]:  # fmt: skip
+    """Return the variance of the robot's repeatability, its degrees of freedom, and who told it ("" for nobody).
+
+    Args:
+        excess: Variance between stays at one pose beyond the instrument's. [m^2]
+        count: Degrees of freedom of it; 0 where no pose was met again.
+        stated: What the robot folder states, or None. [m]
+        instrument: Variance of the instrument. [m^2]
+    """
+    told = []
+    if stated is not None and stated > 0:
+        told.append(("stated repeatability", stated**2, STATED_REPEATABILITY))
+    if count:
+        scatter = min(max(excess, 0.0), REPEATS_LIKE**2 * instrument)
+        # poses that do not come back drift or have play: that is a cause, where the robot is said to repeat better
+        if not told or scatter + instrument < DISAGREE * (told[0][1] + instrument):
+            told.append(("poses met again", scatter, count))
+    if not told:
+        return ASSUMED_REPEATABILITY**2, ASSUMED, ""
+    weight = sum(w for _, _, w in told)
+    return sum(v * w for _, v, w in told) / weight, weight, " and ".join(label for label, _, _ in told)
+
+
+def _repeat_scatter(campaign: Campaign, gap: Array) -> tuple[float, float]:
+    """Return squares and degrees of freedom of rows repeated within a visit, outlying pairs left out."""
+    static = ~campaign.on_path & np.isfinite(gap).all(1)
+    rows = np.flatnonzero(static)
+    if len(rows) < 2:
+        return 0.0, 0.0
+    pairs = rows[:-1][(np.diff(campaign.visit[rows]) == 0) & (np.diff(rows) == 1)]
+    if not len(pairs):
+        return 0.0, 0.0
+    half = (gap[pairs + 1] - gap[pairs]) ** 2 / 2.0
+    keep = _no_gross_pairs(half.sum(1))
+    return float(half[keep].sum()), float(half[keep].size)
+
+
+def _revisit_scatter(campaign: Campaign, gap: Array) -> tuple[float, float, float]:
+    """Return variance between visits to one pose under one load, its degrees of freedom, and the mean of 1/rows.
+
+    Visits next to each other in time are compared, so that a slow drift does not count.
+    """
+    rows = np.flatnonzero(~campaign.on_path & np.isfinite(gap).all(1))
+    if len(rows) < 2:
+        return 0.0, 0.0, 1.0
+    _, first, index, size = np.unique(campaign.visit[rows], return_index=True, return_inverse=True, return_counts=True)
+    mean = np.stack([np.bincount(index, gap[rows, k]) / size for k in range(gap.shape[1])], axis=1)
+    at = rows[first]
+    load = np.round(campaign.wrench[at] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE)).astype(int)
+    key = np.column_stack([campaign.pose[at], campaign.target_index[at], load])
+    _, group = np.unique(key, axis=0, return_inverse=True)
+    order = np.argsort(group.reshape(-1), kind="stable")
+    pairs = np.flatnonzero(np.diff(group.reshape(-1)[order]) == 0)
+    a, b = order[pairs], order[pairs + 1]
+    apart = np.abs(at[a] - at[b]) > 0
+    a, b = a[apart], b[apart]
+    if not len(a):
+        return 0.0, 0.0, 1.0
+    half = (mean[a] - mean[b]) ** 2 / 2.0
+    keep = _no_gross_pairs(half.sum(1))
+    share = 0.5 * float(np.mean(1.0 / size[a][keep] + 1.0 / size[b][keep]))
+    return float(half[keep].mean()), float(half[keep].size), share
+
+
+def _no_gross_pairs(total: Array) -> NDArray[np.bool_]:
+    # so many medians of the squares of three normal numbers
+    return np.asarray(total <= OUTLYING**2 / chdtri(3, 0.5) * max(float(np.median(total)), 1e-30))
+
+
+def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
+    """Return variance and degrees of freedom from third differences along paths, robustly."""
+    pieces = []
+    for number in np.unique(campaign.run_index[campaign.on_path]):
+        rows = np.flatnonzero((campaign.run_index == number) & campaign.on_path)
+        values = gap[rows][np.isfinite(gap[rows]).all(1)]
+        if len(values) > ENOUGH_ROWS:
+            # the variance of a third difference is 1 + 9 + 9 + 1 times that of its values
+            pieces.append(np.diff(values, n=3, axis=0) / np.sqrt(comb(6, 3)))
+    if not pieces:
+        return 0.0, 0.0
+    rough = np.vstack(pieces)
+    # the median of the square of a normal number
+    return float(np.median(rough**2) / chdtri(1, 0.5)), rough.size / 3.0

@@ -1,0 +1,229 @@
+"""Fit: rounds of linearization, search and exact forward models, until nothing changes any more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
+from compplan.diagnosis.data.noise import Noise
+from compplan.diagnosis.data.outliers import find_gross_outliers, find_outliers
+from compplan.diagnosis.ledger.background import CLASSES, build_prior, log_priors
+from compplan.diagnosis.ledger.evidence import FIRST_STEPS, start_hyper
+from compplan.diagnosis.ledger.ledger import Ledger, build_ledger, extend_ledger
+from compplan.diagnosis.ledger.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
+from compplan.diagnosis.ledger.proposals import propose_shifts, propose_waves
+from compplan.diagnosis.search.descent import descend
+from compplan.diagnosis.search.restart import search_again_plainly
+from compplan.diagnosis.search.search import MOST_EFFECTS, SOFT, WORTHWHILE, Claim, Search, search_models
+from compplan.diagnosis.search.state import (
+    SETTLED,
+    Fit,
+    FitState,
+    Problem,
+    advance_state,
+    attain_state,
+    claims_of,
+    known_approach,
+    linearize_state,
+)
+from compplan.effects.linearization import Linearization
+from compplan.effects.scene import own_springs
+from compplan.effects.signature import Signature
+from compplan.measurement.registration import Registration
+
+#: Rounds of linearization and search at most (assumed: most campaigns settle in five).
+ROUNDS = 8
+#: The round whose residual tells the noise; scores are compared from the next one on (assumed: the first
+#: model has taken play and drift out of poses met again).
+NOISE_ROUND = 1
+
+
+def fit_effects(
+    problem: Problem, registration: Registration | None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Fit:  # fmt: skip
+    """Find the effects of a campaign and fit them exactly.
+
+    Args:
+        problem: What is to be diagnosed.
+        registration: Frames to begin with, or None.
+        progress: Told what is being done.
+    """
+    state = FitState(problem.fixed, {}, registration, problem.campaign.usable)
+    noises: dict[str, Noise] | None = None
+    proposals: list[Signature] = []
+    best: Fit | None = None
+    restarted, settled = False, False
+    for number in range(ROUNDS):
+        progress(f"round {number + 1}")
+        # what is small has to wait until the large ones are exact: twice as many effects each round
+        state = replace(state, most=min(2 ** (number + 1), MOST_EFFECTS))
+        # poses met again tell the noise once the first model has taken play and drift out of them
+        fit, proposals = _round(problem, state, noises if number > NOISE_ROUND else None, proposals, progress)
+        noises = fit.noises
+        step = descend(fit, advance_state(fit))
+        if step is None:
+            break
+        following, score = step
+        if best is None or number <= NOISE_ROUND or score > best.score:
+            best = replace(fit, state=following, base=fit.state, score=score)
+        settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
+        state = following
+        if settled and not restarted:
+            progress("a second start")
+            restarted, other = True, search_again_plainly(fit.search, fit.model, state.most)
+            settled = other is fit.model
+            state = replace(state, claims=claims_of(replace(fit, model=other)))
+        if settled:
+            break
+    if best is None:
+        # the exact model cannot bear the least step: the campaign stays as it is
+        best = replace(fit, model=fit.search.model([], fit.search.start), base=fit.state)
+    elif not settled:
+        best = _fit_jointly(best, progress)
+    return _finish(best, best.state)
+
+
+def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
+    """Fit all that is kept once more together, noise and small errors too, as long as the exact model gains by it."""
+    for _ in range(ROUNDS):
+        progress("all together")
+        old = proposed_signatures(fit.search.ledger.signatures)
+        again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
+        step = descend(again, advance_state(again))
+        if step is None or step[1] < fit.score + WORTHWHILE:
+            break
+        fit = replace(again, state=step[0], base=again.state, score=step[1])
+    return fit
+
+
+def _round(
+    problem: Problem, state: FitState, noises: dict[str, Noise] | None, proposals: list[Signature],
+    progress: Callable[[str], None], *, hold: bool = False,
+) -> tuple[Fit, list[Signature]]:  # fmt: skip
+    """Linearize at a state, search, look for rows and periods in what is left, and search again; or hold all claims."""
+    at = linearize_state(problem, state)
+    if noises is None:
+        noises = estimate_noises(problem.campaign, at.attained, problem.robot.repeatability, state.registration)
+    residual = position_residual(problem.campaign, at.scene, at.attained)
+    if state.scatter > 0:
+        outliers = find_outliers(problem.campaign, residual, state.scatter, known_approach(problem.campaign, state))
+    else:
+        outliers = find_gross_outliers(problem.campaign, residual)
+    use = known_approach(problem.campaign, state)
+    use[outliers] = False
+    state = replace(state, use=use)
+    channels = build_channels(at.scene, at.attained, use, noises)
+    ledger = build_ledger(channels, _offer_all(problem, state, at, proposals), state.values)
+    fit = _search_ledger(problem, state, at, channels, ledger, noises, progress, hold=hold)
+    while not hold:
+        fresh = _propose(fit)
+        known = {key_of(s) for s in fit.search.ledger.signatures}
+        fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
+        if not fresh:
+            break
+        before = fit.model.score
+        fit = search_again(fit, fresh, progress)
+        claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
+        if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
+            break
+    return fit, proposed_signatures(fit.search.ledger.signatures)
+
+
+def _offer_all(
+    problem: Problem, state: FitState, at: Linearization, proposals: list[Signature]
+) -> list[Signature]:  # fmt: skip
+    """List what needs no search for rows or periods, and what claims hold of earlier proposals.
+
+    The law of a joint's deflection is bent or straight where the folder has one: of a rigid joint it is compliance.
+    """
+    own = own_springs(problem.robot)
+    sprung = {problem.robot.joint_names[index] for index, spring in own.items() if spring.compliance > 0.0}
+    fixed = [
+        s for s in offered_signatures(at, problem.register, problem.excluded)
+        if s.name != "stiffness_nonlinearity" or s.joint in sprung
+    ]  # fmt: skip
+    return fixed + offer_again(at, proposals, {key for key, _ in state.claims})
+
+
+def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
+    """Search with further signatures, from the claims there are, at the linearization of a fit.
+
+    Args:
+        fit: The fit.
+        fresh: Signatures that it has not seen.
+        progress: Told what is being done.
+    """
+    ledger = extend_ledger(fit.search.ledger, fresh)
+    held = replace(fit.state, claims=claims_of(fit))
+    return _search_ledger(fit.problem, held, fit.at, fit.channels, ledger, fit.noises, progress)
+
+
+def _search_ledger(
+    problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], ledger: Ledger,
+    noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
+) -> Fit:  # fmt: skip
+    signatures = ledger.signatures
+    free = [n for n, s in enumerate(signatures) if s.name == REGISTRATION]
+    prior = build_prior(ledger, free, problem.excluded)
+    candidates = [n for n in range(len(signatures)) if n not in free]
+    search = Search(
+        ledger, prior, log_priors(signatures), candidates, start_hyper(ledger, len(CLASSES)), progress=progress,
+        rigid=is_rigid(problem),
+    )
+    numbers = {key_of(s): n for n, s in enumerate(signatures)}
+    first = [Claim(numbers[key], size) for key, size in state.claims if key in numbers]
+    model = search.model(first, search.start, steps=FIRST_STEPS) if hold else search_models(search, first, state.most)
+    return Fit(problem, state, at, channels, search, model, noises, np.zeros(0, int))
+
+
+def is_rigid(problem: Problem) -> bool:
+    """Tell whether nothing bends in a campaign but what claims make soft: no spring in the robot, no load that changes.
+
+    Where loads change, small compliances everywhere are fitted as well, and bend.
+    """
+    robot = problem.robot
+    springs = any(spring.compliance > 0.0 for spring in robot.springs) or bool(robot.link_elasticities)
+    return not (springs or problem.campaign.load_varies or any(e.name in SOFT for e in problem.fixed))
+
+
+def _propose(fit: Fit) -> list[Signature]:
+    ledger, values = fit.search.ledger, fit.model.posterior.values(fit.search.ledger.p)
+    left = ledger.left(values)
+    waves: dict[int, set[int]] = {}
+    names = fit.at.robot.joint_names
+    for number, signature in enumerate(ledger.signatures):
+        columns = ledger.columns(number)
+        if signature.name == "transmission_error" and values[columns].any():
+            waves.setdefault(names.index(str(signature.joint)), set()).update(columns.tolist())
+    own = {
+        index: [design[..., sorted(columns)] @ values[sorted(columns)] for design in ledger.designs]
+        for index, columns in waves.items()
+    }
+    proposals = propose_shifts(fit.at, fit.channels, left)
+    return proposals + propose_waves(fit.at, fit.channels, left, own)
+
+
+def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
+    if {key for key, _ in old.claims} != {key for key, _ in new.claims}:
+        return False
+    names = fit.search.ledger.names
+    change = np.array([new.values.get(name, 0.0) - old.values.get(name, 0.0) for name in names])
+    change = change / fit.search.ledger.scale
+    used = np.flatnonzero(change)
+    steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.ledger.designs]
+    return max(steps, default=0.0) < SETTLED
+
+
+def _finish(fit: Fit, state: FitState) -> Fit:
+    """Keep the last search, and the state that its posterior leads to, with the outliers seen from there."""
+    campaign = fit.problem.campaign
+    scene, attained = attain_state(fit.problem, state)
+    residual = position_residual(campaign, scene, attained)
+    outliers = find_outliers(campaign, residual, state.scatter, known_approach(campaign, state))
+    rows = fit.channels[0].rows
+    exact = float(np.sqrt(np.mean(np.sum(residual[rows] ** 2, axis=1))))
+    return replace(fit, outliers=outliers, exact=exact)

@@ -1,0 +1,400 @@
+"""Search: the set of effects with the largest posterior, found by adding, exchanging and leaving out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.agreed import STEPS
+from compplan.diagnosis.ledger.evidence import (
+    FIRST_STEPS,
+    Hyper,
+    Posterior,
+    Prior,
+    excess_squares,
+    find_posterior,
+)
+from compplan.diagnosis.ledger.gains import SIZES, Gain, find_gains
+from compplan.diagnosis.ledger.ledger import Ledger
+from compplan.effects import gravity_sag
+from compplan.effects.linearization import Place
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+#: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against one
+#: (assumed).
+TRIED = 4
+#: A fit of noise and background anew gains a set of claims this much log posterior at most (assumed: more has not been
+#: seen).
+CLOSE = 12.0
+#: Effects of one campaign at most (assumed: several times what any robot has).
+MOST_EFFECTS = 24
+#: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
+#: within a factor of five). [decades]
+DECADES = 0.7
+#: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
+WORTHWHILE = 0.5
+#: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
+#: (assumed: twelve claims of this part at least would take all of it).
+MUCH, FAIR_PART = 0.3, 0.08
+#: Effects that show only in what bends, and those that make a rigid robot soft (own weight on its joints does, too).
+BENDING = ("payload", "gravity_compensator", "gravity_sag", "stiffness_nonlinearity", "wrench_bias", "wrench_scale")
+SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
+#: Effects that are curves over a joint's angle.
+CURVES = ("transmission_error", "gravity_compensator")
+#: Log prior odds against two of them at one joint (assumed).
+TWO_CURVES = 10.0
+#: Correlation from which on two claims are looked at together (assumed).
+ENTANGLED = 0.2
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A signature that is claimed, and at which of the sizes."""
+
+    signature: int
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A set of claims with its posterior.
+
+    Attributes:
+        claims: The claims.
+        posterior: What the campaign says under them.
+        score: Log evidence plus log prior of the set.
+    """
+
+    claims: tuple[Claim, ...]
+    posterior: Posterior
+    score: float
+
+    @property
+    def signatures(self) -> tuple[int, ...]:
+        """Numbers of the claimed signatures."""
+        return tuple(claim.signature for claim in self.claims)
+
+
+@dataclass(eq=False)
+class Search:
+    """A ledger with its prior, and the models that were looked at.
+
+    Attributes:
+        ledger: The products.
+        prior: Prior without claims.
+        log_prior: Log prior odds of each signature.
+        candidates: Signatures that may be claimed.
+        start: Noise and background to begin with.
+        rigid: Whether nothing bends but what claims make soft.
+    """
+
+    ledger: Ledger
+    prior: Prior
+    log_prior: Array
+    candidates: Sequence[int]
+    start: Hyper
+    cache: dict[frozenset[Claim], Model] = field(default_factory=dict)
+    progress: Callable[[str], None] = lambda text: None
+    rigid: bool = False
+
+    def without(self, claims: Sequence[Claim], *gone: Claim) -> list[Claim]:
+        """Return the claims that stand without some: on a rigid robot those go, too, that bend what these make soft."""
+        rest = [c for c in claims if c not in gone]
+        signatures = [self.ledger.signatures[c.signature] for c in rest]
+        if not self.rigid or any(is_soft(s) for s in signatures):
+            return rest
+        return [c for c, s in zip(rest, signatures, strict=True) if is_soft(s) or s.name not in BENDING]
+
+    def prior_of(self, claims: Sequence[Claim]) -> Prior:
+        """Return the prior with these claims."""
+        slab, background = self.prior.slab.copy(), self.prior.background.copy()
+        for claim in claims:
+            for columns in self.same_place[claim.signature]:
+                background[columns] = -1
+            slab[self.ledger.columns(claim.signature)] = claim.size**2
+        return replace(self.prior, background=background, slab=slab)
+
+    @cached_property
+    def same_place(self) -> list[list[NDArray[np.int_]]]:
+        """Background columns that a claim of each signature takes the place of."""
+        by_place: dict[Place, list[NDArray[np.int_]]] = {}
+        for number, signature in enumerate(self.ledger.signatures):
+            columns = self.ledger.columns(number)
+            columns = columns[self.prior.background[columns] >= 0]
+            if len(columns):
+                by_place.setdefault(signature.place, []).append(columns)
+        return [by_place.get(signature.place, []) for signature in self.ledger.signatures]
+
+    def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = STEPS) -> Model:
+        """Return the model of a set of claims, from memory if it was looked at before."""
+        key = frozenset(claims)
+        if fit and key in self.cache:
+            return self.cache[key]
+        posterior = self._bounded_posterior(claims, hyper, fit, steps)
+        score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
+        score -= TWO_CURVES * self._doubled_curves(claims)
+        if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
+            score = -np.inf
+        elif claims:
+            score -= self._coincidence(claims, posterior)
+        model = Model(tuple(claims), posterior, float(score))
+        if fit:
+            self.cache[key] = model
+        return model
+
+    def _bounded_posterior(self, claims: Sequence[Claim], hyper: Hyper, fit: bool, steps: int) -> Posterior:
+        """Return the posterior with parameters of which none can be negative at zero where they would be."""
+        prior = self.prior_of(claims)
+        posterior = find_posterior(self.ledger, prior, hyper, fit=fit, steps=steps)
+        several = [self.ledger.columns(c.signature) for c in claims if self._is_one_sided(c)]
+        while True:
+            values = posterior.values(self.ledger.p)
+            wrong = [column for columns in several for column in columns if values[column] < 0]
+            if not wrong:
+                break
+            slab = prior.slab.copy()
+            slab[wrong] = 0.0
+            prior = replace(prior, slab=slab)
+            posterior = find_posterior(self.ledger, prior, posterior.hyper, fit=False)
+        return posterior
+
+    def _is_one_sided(self, claim: Claim) -> bool:
+        signature = self.ledger.signatures[claim.signature]
+        return signature.positive and len(signature.keys) > 1
+
+    def _doubled_curves(self, claims: Sequence[Claim]) -> int:
+        """Count joints that two curves over the same angle are claimed of."""
+        joints = [s.joint for s in (self.ledger.signatures[c.signature] for c in claims) if s.name in CURVES]
+        return len(joints) - len(set(joints))
+
+    def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
+        """Tell whether a claim came out where its parameter cannot be: negative play, negative compliance."""
+        values = posterior.values(self.ledger.p)
+        for claim in claims:
+            signature, columns = self.ledger.signatures[claim.signature], self.ledger.columns(claim.signature)
+            sizes = values[columns] * signature.scale
+            if (signature.positive and (sizes < 0).any()) or (signature.least and (sizes < signature.least).any()):
+                return True
+        return False
+
+    def _coincidence(self, claims: Sequence[Claim], posterior: Posterior) -> float:
+        """Price claims that move the target further than the whole gap and cancel each other.
+
+        A normal prior of three components with the size of the gap: 3/2 (c^2 - 1) for a motion of c gaps, so that two
+        and a half are hardly, and ten not at all paid for by any evidence. Frames that are fitted in every model are
+        taken out of both.
+        """
+        values = posterior.values(self.ledger.p)
+        price = 0.0
+        for claim in claims:
+            columns = self.ledger.columns(claim.signature)
+            own = values[columns]
+            energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
+            if energy > self._framed[1]:
+                price += 3 * 0.5 * (energy / self._framed[1] - 1.0)
+        return price
+
+    @cached_property
+    def _framed(self) -> tuple[Array, float]:
+        """Products of the positions' columns with each other, and the gap's squares, registered frames taken out."""
+        total = self.ledger.channels[0].total
+        frames = np.flatnonzero(self.prior.free)
+        if not len(frames):
+            return total.gram, max(total.square, 1e-300)
+        block = total.gram[np.ix_(frames, frames)]
+        block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
+        solved = np.linalg.solve(block, np.column_stack([total.gram[frames], total.against[frames]]))
+        gram = total.gram - total.gram[:, frames] @ solved[:, :-1]
+        return gram, max(float(total.square - total.against[frames] @ solved[:, -1]), 1e-300)
+
+    def gains(self, model: Model) -> list[Gain]:
+        """Return what further claims would add, best first; prior odds included."""
+        taken = {self.ledger.signatures[number].event for number in model.signatures}
+        used = {int(column) for number in model.signatures for column in self.ledger.columns(number)}
+        free = [n for n, event, columns in self._placed if event not in taken and used.isdisjoint(columns)]
+        gains = find_gains(self.ledger, model.posterior, free)
+        # a gain is a mean over sizes, of which the best carries nearly all
+        odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))
+        of_size = {size: log_prior_size(size) for size in SIZES}
+        scored = [
+            Gain(g.signature, g.log_evidence + several + (odds[g.signature] + of_size[g.size]), g.size) for g in gains
+        ]
+        return sorted(scored, key=lambda g: -g.log_evidence)
+
+    @cached_property
+    def _placed(self) -> list[tuple[int, tuple[str | int | None, ...], list[int]]]:
+        """Number, event and columns of each candidate."""
+        return [(n, self.ledger.signatures[n].event, self.ledger.columns(n).tolist()) for n in self.candidates]
+
+
+def is_soft(signature: Signature) -> bool:
+    """Tell whether a form makes a rigid robot soft."""
+    return signature.name in SOFT or (signature.name == "gravity_sag" and signature.form == gravity_sag.JOINTS)
+
+
+def log_prior_size(size: float) -> float:
+    """Return the log probability of a size: log-normal about the scale of the effect."""
+    weights = np.exp(-0.5 * (np.log10(SIZES) / DECADES) ** 2)
+    return float(-0.5 * (np.log10(size) / DECADES) ** 2 - np.log(weights.sum()))
+
+
+def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_EFFECTS) -> Model:
+    """Find the best set of effects.
+
+    Rounds of forward steps, then exchanges and removals, until none is worthwhile.
+
+    Args:
+        search: What to search.
+        first: Claims to begin with.
+        most: Most effects to claim.
+    """
+    best = search.model(first, search.start, steps=FIRST_STEPS)
+    concerned = tuple(best.claims)
+    for _ in range(MOST_EFFECTS):
+        grown = best if len(best.claims) >= most else add_claim(search, best)
+        if grown is not best and not explains_enough(search, best, grown):
+            grown = best
+        concerned = (*concerned, *entangled(search, grown, [c for c in grown.claims if c not in best.claims]))
+        settled = _merge(search, _exchange(search, _remove(search, grown), concerned), concerned)
+        concerned = ()
+        search.progress(f"{len(settled.claims)} effects")
+        if settled.score < best.score + WORTHWHILE:
+            return best if best.score >= settled.score else settled
+        best = settled
+    return best
+
+
+def explains_enough(search: Search, old: Model, new: Model) -> bool:
+    """Tell whether a further claim takes a fair part of what is left beyond the noise.
+
+    Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small
+    part after the other would only imitate it. What the background of small errors has swallowed counts as left, too.
+    """
+    channels, background = search.ledger.channels, search.prior.background >= 0
+    much = MUCH * np.array([channel.total.count for channel in channels])
+
+    def measure(model: Model) -> tuple[Array, Array]:
+        posterior = model.posterior
+        plain = np.setdiff1d(posterior.columns, np.flatnonzero(background))
+        known = np.union1d(plain, search.ledger.join_columns(model.signatures))
+        return (
+            excess_squares(channels, posterior, posterior.columns),
+            excess_squares(channels, posterior, known),
+        )
+
+    before, after = measure(old), measure(new)
+    if (before[0] < much).all():
+        return True
+    # each channel by itself: an instrument that tells one quantity far more closely must not outvote the others
+    return any((b - a > FAIR_PART * np.maximum(b, much)).any() for b, a in zip(before, after, strict=True))
+
+
+def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
+    """Return the best gain of each place, of the first `count` places.
+
+    The form that is the place's background comes along: what the background has taken already gains little on paper.
+    """
+    seen: set[Place] = set()
+    result = []
+    for gain in gains:
+        place = search.ledger.signatures[gain.signature].place
+        inside = bool((search.prior.background[search.ledger.columns(gain.signature)] >= 0).all())
+        if place not in seen and len(seen) == count:
+            break
+        if place not in seen or inside:
+            seen.add(place)
+            result.append(gain)
+    return result
+
+
+def add_claim(search: Search, model: Model) -> Model:
+    """Return the model with the claim that gains most, noise and background fitted anew; or the model itself."""
+    best = model
+    gains = distinct_places(search, search.gains(model), TRIED)
+    for gain in gains:
+        if gain.log_evidence < -CLOSE:
+            break
+        tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
+        if tried.score > best.score:
+            best = tried
+    return best
+
+
+def _remove(search: Search, model: Model) -> Model:
+    while model.claims:
+        # what a claim carries beyond its own price and what a fit anew may gain is not tried for removal
+        price = {c: CLOSE - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
+        columns = search.ledger.columns
+        weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
+        smaller = [search.model(search.without(model.claims, claim), model.posterior.hyper) for claim in weak]
+        best = max(smaller, key=lambda m: m.score, default=model)
+        if best.score <= model.score:
+            return model
+        model = best
+    return model
+
+
+def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Claim]:
+    """Return fresh claims, and those whose parameters the campaign cannot fix apart from theirs."""
+    posterior = model.posterior
+    deviation = np.sqrt(np.maximum(np.diag(posterior.covariance), 1e-300))
+    places = {c: np.flatnonzero(np.isin(posterior.columns, search.ledger.columns(c.signature))) for c in model.claims}
+    result = list(fresh)
+    for claim in model.claims:
+        for other in fresh:
+            block = posterior.covariance[np.ix_(places[claim], places[other])]
+            together = np.abs(block) / np.outer(deviation[places[claim]], deviation[places[other]])
+            if claim not in result and together.max(initial=0.0) > ENTANGLED:
+                result.append(claim)
+    return result
+
+
+def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
+    """Try to replace claims by what explains the campaign best without them, other forms of themselves included."""
+    for claim in model.claims:
+        if claim not in model.claims or claim not in concerned:
+            continue
+        rest = search.without(model.claims, claim)
+        reduced = search.model(rest, model.posterior.hyper, fit=False)
+        gains = search.gains(reduced)
+        for gain in [*distinct_places(search, gains, TRIED), *forms_of(search, gains, claim)]:
+            same = gain.signature == claim.signature and gain.size == claim.size
+            if same or reduced.score + gain.log_evidence < model.score - CLOSE:
+                continue
+            tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
+            if tried.score > model.score + WORTHWHILE:
+                model = tried
+    return model
+
+
+def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
+    """Try to do without two claims that cancel each other, or with one that explains both."""
+    for first, second in combinations(model.claims, 2):
+        if first not in model.claims or second not in model.claims or not {first, second} & set(concerned):
+            continue
+        rest = search.without(model.claims, first, second)
+        reduced = search.model(rest, model.posterior.hyper, fit=False)
+        if reduced.score > model.score - CLOSE:
+            neither = search.model(rest, model.posterior.hyper)
+            if neither.score > model.score:
+                model = neither
+                continue
+        gain = search.gains(reduced)[0]
+        if reduced.score + gain.log_evidence < model.score - CLOSE:
+            continue
+        tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
+        if tried.score > model.score:
+            model = tried
+    return model
+
+
+def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
+    """Return the best forms of a claim's own place."""
+    place = search.ledger.signatures[claim.signature].place
+    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:TRIED]

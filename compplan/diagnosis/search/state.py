@@ -1,0 +1,252 @@
+"""State: what a fit stands at, and how its parameters enter the exact model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.channels import Channel
+from compplan.diagnosis.data.noise import Noise
+from compplan.diagnosis.ledger.background import CLASSES, in_background
+from compplan.diagnosis.ledger.evidence import Posterior, Prior, find_posterior
+from compplan.diagnosis.ledger.ledger import Ledger
+from compplan.diagnosis.ledger.offers import REGISTRATION, Key, key_of
+from compplan.diagnosis.search.search import MOST_EFFECTS, Model, Search
+from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects.linearization import Linearization, linearize_scene
+from compplan.effects.scene import Attained, Scene, observe_again
+from compplan.effects.signature import Signature
+from compplan.errors import ConvergenceError
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.registration import CONTACTS, Registration
+from compplan.robot import Array, Robot
+from compplan.robot.pose import apply_twist
+
+#: What moves no observation by more than this share of its noise has settled; classes of the background that move none
+#: are left out of the model (assumed: a hundredth of its variance).
+SETTLED = 0.1
+#: Single background errors that move the target by less than this share of the noise are left out as well
+#: (assumed).
+IDLE = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be diagnosed.
+
+    Attributes:
+        robot: The nominal robot.
+        campaign: What was measured.
+        register: Frames that are fitted in every model.
+        without: Effects that are left out of the candidates.
+        fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
+        latest: The effects that were solved last and what they came to: the same state is asked for again and again,
+            with other frames of the campaign at most.
+    """
+
+    robot: Robot
+    campaign: Campaign
+    register: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    fixed: tuple[Effect, ...] = ()
+    latest: list[tuple[tuple[Effect, ...], Scene, Attained]] = field(default_factory=list, init=False, repr=False)
+
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """Effects that are no candidates: those left out, and frames that are registered."""
+        registered = {"base": "base_frame", "tool": "tool_frame", CONTACTS: "base_frame"}
+        return (*self.without, *(registered[part] for part in self.register))
+
+
+@dataclass(frozen=True, eq=False)
+class FitState:
+    """Where a fit stands.
+
+    Attributes:
+        effects: Effects in the exact model, background included.
+        values: Parameters by column. [SI]
+        registration: Frames of the campaign, or None.
+        use: Rows that are not outliers and whose approach is known. Shape (n,).
+        claims: Place and form of the claims, and their sizes.
+        most: Most effects that may be claimed.
+        scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
+    """
+
+    effects: tuple[Effect, ...]
+    values: dict[str, float]
+    registration: Registration | None
+    use: NDArray[np.bool_]
+    claims: tuple[tuple[Key, float], ...] = ()
+    scatter: float = 0.0
+    most: int = MOST_EFFECTS
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A finished fit.
+
+    Attributes:
+        problem: What was diagnosed.
+        state: Effects, frames and rows.
+        at: Linearization at the fitted model.
+        channels: Observations minus what the fitted model expects.
+        search: The last search, with all the models it looked at.
+        model: The best of them.
+        noises: Noise of each channel.
+        outliers: Rows reported as outliers.
+        base: State that the linearization was taken at, where `state` has gone on.
+        exact: Root mean square distance that the exact model leaves on the rows used. [m]
+        score: Log posterior with the squares that the exact model leaves.
+    """
+
+    problem: Problem
+    state: FitState
+    at: Linearization
+    channels: tuple[Channel, ...]
+    search: Search
+    model: Model
+    noises: dict[str, Noise]
+    outliers: NDArray[np.int_]
+    base: FitState | None = None
+    exact: float = 0.0
+    score: float = -np.inf
+
+
+def known_approach(campaign: Campaign, state: FitState) -> NDArray[np.bool_]:
+    """Tell which rows a model can predict: all, or with play those whose approach is known. Shape (n,)."""
+    play = any(key[0] == "backlash" for key, _ in state.claims)
+    return ~campaign.first_visit if play else np.ones(len(campaign), bool)
+
+
+def stands(problem: Problem, state: FitState) -> bool:
+    """Tell whether the robot of a state finds its equilibrium at every row."""
+    try:
+        _, attained = attain_state(problem, state)
+    except ConvergenceError:
+        return False
+    return bool(np.isfinite(attained.position).all())
+
+
+def attain_state(problem: Problem, state: FitState) -> tuple[Scene, Attained]:
+    """Put the state's effects into a scene and solve it."""
+    for effects, scene, attained in problem.latest:
+        if effects is state.effects:
+            if scene.registration is not state.registration:
+                scene = replace(scene, registration=state.registration)
+                attained = observe_again(scene, attained)
+            return scene, attained
+    scene = stage_scene(problem.robot, problem.campaign, registration=state.registration)
+    scene = apply_effects(scene, state.effects)
+    attained = attain_scene(scene)
+    problem.latest[:] = [(state.effects, scene, attained)]
+    return scene, attained
+
+
+def linearize_state(problem: Problem, state: FitState) -> Linearization:
+    """Put the state's effects into a scene, solve it and linearize."""
+    scene, attained = attain_state(problem, state)
+    return linearize_scene(scene, attained, {effect.place: effect.parameters for effect in state.effects})
+
+
+def advance_state(fit: Fit, share: float = 1.0) -> FitState:
+    """Take the posterior mean into the exact model, or a share of the way to it from where the fit stands.
+
+    On the way what was claimed before and is no longer fades as everything else moves.
+    """
+    ledger = fit.search.ledger
+    prior, posterior = bend_forwards(ledger, fit.search.prior_of(fit.model.claims), fit.model.posterior)
+    here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
+    vector = here + share * (posterior.values(ledger.p) - here)
+    claimed = list(fit.model.signatures)
+    before = {key for key, _ in fit.state.claims} if share < 1.0 else set()
+    claimed += [n for n, s in enumerate(ledger.signatures) if n not in claimed and key_of(s) in before]
+    registration = fit.state.registration
+    values: dict[str, float] = {}
+    effects = list(fit.problem.fixed)
+    background = prior.background
+    quiet = _quiet_classes(ledger, background, vector)
+    order = [*claimed, *(n for n in range(len(ledger.signatures)) if n not in claimed)]
+    for number in order:
+        signature, columns = ledger.signatures[number], ledger.columns(number)
+        if signature.name == REGISTRATION:
+            registration = move_registration(registration, signature, vector[columns] * signature.scale)
+            continue
+        if number not in fit.model.signatures and any(ledger.names[column] in values for column in columns):
+            continue
+        if number not in claimed:
+            labels = background[columns]
+            if (labels < 0).any() or quiet[labels].any() or not in_background(signature):
+                continue
+            if idle(ledger, columns, vector):
+                continue
+        part = vector[columns].copy()
+        if signature.positive:
+            part = np.maximum(part, 0.0)
+        if part.any():
+            sizes = part * signature.scale
+            values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
+            effects.append(signature.effect(sizes))
+    first = posterior.hyper
+    scatter = fit.noises["position"].sigma * float(
+        np.exp(0.5 * first.log_noise[0]) * np.hypot(1.0, np.exp(first.log_shared[0]))
+    )
+    return FitState(tuple(effects), values, registration, fit.state.use, claims_of(fit), scatter)
+
+
+def idle(ledger: Ledger, columns: NDArray[np.int_], vector: Array) -> bool:
+    """Tell whether background errors move nothing here: they stay out of the model, as elsewhere they might."""
+    part = vector[columns]
+    return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < IDLE for design in ledger.designs)
+
+
+def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
+    """Tell which classes of the background hardly move anything. Shape (classes,)."""
+    quiet = np.ones(len(CLASSES), bool)
+    for label in range(len(CLASSES)):
+        columns = np.flatnonzero((background == label) & (vector != 0))
+        moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in ledger.designs]
+        quiet[label] = max(moves, default=0.0) < SETTLED
+    return quiet
+
+
+def bend_forwards(ledger: Ledger, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
+    """Take background errors that can only be positive out of a model where they come out negative.
+
+    Nothing bends against its load; left in, such errors would cancel others to first order and could not be built.
+    """
+    one_sided = np.zeros(ledger.p, bool)
+    for number, signature in enumerate(ledger.signatures):
+        if signature.positive and len(signature.scale) == 1:
+            one_sided[ledger.columns(number)] = True
+    while True:
+        wrong = one_sided & (prior.background >= 0) & (posterior.values(ledger.p) < 0)
+        if not wrong.any():
+            break
+        prior = replace(prior, background=np.where(wrong, -1, prior.background))
+        posterior = find_posterior(ledger, prior, posterior.hyper, fit=False)
+    return prior, posterior
+
+
+def move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:
+    """Turn and shift the frame that a signature of the registration stands for."""
+    if registration is None:
+        return None
+    what, _, label = signature.form.partition(" ")
+    if what == CONTACTS:
+        places = registration.places.copy()
+        places[int(label)] += step
+        return replace(registration, places=places)
+    move = apply_twist(step)
+    if signature.form == "base":
+        return replace(registration, base=registration.base @ move)
+    tools = registration.tool.copy()
+    number = int(label)
+    tools[number] = tools[number] @ move
+    return replace(registration, tool=tools)
+
+
+def claims_of(fit: Fit) -> tuple[tuple[Key, float], ...]:
+    """Return place, form and size of the claims of a fit."""
+    return tuple((key_of(fit.search.ledger.signatures[c.signature]), c.size) for c in fit.model.claims)

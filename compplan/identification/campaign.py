@@ -1,0 +1,243 @@
+"""Identify a robot from a measurement log: frames, geometry where it errs, compliances, and how far the gap shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.effects.asked import GEOMETRY
+from compplan.identification.estimate import Estimate
+from compplan.identification.gap import IdentifiedGap, measure_gap
+from compplan.identification.parameters import FreeRobot
+from compplan.identification.problem import (
+    IdentifyOptions,
+    IdentifyProblem,
+    check_options,
+    choose_geometry,
+    choose_reference,
+    held_out_score,
+    place_frames,
+    screen_outliers,
+)
+from compplan.identification.refine import GAIN_LIMIT, Refinement, refine_structure
+from compplan.identification.spring_place import place_spring
+from compplan.identification.update import identified_uncertainty, update_robot
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit.heldout import gain_score
+from compplan.measurement.fit.rows import Rows, take_rows
+from compplan.measurement.registration import Registration
+from compplan.robot import Robot
+from compplan.uncertainty.assumed import free_base
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What came out of a campaign.
+
+    Attributes:
+        robot: The updated robot.
+        nominal: The robot before.
+        estimate: Fit of every parameter that was considered, candidates included, and what cannot be told.
+        kept: Fit that the updated robot holds: candidates that earned their place, none below zero.
+        refinement: How the structure grew.
+        geometry: "none", "offsets" or "all": what was fitted along.
+        gap: How far the model lies from the measurements, before and after.
+        rows: Rows that were used, without outliers, and their reference.
+        outliers: Rows of the log that count as gross outliers, counted from 0.
+        notes: Sentences for the reader.
+    """
+
+    robot: Robot
+    nominal: Robot
+    estimate: Estimate
+    kept: Estimate
+    refinement: Refinement
+    geometry: str
+    gap: IdentifiedGap
+    rows: Rows
+    outliers: tuple[int, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def registration(self) -> Registration:
+        """Frames of the campaign."""
+        return self.kept.registration
+
+
+def identify_campaign(
+    robot: Robot, campaign: Campaign, options: IdentifyOptions | None = None, *,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Identification:  # fmt: skip
+    """Identify a robot from a campaign.
+
+    Frames are fitted first (to unloaded poses where there are enough), then along with everything else, so that the
+    intervals carry what the frames leave open. Geometry and candidate springs enter as far as they earn their place on
+    held-out poses; effects of the robot folder stay as they are.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The measurement log.
+        options: What is fitted, and how.
+        progress: Told what is being done; an exception raised in it ends the call.
+
+    Raises:
+        InputError: If the log holds too little, or an option names something that does not exist.
+    """
+    progress("frames and outliers")
+    chosen = IdentifyOptions() if options is None else options
+    check_options(chosen)
+    frames = place_frames(robot, campaign, chosen.register)
+    rows, notes = take_rows(campaign, frames, chosen.loss)
+    if rows.encoder is not None or len(set(rows.taken.link_controlled.tolist())) > 1:
+        chosen = replace(chosen, link_side=True)
+    screened, outliers, said = screen_outliers(IdentifyProblem(robot, chosen, rows))
+    progress("geometry")
+    problem, more = choose_reference(choose_geometry(screened))
+    growth = _grow(problem, progress)
+    if chosen.stepwise and chosen.geometry == "auto":
+        growth = _prefer_less_geometry(growth, progress)
+    problem, estimate, kept = growth.problem, growth.estimate, growth.kept
+    source = f"identified from {campaign.file.name if campaign.file else 'measurements'}, {len(rows)} rows"
+    progress("held-out poses")
+    updated, unwritten = update_robot(robot, kept, source=source)
+    gap = measure_gap(replace(problem.rows, registration=frames), growth.structure, kept)
+    sigma = float(np.median(rows.deviation[:, 0]))
+    known = identified_uncertainty(updated, kept, gap, difference=problem.difference, sigma=sigma, source=source)
+    if "base" in chosen.register or campaign.adrift:
+        known = free_base(robot, known)
+    notes += [*said, *more, *growth.notes, *_describe_clustered(kept), *_describe_negative(estimate), *unwritten]
+    return Identification(
+        robot=replace(updated, uncertainty=known),
+        nominal=robot,
+        estimate=estimate,
+        kept=kept,
+        refinement=growth.refinement,
+        geometry=problem.geometry,
+        gap=gap,
+        rows=problem.rows,
+        outliers=outliers,
+        notes=tuple(notes),
+    )
+
+
+@dataclass(frozen=True)
+class _Growth:
+    """A model that grew at one choice of geometry."""
+
+    problem: IdentifyProblem
+    structure: FreeRobot
+    estimate: Estimate
+    refinement: Refinement
+    kept: Estimate
+    notes: tuple[str, ...]
+
+
+def _grow(problem: IdentifyProblem, progress: Callable[[str], None]) -> _Growth:
+    """Fit everything that is considered, grow the model from what is demanded, and place what was added."""
+    progress(f"compliances, geometry {problem.geometry}")
+    structure = problem.structure()
+    estimate = problem.fit(structure)
+    told = {name for name, free in zip(estimate.names, estimate.free, strict=True) if free}
+    grown = problem.structure(extras=True) if problem.options.stepwise else structure
+    hidden = set(structure.names) - told
+    refinement = refine_structure(
+        grown.select([name for name in grown.names if name not in hidden]),
+        [name for name in problem.demanded(structure) if name in told],
+        problem.rows,
+    )
+    if not set(refinement.names) <= set(structure.names):
+        estimate = problem.fit(grown.select([*structure.names, *refinement.names]))
+    kept, notes = _place_added(problem, _drop_negative(problem, grown, refinement), refinement)
+    return _Growth(problem, grown, estimate, refinement, kept, notes)
+
+
+def _prefer_less_geometry(growth: _Growth, progress: Callable[[str], None]) -> _Growth:
+    """Take less geometry where springs explain as much: bending that is left out looks like wrong geometry."""
+    for level in GEOMETRY[: GEOMETRY.index(growth.problem.geometry)]:
+        plainer = _grow(replace(growth.problem, geometry=level), progress)
+        scores = [held_out_score(entry.problem, entry.kept) for entry in (plainer, growth)]
+        if gain_score(*scores) < GAIN_LIMIT:
+            return plainer
+    return growth
+
+
+def _place_added(
+    problem: IdentifyProblem, kept: Estimate, refinement: Refinement
+) -> tuple[Estimate, tuple[str, ...]]:
+    """Find where added springs sit, where their place shows on held-out poses."""
+    notes = []
+    added = {entry.added for entry in refinement.rounds if entry.added}
+    for parameter in kept.structure.parameters:
+        if parameter.kind != "spring" or parameter.name not in added or not parameter.unit.startswith("rad"):
+            continue
+        placed = place_spring(kept.structure, parameter.name, problem.rows)
+        scores = [held_out_score(problem, entry) for entry in (kept, placed.estimate)]
+        if gain_score(*scores) > GAIN_LIMIT:
+            kept = placed.estimate
+            where = ", ".join(
+                f"{axis} {value * 1e3:.0f} +- {2 * error * 1e3:.0f} mm"
+                for axis, value, error in zip("xyz", placed.offset, placed.standard_errors, strict=True)
+                if error > 0
+            )
+            notes.append(f"{parameter.name} sits at {where} in the frame behind its joint (two standard errors)")
+    return kept, tuple(notes)
+
+
+def _describe_clustered(kept: Estimate) -> list[str]:
+    """Warn where residuals are not noise: an interval covers what the model holds, not what it lacks."""
+    if not kept.clustered:
+        return []
+    return [
+        "residuals of neighbouring poses agree, so something systematic is left that the model lacks: intervals are"
+        " widened from groups of poses, but a bias may exceed them; compplan diagnose looks for the reason"
+    ]
+
+
+def _drop_negative(problem: IdentifyProblem, structure: FreeRobot, refinement: Refinement) -> Estimate:
+    """Fit again without springs that came out below zero, until none does."""
+    names, estimate = list(refinement.names), refinement.estimate
+    while True:
+        below = [
+            (value / max(error, 1e-300), name)
+            for name, value, error, parameter in zip(
+                estimate.structure.names,
+                estimate.model_values,
+                estimate.standard_errors,
+                estimate.structure.parameters,
+                strict=False,
+            )
+            if value < 0 and parameter.kind in ("joint", "spring")
+        ]
+        if not below:
+            return estimate
+        name = min(below)[1]
+        names.remove(name)
+        kept = structure.select(names)
+        estimate = problem.fit(_make_rigid(kept, [n for n in refinement.names if n not in names]))
+
+
+def _make_rigid(kept: FreeRobot, names: Sequence[str]) -> FreeRobot:
+    """Set the compliance of some springs that are not free to zero."""
+    springs = tuple(
+        replace(spring, compliance=0.0) if label in names else spring
+        for spring, label in zip(kept.robot.springs, kept.spring_labels, strict=True)
+    )
+    return replace(kept, robot=replace(kept.robot, springs=springs))
+
+
+def _describe_negative(estimate: Estimate) -> list[str]:
+    """Warn of compliances that are below zero beyond doubt: something else than bending moves the tool there."""
+    high = estimate.intervals()[:, 1]
+    names = [
+        parameter.name
+        for parameter, top, free in zip(estimate.parameters, high, estimate.free, strict=True)
+        if free and top < 0 and parameter.kind in ("joint", "spring")
+    ]
+    if not names:
+        return []
+    return [
+        f"the compliance of {', '.join(names)} comes out below zero beyond its interval, which no spring can do:"
+        " something that the model lacks acts like it; compplan diagnose looks for it"
+    ]

@@ -1,0 +1,188 @@
+"""What the effects' forward model says about measured rows, and how that changes with the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
+from compplan.effects.linearization import Linearization, coordinate_twists, linearize_scene
+from compplan.effects.scene import Attained, Scene, own_springs
+from compplan.identification.parameters import TYPICAL_SIZE, FreeRobot, Parameter
+from compplan.measurement.fit.rows import SIGMA_ENCODER, Rows
+from compplan.measurement.fit.sighted import see_rows
+from compplan.measurement.fit.system import ENCODERS, ORIENTATION, POSITION, System
+from compplan.measurement.frames import frame_columns, name_frames
+from compplan.measurement.registration import Registration, campaign_gap, campaign_turn
+from compplan.robot import Array
+from compplan.statics.chain import Frames, load_elements
+
+#: Elastic coordinates are settled to this while a fit goes on. [rad or m]
+SETTLED = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class RowState:
+    """A structure with some values at the n rows of a fit.
+
+    Attributes:
+        structure: Robot and parameters.
+        values: Their values. Shape (p,).
+        frames: Frames of the campaign.
+        scene: The robot with all effects, at the rows; at the whole log where an effect remembers other rows.
+        attained: What the scene comes to.
+        index: The rows of the fit in the scene. Shape (n,).
+    """
+
+    structure: FreeRobot
+    values: Array
+    frames: Registration
+    scene: Scene
+    attained: Attained
+    index: NDArray[np.int_]
+
+    @property
+    def position(self) -> Array:
+        """Measured point, measuring frame. Shape (n, 3). [m]"""
+        return self.attained.position[self.index]
+
+    @property
+    def rotation(self) -> Array:
+        """Measured orientation, measuring frame. Shape (n, 3, 3)."""
+        return self.attained.rotation[self.index]
+
+    @cached_property
+    def loaded(self) -> Frames:
+        """Frames of the loaded chain at the rows, base axes."""
+        return Frames(*(part[self.index] for part in self.attained.frames))
+
+    @cached_property
+    def torque(self) -> Array:
+        """Load on each elastic coordinate. Shape (n, s). [N m or N]"""
+        load = load_elements(self.attained.chain, self.attained.frames, self.attained.wrench)
+        return np.asarray(load[self.index][:, self.attained.chain.spring_elements])
+
+    @cached_property
+    def link_side(self) -> NDArray[np.bool_]:
+        """Tell which rows carry link-side readings. Shape (n,)."""
+        return self.scene.campaign.link_controlled[self.index]
+
+    @cached_property
+    def linear(self) -> Linearization:
+        """First derivatives of the scene."""
+        current = {effect.place: effect.parameters for effect in self.structure.effects(self.values)}
+        return linearize_scene(self.scene, self.attained, current)
+
+
+def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registration) -> RowState:
+    """Solve the loaded equilibrium of a structure with some values at the rows of a fit.
+
+    Raises:
+        ConvergenceError: If the equilibrium does not settle.
+    """
+    effects = [*structure.known, *structure.effects(values)]
+    whole = any(effect.name not in ("joint_offset", "link_geometry") for effect in effects)
+    log = rows.campaign if whole else rows.taken
+    scene = apply_effects(stage_scene(structure.soften(values), log, registration=frames), effects)
+    index = rows.row if whole else np.arange(len(rows))
+    return RowState(structure, values, frames, scene, attain_scene(scene, tolerance=SETTLED), index)
+
+
+def pose_residuals(rows: Rows, state: RowState) -> Array:
+    """Take measured minus predicted, position then rotation vector, measuring axes; [m, rad]. Shape (n, 6)."""
+    position = campaign_gap(rows.taken, state.position, state.frames) @ state.frames.base[:3, :3].T
+    return np.hstack([position, campaign_turn(rows.taken, state.rotation)])
+
+
+def encoder_residuals(rows: Rows, state: RowState) -> Array | None:
+    """Compare link-side minus motor-side readings with what the gears yield [Klimchik2018, eqs. 7-8]; None without."""
+    if rows.encoder is None:
+        return None
+    attained = state.attained
+    expected = (attained.link - attained.motor)[state.index]
+    seen = [k for k, spring in own_springs(state.structure.robot).items() if spring.actuator]
+    if not state.structure.forms:
+        silent = np.setdiff1d(np.arange(expected.shape[1]), seen)
+        expected[:, silent] = np.nan
+    return np.asarray(rows.encoder - expected)
+
+
+def differentiate(rows: Rows, state: RowState) -> tuple[Array, Array]:
+    """Differentiate the measured pose and the encoders' difference by every parameter, those of the frames last.
+
+    dx/dc_k = J E_k tau, effects by their signatures; the change of tau with theta is left out (it is of the order of
+    load by buckling load), which changes the steps of Gauss-Newton but not where a consistent fit ends.
+
+    Returns:
+        Pose, linear rows first, measuring axes (n, 6, p + frame parameters); encoders (n, nq, p + frame parameters).
+    """
+    structure, n = state.structure, len(rows)
+    pose = np.zeros((n, 6, len(structure.parameters)))
+    encoder = np.zeros((n, structure.robot.nq, len(structure.parameters)))
+    chain, own = state.attained.chain, own_springs(state.scene.robot)
+    motion = coordinate_twists(state.attained, state.attained.target)[state.index]
+    # actuators that are controlled by their link side do not yield
+    motion = motion * ~(state.link_side[:, None] & chain.actuator)[:, None, :]
+    seen = {spring.coordinate: spring for spring in own.values() if spring.actuator}
+    for k, parameter in enumerate(structure.parameters):
+        for i, j, coefficient in parameter.entries(state.scene.robot):
+            pose[:, :, k] += coefficient * motion[:, :, i] * state.torque[:, None, j]
+            if i != j:
+                pose[:, :, k] += coefficient * motion[:, :, j] * state.torque[:, None, i]
+            elif i in seen:
+                encoder[:, seen[i].joint, k] += coefficient * seen[i].sign * state.torque[:, i]
+    _add_effects(state, pose, encoder)
+    R = state.frames.base[:3, :3]
+    pose = np.concatenate([np.einsum("ij,njp->nip", R, pose[:, :3]), np.einsum("ij,njp->nip", R, pose[:, 3:])], axis=1)
+    columns = frame_columns(
+        state.frames, state.position, state.loaded.tcp_rotation, rows.taken.target_index, rows.turned, rows.taken.sights
+    )
+    pose = np.concatenate([pose, *columns], axis=2)
+    encoder = np.concatenate([encoder, np.zeros((n, encoder.shape[1], pose.shape[2] - encoder.shape[2]))], axis=2)
+    return pose, encoder
+
+
+def linearise(rows: Rows, state: RowState) -> System:
+    """Build the linearised problem at a state."""
+    residual, extra = pose_residuals(rows, state), encoder_residuals(rows, state)
+    columns, slopes = differentiate(rows, state)
+    sigma, block = rows.deviation, np.repeat([POSITION, ORIENTATION], 3)
+    if extra is not None:
+        residual, columns = np.hstack([residual, extra]), np.concatenate([columns, slopes], axis=1)
+        sigma = np.hstack([sigma, np.full(extra.shape, SIGMA_ENCODER)])
+        block = np.r_[block, np.full(extra.shape[1], ENCODERS)]
+    missing = ~np.isfinite(residual)
+    system = System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
+    sights = rows.taken.sights
+    return system if sights is None else see_rows(system, sights, state.frames, state.position)
+
+
+def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:
+    """Add the columns of effects, from their signatures at the state."""
+    forms = state.structure.forms
+    offered = [s for name in {form.name for form in forms} for s in EFFECTS[name].signatures(state.linear)]
+    found = {(signature.place, signature.form): signature for signature in offered}
+    for k, parameter in enumerate(state.structure.parameters):
+        if parameter.form is None or (parameter.form.place, parameter.form.form) not in found:
+            continue
+        signature = found[parameter.form.place, parameter.form.form]
+        pose[:, :, k] = signature.twist[state.index, :, parameter.item]
+        if signature.encoder is not None:
+            encoder[:, :, k] = signature.encoder[state.index, :, parameter.item]
+
+
+def frame_parameters(frames: Registration, turned: bool) -> tuple[Parameter, ...]:
+    """List the parameters of the frames that are fitted: small changes of pose against where they stand.
+
+    Args:
+        frames: Frames of the campaign; its `parts` are fitted.
+        turned: Whether orientation is measured; without it a tool is a point.
+    """
+    return tuple(
+        Parameter(f"{label}.{axis}", part, unit := "m" if axis[0] == "t" else "rad", 0.0, TYPICAL_SIZE[unit])
+        for label, part, axes in name_frames(frames, turned)
+        for axis in axes
+    )

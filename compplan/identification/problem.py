@@ -1,0 +1,245 @@
+"""What is to be fitted to a campaign: options, the structure they ask for, and how much geometry goes along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
+from compplan.effects.asked import GEOMETRY, effect_forms, geometry_forms
+from compplan.effects.linearization import linearize_scene
+from compplan.effects.signature import Signature
+from compplan.errors import InputError, UnknownNameError
+from compplan.identification.estimate import REFERENCES, Estimate, fit_rows, leave_poses_out
+from compplan.identification.parameters import (
+    FreeRobot,
+    build_structure,
+)
+from compplan.identification.refine import GAIN_LIMIT
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit.heldout import gain_score
+from compplan.measurement.fit.robust import check_loss
+from compplan.measurement.fit.rows import Rows, count_poses, usable_rows
+from compplan.measurement.fit.system import BLOCKS
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
+from compplan.robot import Array, Robot
+from compplan.robot.springs import candidate_springs, label_spring, link_springs, missing_springs, read_spring
+
+#: Poses compared with themselves have to be this much quieter than absolute ones before differences are preferred.
+QUIETER = 1.5
+#: Fewest unloaded poses from which frames are fitted on their own.
+UNLOADED_POSES = 10
+#: Fewest poses from which geometry is fitted.
+GEOMETRY_POSES = 30
+#: Rows that Tukey's loss weighs less than this are gross outliers, as long as they are no more than this share.
+OUTLIER_WEIGHT = 0.05
+MOST_OUTLIERS = 0.05
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """What `identify_campaign` fits, and how.
+
+    Attributes:
+        register: Frames to fit first: "base", "tool".
+        springs: Springs to identify: None for those of the robot and, as candidates, an own spring for each joint that
+            has none; otherwise their names.
+        add: Springs ("joint_3.rx") that the model is given besides.
+        link_side: Whether own-axis springs beyond the link-side encoders are candidates too (double encoders).
+        stepwise: Whether springs about every other axis are candidates too.
+        links: Terms of the 6x6 elasticities of links: None, "scale", "diagonal", "beam" or "full".
+        effects: Effects whose parameters are fitted too, by name or "name@joint" or "name@joint:form".
+        geometry: "none", "offsets", "all", or "auto": as much as earns its place on held-out poses.
+        reference: "absolute", "difference", or "auto": differences where geometry errs and poses have several loads.
+        loss: "tukey" finds gross outliers with the richest model, leaves them out and fits by least squares; "huber"
+            weighs rows far from the model less; "least_squares" takes all rows as they are.
+    """
+
+    register: tuple[str, ...] = ()
+    springs: tuple[str, ...] | None = None
+    add: tuple[str, ...] = ()
+    link_side: bool = False
+    stepwise: bool = False
+    links: str | None = None
+    effects: tuple[str, ...] = ()
+    geometry: str = "auto"
+    reference: str = "auto"
+    loss: str = "tukey"
+
+
+@dataclass(frozen=True)
+class IdentifyProblem:
+    """Everything that the fits of one campaign share."""
+
+    robot: Robot
+    options: IdentifyOptions
+    rows: Rows
+    geometry: str = "none"
+
+    @property
+    def difference(self) -> bool:
+        """Whether poses are compared with themselves under other loads."""
+        return self.rows.reference == "difference"
+
+    def structure(self, *, extras: bool = False) -> FreeRobot:
+        """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
+        forms = list_forms(self.robot, self.options, self.rows, self.geometry)
+        return build_considered(self.robot, self.options, forms, extras=extras)
+
+    def demanded(self, structure: FreeRobot) -> list[str]:
+        """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
+        asked = {label_spring(spring) for spring in self.robot.springs}
+        asked |= {*self.options.add, *(self.options.springs or ())}
+        return [p.name for p in structure.parameters if p.name in asked or p.kind not in ("joint", "spring")]
+
+    def fit(self, structure: FreeRobot) -> Estimate:
+        """Fit a structure."""
+        return fit_rows(structure, self.rows)
+
+
+def list_forms(robot: Robot, options: IdentifyOptions, rows: Rows, geometry: str | None = None) -> list[Signature]:
+    """List the signatures of geometry and of the effects that the options ask for, at the nominal robot.
+
+    Args:
+        robot: The nominal robot.
+        options: What is to be identified.
+        rows: The measured rows.
+        geometry: "none", "offsets" or "all"; that of the options where left out, none for "auto".
+    """
+    wanted = options.geometry.replace("auto", "none") if geometry is None else geometry
+    if wanted == "none" and not options.effects:
+        return []
+    scene = stage_scene(robot, rows.campaign, registration=rows.registration)
+    scene = apply_effects(scene, robot_effects(robot))
+    at = linearize_scene(scene, attain_scene(scene))
+    return [*geometry_forms(at, wanted), *effect_forms(at, options.effects)]
+
+
+def build_considered(
+    robot: Robot, options: IdentifyOptions, forms: list[Signature], *, extras: bool = False
+) -> FreeRobot:
+    """Build the structure of everything that the options ask for.
+
+    Args:
+        robot: The nominal robot.
+        options: What is to be identified.
+        forms: Signatures of the effects in it.
+        extras: Whether springs about every further axis are in it too.
+    """
+    demanded = tuple(read_spring(robot, name) for name in options.add)
+    own = () if options.springs is not None else missing_springs(replace(robot, springs=(*robot.springs, *demanded)))
+    present = replace(robot, springs=(*robot.springs, *demanded, *own))
+    beyond = link_springs(present) if options.link_side else ()
+    more = candidate_springs(present) if extras else ()
+    springs = None
+    if options.springs is not None:
+        springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond, *more)))
+    return build_structure(
+        robot, springs=springs, add=(*demanded, *own, *beyond, *more), links=options.links, forms=forms
+    )
+
+
+def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:
+    """Find the frames to start from: fitted to unloaded poses, read from the robot folder, or known.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The log.
+        parts: Frames to fit: "base", "tool".
+    """
+    parts = fitted_parts(campaign, parts)
+    stated = folder_registration(robot)
+    known = None if stated is None else match_targets(stated, campaign)
+    if parts:
+        rows = usable_rows(campaign)
+        quiet = rows & campaign.unloaded
+        if count_poses(campaign.q[quiet]) >= UNLOADED_POSES:
+            rows = quiet
+        seen = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
+        start = None if set(parts) & set(PARTS) else known
+        return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows, start=start)
+    return Registration.identity(campaign, ()) if known is None else replace(known, parts=())
+
+
+def check_options(options: IdentifyOptions) -> None:
+    """Refuse choices that do not exist.
+
+    Raises:
+        UnknownNameError: If a loss, a geometry or a reference does not exist.
+    """
+    check_loss(options.loss)
+    if options.geometry not in (*GEOMETRY, "auto"):
+        raise UnknownNameError("choice of geometry", options.geometry, [*GEOMETRY, "auto"])
+    if options.reference not in (*REFERENCES, "auto"):
+        raise UnknownNameError("reference", options.reference, [*REFERENCES, "auto"])
+
+
+def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[int, ...], list[str]]:
+    """Leave gross outliers out, as the richest model sees them; a poorer one would take what it lacks for outliers.
+
+    Returns:
+        The problem without them, to be fitted by least squares; the rows left out; and sentences on it. Where more rows
+        than `MOST_OUTLIERS` lie apart they are no outliers but structure that no model here holds: then none is left
+        out, and the loss becomes Huber's.
+    """
+    options, rows = problem.options, problem.rows
+    if options.loss != "tukey":
+        return problem, (), []
+    geometry = "none" if options.geometry == "auto" else options.geometry
+    if options.geometry == "auto" and rows.poses >= GEOMETRY_POSES and options.reference != "difference":
+        geometry = GEOMETRY[-1]
+    richest = replace(problem, geometry=geometry)
+    apart = richest.fit(richest.structure(extras=options.stepwise)).weights < OUTLIER_WEIGHT
+    if apart.mean() > MOST_OUTLIERS:
+        said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
+        wide = replace(problem, rows=replace(rows, loss="huber"))
+        return wide, (), [f"{said}: all stay, under Huber's loss"]
+    kept = replace(rows, row=rows.row[~apart], loss="least_squares")
+    return replace(problem, rows=kept), tuple(rows.row[apart].tolist()), []
+
+
+def choose_geometry(problem: IdentifyProblem) -> IdentifyProblem:
+    """Fit as much geometry as earns its place on held-out poses."""
+    wanted = problem.options.geometry
+    if wanted != "auto" or problem.options.reference == "difference":
+        return replace(problem, geometry="none" if wanted == "auto" else wanted)
+    if problem.rows.poses < GEOMETRY_POSES:
+        return problem
+    best, score = problem, held_out_score(problem, problem.fit(problem.structure()))
+    for level in GEOMETRY[1:]:
+        richer = replace(problem, geometry=level)
+        after = held_out_score(richer, richer.fit(richer.structure()))
+        if gain_score(score, after) > GAIN_LIMIT:
+            best, score = richer, after
+    return best
+
+
+def held_out_score(problem: IdentifyProblem, estimate: Estimate) -> Array:
+    """Score a fit on held-out poses, in stated standard deviations. Shape (poses,)."""
+    return leave_poses_out(problem.rows, replace(estimate, noise=np.ones(BLOCKS))).score
+
+
+def choose_reference(problem: IdentifyProblem) -> tuple[IdentifyProblem, list[str]]:
+    """Compare poses with themselves under other loads where geometry errs more than that costs."""
+    wanted, rows = problem.options.reference, problem.rows
+    apart = replace(rows, reference="difference", registration=replace(rows.registration, parts=()))
+    differences = replace(problem, geometry="none", rows=apart)
+    if wanted != "auto":
+        return (differences if wanted == "difference" else problem), []
+    loads, group = np.round(rows.taken.wrench, 1), rows.alike
+    several = [len(np.unique(loads[group == k], axis=0)) > 1 for k in range(int(group.max()) + 1)]
+    if np.mean(np.asarray(several)[group]) < 0.5:
+        return problem, []
+    try:
+        absolute, relative = problem.fit(problem.structure()), differences.fit(differences.structure())
+    except InputError:
+        return problem, []
+    ratio = float(absolute.noise[0] / relative.noise[0])
+    if ratio < QUIETER:
+        return problem, []
+    return differences, [
+        f"poses are compared with themselves under other loads: absolute positions scatter {ratio:.1f} times as much,"
+        " so geometry errs; compplan diagnose looks for the reason"
+    ]

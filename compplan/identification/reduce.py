@@ -1,0 +1,92 @@
+"""Fit a reduced model, one spring a joint, to a full one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from compplan.identification.estimate import Estimate, estimate_parameters
+from compplan.identification.parameters import build_structure
+from compplan.measurement.made import make_log
+from compplan.robot import Array, Robot, Spring
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """A reduced robot, and how well it stands for the full one.
+
+    Attributes:
+        robot: The reduced robot: one own-axis spring a commanded joint.
+        compliance: Compliance of each commanded joint; zero where it cannot be told. Shape (nq,). [rad/(N m) or m/N]
+        estimate: The fit, with what could not be told and why.
+        residual: Full minus reduced pose. Shape (n, 6). [m, rad]
+        deflection: Deflection of the full model at the same rows. Shape (n, 6). [m, rad]
+    """
+
+    robot: Robot
+    compliance: Array
+    estimate: Estimate
+    residual: Array
+    deflection: Array
+
+
+def reduce_model(
+    full: Robot,
+    q: Array,
+    wrench: Array,
+    *,
+    rotation_weight: float | None = 1.0,
+    row_weights: ArrayLike = 1.0,
+    typical: Sequence[float] | None = None,
+) -> ReducedModel:
+    """Fit joint compliances that stand for a full model (joints, links, base) [Mamedov2018].
+
+    Minimises sum_i w_i^2 (|dp_i|^2 + (rotation_weight)^2 |dr_i|^2) between the exact loaded poses of both models.
+
+    Args:
+        full: The full robot.
+        q: Poses at which both are compared. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
+        rotation_weight: Weight of a rotation against a translation; None compares positions alone. [m/rad]
+        row_weights: Weight of each row. Scalar or shape (n,).
+        typical: Compliances to start from; those of the full robot's own springs if left out. Shape (nq,).
+
+    Raises:
+        InputError: If no joint compliance can be told from these poses and loads.
+        ShapeError: If an array does not have the shape above.
+    """
+    own = {spring.joint: spring.compliance for spring in full.springs if spring.axis == "own"}
+    start = [own.get(name, 1e-6) for name in full.joint_names] if typical is None else list(typical)
+    springs = tuple(
+        Spring(name, "own", float(c), actuator=True) for name, c in zip(full.joint_names, start, strict=True)
+    )
+    reduced = replace(full, springs=springs, link_elasticities=(), effects=())
+    chain = build_chain(full)
+    loaded, bare = solve_equilibrium(chain, q, wrench), solve_equilibrium(chain, q, np.zeros(6))
+    # A micrometre as unit: only the ratio of the weights matters, and what no load reaches is far below it.
+    sigma = 1e-6 / np.broadcast_to(np.asarray(row_weights, float), (len(loaded.position),))
+    log = make_log(
+        q,
+        wrench,
+        loaded.position,
+        None if rotation_weight is None else loaded.rotation,
+        sigma=sigma,
+        sigma_rotation=sigma / (rotation_weight or 1.0),
+    )
+    estimate = estimate_parameters(build_structure(reduced), log, sigma="stated")
+    compliance = np.where(estimate.free, estimate.model_values, 0.0)
+    fitted = tuple(replace(s, compliance=float(max(c, 0.0))) for s, c in zip(springs, compliance, strict=True))
+    turn = np.einsum("nij,nkj->nik", loaded.rotation, bare.rotation)
+    return ReducedModel(
+        robot=replace(reduced, springs=fitted, sources={**full.sources, "compliance": f"reduced model of {full.name}"}),
+        compliance=compliance,
+        estimate=estimate,
+        residual=estimate.residuals[:, :6],
+        deflection=np.hstack([loaded.position - bare.position, Rotation.from_matrix(turn).as_rotvec()]),
+    )

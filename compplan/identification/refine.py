@@ -1,0 +1,151 @@
+"""Let the structure of the model grow: a spring is added where it earns its place on poses it never saw [Johra2022].
+
+A model is tested, the candidate that shrinks the held-out gap most is added, the model is fitted anew, and so on until
+no candidate gains more than the scatter of the gain from pose to pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.identification.estimate import Estimate, fit_rows, leave_poses_out
+from compplan.identification.forward import linearise
+from compplan.identification.parameters import FreeRobot, Parameter
+from compplan.identification.separability import tell_apart
+from compplan.measurement.fit.heldout import distance_rms, gain_score
+from compplan.measurement.fit.rows import Rows
+from compplan.measurement.fit.system import invert, stack, weigh
+from compplan.robot import Array
+
+#: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.
+GAIN_LIMIT = 3.0
+MAX_ADDED = 12
+
+
+@dataclass(frozen=True)
+class RoundCandidate:
+    """One candidate in one round of refinement.
+
+    Attributes:
+        name: Name of the parameter.
+        value: Value it would take, added to the present model. [unit of the parameter]
+        standard_error: Its standard error. [unit of the parameter]
+        held_out_rms: Held-out rms distance with it. [m]
+        gain: Mean gain of the held-out score over its standard error.
+        told: Whether the data tell it apart from the present parameters at all.
+    """
+
+    name: str
+    value: float
+    standard_error: float
+    held_out_rms: float
+    gain: float
+    told: bool = True
+
+
+@dataclass(frozen=True)
+class RefinementRound:
+    """One test of the model.
+
+    Attributes:
+        held_out_rms: Held-out rms distance of the model that was tested. [m]
+        candidates: What was tried, best first.
+        added: Name of the parameter that was added, or "" where none earned its place.
+    """
+
+    held_out_rms: float
+    candidates: tuple[RoundCandidate, ...]
+    added: str
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A model that grew.
+
+    Attributes:
+        names: Names of the parameters in the final model.
+        estimate: Its fit.
+        rounds: What was tried, in order.
+    """
+
+    names: tuple[str, ...]
+    estimate: Estimate
+    rounds: tuple[RefinementRound, ...]
+
+
+def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows) -> Refinement:
+    """Grow a model from `start` towards the parameters of a structure, as far as each one earns its place.
+
+    Args:
+        structure: Robot with every parameter that may be free, candidates included.
+        start: Names of the parameters that are free from the beginning.
+        rows: The measured rows.
+    """
+    names: list[str] = list(start)
+    rounds: list[RefinementRound] = []
+    signed = {p.name for p in structure.parameters if p.form is not None or "*" in p.name}
+    while True:
+        present = fit_rows(structure.select(names), rows)
+        tested = probe_model(structure, present, rows)
+        earns = [c for c in tested.candidates if c.gain > GAIN_LIMIT and (c.value > 0 or c.name in signed)]
+        if not earns or len(rounds) >= MAX_ADDED:
+            rounds.append(tested)
+            return Refinement(tuple(names), present, tuple(rounds))
+        rounds.append(replace(tested, added=earns[0].name))
+        names.append(earns[0].name)
+
+
+def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> RefinementRound:
+    """Test a fitted model against every parameter of a structure that it leaves out.
+
+    Args:
+        structure: Robot with every parameter that may be free.
+        present: Fit of some of them.
+        rows: The measured rows.
+    """
+    values, names = structure.nominal, list(structure.names)
+    places = [names.index(name) for name in present.structure.names]
+    values[places] = present.model_values
+    system = linearise(rows, replace(present.state, structure=structure, values=values))
+    parameters = (*structure.parameters, *present.parameters[len(places) :])
+    base = np.zeros(len(parameters), bool)
+    base[places] = present.free[: len(places)]
+    base[len(names) :] = present.free[len(places) :]
+    before = leave_poses_out(rows, present, base, system)
+    counted = present.weights > 0
+    residual, columns = weigh(system, system.whitener(present.noise) * np.sqrt(present.weights)[:, None], rows.group)
+    flat = stack(columns)
+    matrix, side = flat.T @ flat, flat.T @ residual.ravel()
+    found = []
+    for k in (k for k in range(len(names)) if k not in places):
+        free = base.copy()
+        free[k] = True
+        if not _tellable(matrix, parameters, free, k):
+            found.append(RoundCandidate(names[k], 0.0, 0.0, distance_rms(before.residual, counted), 0.0, told=False))
+            continue
+        inverse = invert(matrix[np.ix_(free, free)])
+        place = int(np.flatnonzero(free).searchsorted(k))
+        after = leave_poses_out(rows, present, free, system)
+        found.append(
+            RoundCandidate(
+                name=names[k],
+                value=float(values[k] + inverse[place] @ side[free]),
+                standard_error=float(np.sqrt(inverse[place, place])),
+                held_out_rms=distance_rms(after.residual, counted),
+                gain=gain_score(before.score, after.score),
+            )
+        )
+    ranked = sorted(found, key=lambda candidate: -candidate.gain)
+    best_first = sorted(ranked, key=lambda c: c.held_out_rms if c.gain > GAIN_LIMIT else np.inf)
+    return RefinementRound(distance_rms(before.residual, counted), tuple(best_first), "")
+
+
+def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
+    """Tell whether the data tell a candidate apart from the present parameters."""
+    index = np.flatnonzero(free)
+    told = tell_apart(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
+    return bool(told[index.searchsorted(k)] and told.sum() == len(index))

@@ -1,0 +1,122 @@
+"""Put what was identified into a robot: springs, links and effects, and how surely each of them is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.effects import fold_effects, is_of_instrument
+from compplan.identification.estimate import Estimate
+from compplan.identification.gap import IdentifiedGap
+from compplan.identification.parameters import FreeRobot
+from compplan.robot import Robot
+from compplan.robot.springs import build_link
+from compplan.robot.uncertainty import Uncertainty, Unknown, spread_unknowns
+from compplan.uncertainty.assumed import assume_geometry, assume_held
+
+
+def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robot, tuple[str, ...]]:
+    """Return a robot that holds the identified values.
+
+    A compliance below zero cannot be built: it is written as zero (a link's 6x6 as the nearest one without a negative
+    eigenvalue), and said so.
+
+    Args:
+        robot: The nominal robot.
+        estimate: The fit.
+        source: Where the numbers come from, for `sources`.
+
+    Returns:
+        The robot, and a sentence for each value that could not be written as identified.
+    """
+    structure, values = estimate.structure, estimate.model_values
+    soft, notes, springs, links = structure.soften(values), [], [], []
+    for spring, old, name in zip(soft.springs, structure.robot.springs, structure.spring_labels, strict=True):
+        value = spring.compliance
+        if value < 0:
+            notes.append(f"{name} came out negative ({value:.3g}), which no spring can be; it is written as rigid")
+        if value > 0 or any(old is own for own in robot.springs):
+            springs.append(replace(spring, compliance=max(value, 0.0)))
+    for block in soft.link_elasticities:
+        built, changed = build_link(block)
+        links.append(built)
+        if changed:
+            notes.append(f"the 6x6 of {block.link} came out with a negative eigenvalue; it is written without")
+    sources = {**robot.sources, "compliance": source}
+    if any(parameter.kind == "geometry" for parameter in structure.parameters):
+        sources["geometry"] = f"{robot.sources.get('geometry', 'URDF')}; corrected: {source}"
+    grown = replace(robot, springs=tuple(springs), sources=sources, grade="identified")
+    if any(parameter.kind == "link" for parameter in structure.parameters):
+        grown = replace(grown, link_elasticities=tuple(links))
+    return fold_effects(grown, structure.effects(values)), tuple(notes)
+
+
+def identified_uncertainty(
+    robot: Robot, kept: Estimate, gap: IdentifiedGap, *, difference: bool, sigma: float, source: str
+) -> Uncertainty:
+    """State how surely an identified robot is known.
+
+    Compliances and effects keep the covariance of the fit, the frames fitted along. What held-out poses leave beyond
+    the instrument is unexplained; under differences of one pose it is that of the deflections.
+
+    Args:
+        robot: The updated robot.
+        kept: Fit that it holds.
+        gap: How far the model lies from held-out measurements.
+        difference: Whether poses were compared with themselves under other loads.
+        sigma: Standard deviation of the position measurement per axis. [m]
+        source: What was measured.
+    """
+    unknowns, picked = _name_unknowns(kept.structure, kept)
+    named, factor = spread_unknowns(unknowns, kept.covariance[np.ix_(picked, picked)])
+    held = assume_held(robot, named)
+    if difference:
+        # differences of one pose under several loads tell nothing of zeros and lengths
+        held += assume_geometry(robot)
+    root = np.eye(len(factor) + sum(len(unknown.keys) for unknown in held))
+    root[: len(factor), : len(factor)] = factor
+    left = gap.under_load_after if difference and gap.under_load_after is not None else gap.held_out_after
+    return Uncertainty(
+        grade="measured",
+        source=f"{source}; zeros and lengths assumed" if difference else source,
+        unknowns=(*named, *held),
+        factor=root,
+        unexplained=find_unexplained(left, sigma, difference=difference) if np.isfinite(left) else 0.0,
+        repeatability=robot.repeatability,
+    )
+
+
+def find_unexplained(left: float, sigma: float, *, difference: bool) -> float:
+    """Return what is left of a root mean square distance (3D) beyond an instrument's sigma per axis. [m].
+
+    A difference of two measurements has their noise twice.
+    """
+    return float(np.sqrt(max(left**2 - 3.0 * sigma**2 * (2.0 if difference else 1.0), 0.0)))
+
+
+def _name_unknowns(structure: FreeRobot, kept: Estimate) -> tuple[list[Unknown], list[int]]:
+    """Name the free parameters as unknowns of the vocabulary, without sizes; also return their numbers."""
+    found: list[Unknown] = []
+    picked: list[int] = []
+    for number, parameter in enumerate(structure.parameters):
+        nothing = np.zeros(1)
+        if parameter.spring >= 0 and kept.free[number]:
+            spring, unit = structure.robot.springs[parameter.spring], parameter.unit.replace("/", "_per_")
+            key = f"compliance_change_{unit}" if parameter.kind == "joint" else f"compliance_{unit}"
+            key = key.replace("(N m)", "Nm")
+            if parameter.kind == "joint":
+                found.append(Unknown("joint_stiffness", spring.joint, None, (key,), nothing))
+            elif spring.axis != "own":
+                found.append(Unknown("link_compliance", spring.joint, spring.axis, (key,), nothing))
+            else:
+                continue
+            picked.append(number)
+        form = parameter.form
+        if form is None or parameter.item > 0 or is_of_instrument(form.name):
+            continue
+        own = {p.item: k for k, p in enumerate(structure.parameters) if p.form is form}
+        if len(own) == len(form.keys) and any(kept.free[k] for k in own.values()):
+            found.append(Unknown(form.name, form.joint, form.axis, form.keys, np.zeros(len(own)), form.fixed))
+            picked += [own[item] for item in range(len(own))]
+    return found, picked

@@ -1,0 +1,117 @@
+"""Tables that are in memory already: a DataFrame, columns by name, an array with named fields; names carry units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.io.columns import UNITS, FileColumn, match_columns
+from compplan.io.tables import Array, Table, read_table
+
+
+def open_table(
+    source: Any, columns: Sequence[FileColumn], *, what: str, rename: Callable[[str], str] | None = None
+) -> Table:
+    """Read a table from a file or take one from memory, unknown columns noted; see `read_table` and `take_table`."""
+    if is_file_name(source):
+        return read_table(source, columns, unknown="note", rename=rename)
+    return take_table(source, columns, what=what, unknown="note")
+
+
+def is_file_name(source: Any) -> bool:
+    """Tell whether something names a file, rather than being what a file would hold."""
+    return isinstance(source, str | Path)
+
+
+def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:
+    """Take a table that is in memory already: a DataFrame, a mapping of columns, or an array with named fields.
+
+    Column names carry units as in a file. A name may also stand for several columns side by side, `position_mm` for
+    x_mm y_mm z_mm, `axis` for i j k, `q_deg` for q1_deg .., `force_N`, `moment_Nm` and `orientation_deg`; a single
+    number stands for every row.
+
+    Args:
+        data: The table.
+        columns: The columns that it may have.
+        what: What it is, for messages.
+        unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
+
+    Returns:
+        The table in SI; its lines count rows from 1.
+
+    Raises:
+        InputError: As `read_table` says.
+
+    """
+    given = spread_columns(data, what)
+    longest = max((len(column) for column in given.values() if column.ndim), default=0)
+    path = Path(f"<{what}>")
+    for name, held in given.items():
+        if held.ndim > 1 or (held.ndim and len(held) != longest):
+            message = f"column '{name}' has shape {held.shape}, expected ({longest},)"
+            raise InputError(message, file=path)
+    header = list(given)
+    matched, notes = match_columns(path, 1, header, columns, unknown)
+    lines = np.arange(1, longest + 1)
+    values: dict[str, Array] = {}
+    text: dict[str, NDArray[np.str_]] = {}
+    for key, (index, column, unit) in matched.items():
+        cells = np.broadcast_to(given[header[index]], (longest,))
+        if column.dimension == "text":
+            text[key] = np.array([str(cell).strip() for cell in cells.tolist()], dtype=np.str_)
+            continue
+        try:
+            numbers = np.array(cells, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"column '{header[index]}' holds no numbers", file=path) from None
+        wrong = np.isinf(numbers) if column.missing else ~np.isfinite(numbers)
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            message = f"column '{header[index]}' is {numbers[row]:g}, expected a number"
+            raise InputError(message, file=path, where=row + 1)
+        values[key] = numbers * UNITS[unit][1] if unit else numbers
+    headers = {key: header[index] for key, (index, _, _) in matched.items()}
+    units = {key: unit for key, (_, _, unit) in matched.items()}
+    return Table(path, values, text, headers, units, lines, tuple(notes))
+
+
+#: Names that stand for several columns side by side: pattern of their names, {} is the unit.
+SIDE_BY_SIDE = {
+    "position": ("x{}", "y{}", "z{}"), "axis": ("i", "j", "k"), "force": ("fx{}", "fy{}", "fz{}"),
+    "moment": ("mx{}", "my{}", "mz{}"), "orientation": ("rx{}", "ry{}", "rz{}"), "q": (),
+}  # fmt: skip
+
+
+def spread_columns(data: Any, what: str) -> dict[str, NDArray[Any]]:
+    """Return the columns of a DataFrame, a mapping or an array with named fields, those side by side one by one.
+
+    Raises:
+        InputError: If the columns have no names, or the wrong number of them stands side by side.
+
+    """
+    names = getattr(getattr(data, "dtype", None), "names", None) or getattr(data, "columns", None)
+    names = list(data) if names is None and isinstance(data, Mapping) else names
+    if names is None:
+        raise InputError(
+            f"{what} is {type(data).__name__} without column names, so without units; give a DataFrame or "
+            "{'x_mm': .., 'y_mm': .., 'z_mm': ..}, or {'position_mm': array of shape (n, 3)}"
+        )
+    given: dict[str, NDArray[Any]] = {}
+    for name in map(str, names):
+        column = np.asarray(data[name])
+        stem = next((s for s in SIDE_BY_SIDE if name == s or name.startswith(f"{s}_")), "")
+        unit = name.removeprefix(stem)
+        if not stem or column.ndim < 2:
+            given[name] = column
+            continue
+        wide = [form.format(unit) for form in SIDE_BY_SIDE[stem]]
+        wide = [f"q{k}{unit}" for k in range(1, column.shape[1] + 1)] if stem == "q" else wide
+        if column.ndim != 2 or column.shape[1] != len(wide):
+            raise InputError(f"{what}: {name} has shape {column.shape}, expected (n, {len(wide)})")
+        given |= {title: column[:, k] for k, title in enumerate(wide)}
+    return given

@@ -1,0 +1,47 @@
+"""Files of meshes and clouds that trimesh reads (STL, PLY, OBJ), and the lengths that they are in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.io.tables import MOST_BYTES
+
+#: Metres of a unit.
+UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
+
+
+def open_mesh(file: Path, **how: Any) -> Any:
+    """Read what trimesh finds in a file, in the file's own unit; `how` is trimesh's.
+
+    Raises:
+        InputError: If the file is missing, too large or cannot be read.
+    """
+    import trimesh
+
+    if not file.is_file():
+        raise InputError("no mesh file", file=file)
+    if file.stat().st_size > MOST_BYTES:
+        raise InputError(f"holds more than {MOST_BYTES >> 20} MB, at most that is read", file=file)
+    try:
+        return trimesh.load(file, **how)
+    except Exception as error:  # trimesh and its readers raise whatever a broken file leads to
+        message = f"cannot be read as {file.suffix[1:].upper() or 'a mesh'}: {type(error).__name__}: {error}"
+        raise InputError(message.replace("\n", " "), file=file) from None
+
+
+def load_mesh(file: Path, unit: str = "mm") -> Any:
+    """Read the triangles of a file, in metres.
+
+    Raises:
+        InputError: If the file is missing, cannot be read, holds no triangles or one that is not finite.
+    """
+    mesh = open_mesh(file, force="mesh")
+    if not len(getattr(mesh, "faces", ())):
+        raise InputError("holds no triangles", file=file)
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError("has vertices that are not finite", file=file)
+    return mesh.apply_scale(UNITS[unit])

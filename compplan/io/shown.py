@@ -1,0 +1,206 @@
+"""Results as a person meets them: a few lines in a terminal, a table with a picture in a notebook, a plot, a DataFrame.
+
+A result says its figures once (`summary`), its table once (`columns`) and its picture once (`curves`); text, HTML, plot
+and DataFrame follow. matplotlib is loaded for a plot alone, pandas for a DataFrame alone.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import textwrap
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.io.palette import AFTER, BAND, BEFORE, CATEGORIES, DASHES, LIMIT, NEUTRAL, TOLERANCE
+from compplan.io.tables import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+#: Most lines and most letters of a line of a result in a terminal.
+MOST_LINES, MOST_LETTERS = 15, 130
+#: Colour and dash of a line by what it shows.
+ROLES = {
+    "before": (BEFORE, "solid"), "after": (AFTER, "solid"), "band": (BAND, "solid"), "limit": (LIMIT, "dash"),
+    "tolerance": (TOLERANCE, "dash"), "neutral": (NEUTRAL, "solid"),
+}  # fmt: skip
+MATPLOTLIB_DASHES = {"solid": "-", "dash": "--", "dot": ":"}
+
+#: Entries of a list that a print shows: it has fifteen lines.
+MOST_LISTED = 7
+
+
+class Curve(NamedTuple):
+    """One line of a plot.
+
+    Attributes:
+        label: What it shows, for the legend.
+        x: Shape (n,), in the unit of the axis.
+        y: Shape (n,), in the unit of the axis.
+        role: One of `ROLES`, or the number of a category.
+    """
+
+    label: str
+    x: Array
+    y: Array
+    role: str | int
+
+
+class Curves(NamedTuple):
+    """What a plot shows, as plain data.
+
+    Attributes:
+        title: What it is of.
+        x: Label of the axis along, with its unit.
+        y: Label of the axis up, with its unit.
+        lines: The lines.
+        level: A height that is marked across, such as the tolerance, with its label; or None.
+        logarithmic: Whether the axis up counts in powers of ten.
+        square: Whether both axes have the same scale.
+    """
+
+    title: str
+    x: str
+    y: str
+    lines: tuple[Curve, ...]
+    level: tuple[float, str] | None = None
+    logarithmic: bool = False
+    square: bool = False
+
+
+class Shown:
+    """A result that says what it is; a subclass has `summary`, and `columns`, `curves`, `to_dict` where it has more."""
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return the figures that a person asks for first: a name and its words each; the first is the headline."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        (what, headline), *rest = self.summary()
+        width = max((len(name) for name, _ in rest), default=0)
+        lines = [cut_line(f"{what}: {headline}")]
+        for name, words in rest:
+            lines += wrap_words(words, f"  {name:<{width}}  ")
+        return "\n".join(lines[:MOST_LINES])
+
+    def __repr__(self) -> str:
+        what, headline = self.summary()[0]
+        return f"<{type(self).__name__} {cut_line(headline)}>" if what else f"<{type(self).__name__}>"
+
+    def _repr_html_(self) -> str:
+        (what, headline), *rest = self.summary()
+        rows = "".join(
+            f'<tr><th style="text-align:left;font-weight:500">{html.escape(name)}</th>'
+            f'<td style="text-align:left">{html.escape(words)}</td></tr>'
+            for name, words in rest
+        )
+        picture = draw_png(self.curves())
+        image = "" if picture is None else (
+            f'<img alt="{html.escape(f"{what}: {headline}")}" style="max-width:100%" '
+            f'src="data:image/png;base64,{base64.b64encode(picture).decode()}">'
+        )  # fmt: skip
+        return f"<div><p><b>{html.escape(what)}</b>: {html.escape(headline)}</p><table>{rows}</table>{image}</div>"
+
+    def curves(self) -> Curves | None:
+        """Return what `plot` draws; None where there is nothing to draw."""
+        return None
+
+    def columns(self) -> dict[str, Any]:
+        """Return the result as the columns of a table, units in their names. Shape (n,) each."""
+        raise InputError(f"a {type(self).__name__} has no rows; to_dict() has its figures")
+
+    def to_dict(self) -> Mapping[str, Any]:
+        """Return the result as plain tables, lists, text and numbers, units in the keys."""
+        return {name: np.asarray(values).tolist() for name, values in self.columns().items()}
+
+    def to_frame(self) -> DataFrame:
+        """Return the rows of the result as a pandas DataFrame, units in the names of its columns.
+
+        Raises:
+            InputError: If pandas is not installed, or the result has no rows.
+        """
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise InputError("to_frame() needs pandas, which is not installed: pip install pandas") from None
+        return DataFrame(self.columns())
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the result with matplotlib.
+
+        Args:
+            axes: Axes to draw into; new ones if left out.
+
+        Returns:
+            The axes, to change or to save (`axes.figure.savefig("plan.png")`).
+
+        Raises:
+            InputError: If the result has no picture.
+        """
+        curves = self.curves()
+        if curves is None:
+            raise InputError(f"a {type(self).__name__} has no picture; print it, or to_dict()")
+        if axes is None:
+            import matplotlib.pyplot as plt
+
+            axes = plt.subplots(figsize=(7.0, 3.6), layout="constrained")[1]
+        return draw_curves(curves, axes)
+
+
+def wrap_words(words: str, head: str) -> list[str]:
+    """Write words after a head over two lines at most."""
+    lines = textwrap.wrap(words, MOST_LETTERS, initial_indent=head, subsequent_indent=" " * len(head))
+    return lines if len(lines) <= 2 else [lines[0], cut_line(f"{lines[1]} {lines[2].strip()}")]
+
+
+def cut_line(line: str, most: int = MOST_LETTERS) -> str:
+    """Cut a line at a word where it is too long to read."""
+    return line if len(line) <= most else line[: most - 4].rpartition(" ")[0] + " ..."
+
+
+def draw_curves(curves: Curves, axes: Axes) -> Axes:
+    """Draw curves into matplotlib axes and return them."""
+    for curve in curves.lines:
+        colour, dash = pick_style(curve.role)
+        axes.plot(curve.x, curve.y, color=colour, linestyle=MATPLOTLIB_DASHES[dash], linewidth=1.4, label=curve.label)
+    if curves.level is not None:
+        colour, dash = pick_style("tolerance")
+        axes.axhline(curves.level[0], color=colour, linestyle=MATPLOTLIB_DASHES[dash], label=curves.level[1])
+    if curves.logarithmic:
+        axes.set_yscale("log")
+    elif not curves.square:
+        axes.set_ylim(bottom=0.0)
+    if curves.square:
+        axes.set_aspect("equal", adjustable="datalim")
+    axes.set(title=curves.title, xlabel=curves.x, ylabel=curves.y)
+    axes.grid(visible=True, alpha=0.3)
+    axes.legend(frameon=False, fontsize="small")
+    return axes
+
+
+def pick_style(role: str | int) -> tuple[str, str]:
+    """Return colour and dash of a line."""
+    if isinstance(role, str):
+        return ROLES[role]
+    return CATEGORIES[role % len(CATEGORIES)], DASHES[role // len(CATEGORIES) % len(DASHES)]
+
+
+def draw_png(curves: Curves | None) -> bytes | None:
+    """Draw curves as a PNG, without touching the figures that a user has open; None where there is nothing to draw."""
+    if curves is None:
+        return None
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 3.2), layout="constrained", dpi=110)
+    FigureCanvasAgg(figure)
+    draw_curves(curves, figure.subplots())
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()

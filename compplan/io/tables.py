@@ -1,0 +1,343 @@
+"""Tables at the edge: CSV files whose column names carry units, as SI arrays, and files that appear whole or never.
+
+A reader states the columns it knows as `FileColumn`s (`compplan.io.columns`); `read_table` answers with SI arrays by
+key, or with one sentence that names file and line. `write_table` is the way back. Everything that compplan writes goes
+through `replace_file`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import stat
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError, ShapeError
+from compplan.io.columns import UNITS, FileColumn, match_columns
+from compplan.io.origin import note_input
+from compplan.io.transaction import replace_file
+
+Array = NDArray[np.float64]
+#: Greatest size of a text file that is read. [bytes]
+MOST_BYTES = 512 * 2**20
+#: How Python holds a byte of a path that is no UTF-8.
+NO_LETTER = re.compile("[\ud800-\udfff]")
+
+
+#: A number with a decimal comma.
+COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
+#: Bytes of a table from which on it pays to read all numbers at once, and names of columns of such a table.
+LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Hold the columns of one file in SI.
+
+    Args:
+        file: Where the table was read from.
+        values: Number columns by key, in SI; NaN is a missing value. Shape (n,) each.
+        text: Text columns by key; "" is a missing value. Shape (n,) each.
+        headers: The column's own name in the file, by key.
+        units: Unit in the file by key, "" where there is none.
+        lines: Line of the file that each row stands in, counted from 1. Shape (n,).
+        notes: What was read past, one sentence each.
+
+    """
+
+    file: Path
+    values: Mapping[str, Array]
+    text: Mapping[str, NDArray[np.str_]]
+    headers: Mapping[str, str]
+    units: Mapping[str, str]
+    lines: NDArray[np.int64]
+    notes: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.headers
+
+    def stack(self, keys: Sequence[str]) -> Array:
+        """Return several number columns side by side. Shape (n, len(keys)) [SI]."""
+        return np.column_stack([self.values[key] for key in keys]) if keys else np.empty((len(self), 0))
+
+    def numbered(self, name: str) -> list[str]:
+        """Return the keys of a numbered column in order: `table.numbered("q#")` is ["q1", "q2", ...].
+
+        Raises:
+            InputError: If a number between the first and the last is left out.
+
+        """
+        pattern = re.compile(re.escape(name).replace(r"\#", "#").replace("#", r"(\d+)") + "$")
+        found = {int(match.group(1)): key for key in self.headers if (match := pattern.match(key))}
+        for number in range(1, max(found, default=0) + 1):
+            if number not in found:
+                raise self.error(f"missing column {name.replace('#', str(number))}: the columns {name} count from 1")
+        return [found[number] for number in sorted(found)]
+
+    def error(self, message: str, row: int | None = None) -> InputError:
+        """Return an InputError at a row (counted from 0) of this file, or at its header."""
+        return InputError(message, file=self.file, where=1 if row is None else int(self.lines[row]))
+
+
+def read_table(
+    path: str | Path, columns: Sequence[FileColumn], *, unknown: str = "refuse",
+    rename: Callable[[str], str] | None = None,
+) -> Table:  # fmt: skip
+    """Read a CSV file whose column names carry units.
+
+    Blank lines and lines that begin with # are skipped. An empty field, or nan, is a missing value.
+
+    Args:
+        path: The file.
+        columns: The columns that the table may have.
+        unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
+        rename: Gives a column of another program's export our name, any other one its own; fields of such an export
+            may stand between semicolons, tabs or spaces, between semicolons with a decimal comma.
+
+    Returns:
+        The table in SI.
+
+    Raises:
+        InputError: With file and line, if the file cannot be read, a required column is missing, a column occurs twice
+            or has no or a wrong unit, a row has too few or too many fields, a field is not a finite number, or a field
+            is empty where no value may be missing.
+
+    """
+    path = Path(path)
+    plain = None if any(column.dimension == "text" for column in columns) else _read_plain(path)
+    header_line, header, rows, lines = (
+        _read_rows(path, rename is not None) if plain is None else (1, plain[0], [], plain[2])
+    )
+    names = [rename(name) for name in header] if rename else header
+    matched, notes = match_columns(path, header_line, names, columns, unknown)
+    by_column = list(zip(*rows, strict=True)) if rows else [()] * len(header)
+    values: dict[str, Array] = {}
+    text: dict[str, NDArray[np.str_]] = {}
+    units: dict[str, str] = {}
+    for key, (index, column, unit) in matched.items():
+        units[key] = unit
+        if column.dimension == "text":
+            text[key] = np.array([value.strip() for value in by_column[index]], dtype=np.str_)
+            continue
+        fields = by_column[index]
+        numbers = _parse_numbers(path, header[index], fields, lines) if plain is None else plain[1][:, index].copy()
+        if not column.missing and np.isnan(numbers).any():
+            row = int(np.flatnonzero(np.isnan(numbers))[0])
+            message = f"column '{header[index]}' is empty (or NaN) here; every row needs a number"
+            raise InputError(message, file=path, where=int(lines[row]))
+        values[key] = numbers * UNITS[unit][1] if unit else numbers
+    headers = {key: header[index] for key, (index, _, _) in matched.items()}
+    return Table(path, values, text, headers, units, lines, tuple(notes))
+
+
+def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None:
+    """Return header, numbers and lines of a long table of nothing but numbers, read at once; None of any other file."""
+    if not path.is_file() or not LONG <= path.stat().st_size <= MOST_BYTES:
+        return None
+    head, _, body = path.read_bytes().partition(b"\n")
+    body = body.replace(b"\r\n", b"\n")
+    header = [name.strip() for name in head.decode("ascii", "replace").split(",")]
+    if not all(HEADER.fullmatch(name) for name in header) or body.translate(None, b"0123456789+-.eE,\n"):
+        return None
+    if body.startswith(b"\n") or b"\n\n" in body:
+        return None
+    try:
+        grid = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2)
+    except ValueError:  # ragged or empty: the slow way says where
+        return None
+    whole = grid.shape[1] == len(header) and bool(np.isfinite(grid).all())
+    return (header, grid, np.arange(2, 2 + len(grid))) if whole else None
+
+
+def _read_rows(path: Path, exported: bool) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
+    """Return header line, header, rows and the line of every row; refuse ragged rows."""
+    content = read_text(path)
+    told = content.splitlines()
+    head = next((line for line in told if line.strip() and line.lstrip()[0] != "#"), "")
+    mark = next((mark for mark in ";\t, " if mark in head), ",") if exported else ","
+    reader = csv.reader(told, delimiter=mark)
+    header: list[str] = []
+    header_line = 0
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    for row in _split_rows(reader, path):
+        if not row or row[0].lstrip().startswith("#") or (len(row) == 1 and not row[0].strip()):
+            continue
+        if not header:
+            header, header_line = [name.strip() for name in row], reader.line_num
+            if len(header) > 1 and not header[-1] and exported:  # a mark behind the last field
+                header.pop()
+            if len(header) == 1 and ";" in header[0]:
+                raise InputError("fields are separated by ';', expected ','", file=path, where=header_line)
+            continue
+        if len(row) == len(header) + 1 and not row[-1].strip() and exported:
+            row.pop()
+        if mark == ";":
+            row = [field.replace(",", ".") if COMMA.fullmatch(field) else field for field in row]
+        if len(row) != len(header):
+            message = f"row has {len(row)} fields, the header has {len(header)}"
+            raise InputError(message, file=path, where=reader.line_num)
+        rows.append(row)
+        lines.append(reader.line_num)
+    if not header:
+        raise InputError("the file is empty, expected a header line with column names", file=path, where=1)
+    return header_line, header, rows, np.array(lines, dtype=np.int64)
+
+
+def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
+    """Yield the rows of a CSV reader."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise InputError(f"is not a table: {error}", file=path, where=reader.line_num + 1) from None
+
+
+def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray[np.int64]) -> Array:
+    """Return fields as numbers, NaN where they are empty."""
+    try:
+        if not is_plain("".join(fields)):
+            raise ValueError
+        numbers = np.array([field or "nan" for field in fields], dtype=np.str_).astype(np.float64)
+    except ValueError:
+        rows = zip(fields, lines.tolist(), strict=True)
+        numbers = np.array([_parse_number(path, title, text, line) for text, line in rows])
+    if np.isinf(numbers).any():
+        row = int(np.flatnonzero(np.isinf(numbers))[0])
+        message = f"column '{title}' is infinite here; expected a finite number"
+        raise InputError(message, file=path, where=int(lines[row]))
+    return numbers if len(numbers) else np.empty(0)
+
+
+def _parse_number(path: Path, title: str, text: str, line: int) -> float:
+    try:
+        if not is_plain(text):
+            raise ValueError
+        return float(text) if text.strip() else np.nan
+    except ValueError:
+        message = f"column '{title}' holds {text.strip()!r}, expected a number with a decimal point"
+        raise InputError(message, file=path, where=line) from None
+
+
+def is_plain(text: str) -> bool:
+    """Tell whether numbers in a text are written as other programs write them: no 1_000, no digits of other scripts."""
+    return text.isascii() and "_" not in text
+
+
+def read_text(path: str | Path) -> str:
+    """Read a text file as UTF-8, or as Latin-1 where it is not UTF-8.
+
+    Raises:
+        InputError: If there is no such file, or it is a folder, a binary file or too large.
+
+    """
+    path = Path(path)
+    try:
+        kind, size = path.stat().st_mode, path.stat().st_size
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise InputError("is no ordinary file but a device or a pipe", file=path)
+        if size > MOST_BYTES:
+            raise InputError(f"holds {size / 2**20:.0f} MB, at most {MOST_BYTES >> 20} MB are read", file=path)
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such file", file=path) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
+    note_input(path, content)
+    if b"\0" in content[:4096]:
+        raise InputError("is a binary file, expected text", file=path, where=1)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline: str = "\n") -> None:
+    """Write a text file whole or not at all; lines end as `newline` says.
+
+    Raises:
+        InputError: If the folder cannot be written.
+
+    """
+    with replace_file(path) as part:
+        part.write_bytes(escape_bytes(text).replace("\n", newline).encode(encoding))
+
+
+def escape_bytes(text: str) -> str:
+    r"""Return text in which a byte of a path that is no UTF-8 reads as its escape, \xe9, so that it can be written."""
+    return text if text.isascii() else NO_LETTER.sub(lambda found: f"\\x{ord(found[0]) & 0xFF:02x}", text)
+
+
+def write_json(path: str | Path, content: Any, *, indent: int | None = 1) -> None:
+    """Write a JSON file whole or not at all; see `dump_json`.
+
+    Raises:
+        InputError: If the folder cannot be written.
+
+    """
+    write_text(path, dump_json(content, indent=indent) + "\n")
+
+
+def dump_json(content: Any, *, indent: int | None = None) -> str:
+    """Return strict JSON: arrays as lists, and null for what is not a finite number."""
+    return json.dumps(_to_plain(content), indent=indent, allow_nan=False, separators=None if indent else (", ", ": "))
+
+
+def _to_plain(content: Any) -> Any:
+    """Return tables, lists, text and finite numbers alone."""
+    if isinstance(content, Mapping):
+        return {escape_bytes(str(key)): _to_plain(value) for key, value in content.items()}
+    if isinstance(content, str):
+        return escape_bytes(content)
+    if isinstance(content, np.ndarray | np.generic):
+        return _to_plain(content.tolist())
+    if isinstance(content, list | tuple):
+        return [_to_plain(value) for value in content]
+    if isinstance(content, float) and not np.isfinite(content):
+        return None
+    return content
+
+
+def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: int = 9) -> None:
+    """Write a CSV file whole or not at all.
+
+    Args:
+        path: The file.
+        columns: Values by column name, already in the unit that the name carries (see `to_unit`). Shape (n,) each.
+        decimals: Digits after the point that numbers are rounded to. NaN is written as an empty field.
+
+    Raises:
+        InputError: If the folder cannot be written.
+        ShapeError: If the columns differ in length.
+
+    """
+    cells = [_format_cells(np.asarray(values), decimals) for values in columns.values()]
+    lengths = {name: len(column) for name, column in zip(columns, cells, strict=True)}
+    if len(set(lengths.values())) > 1:
+        raise ShapeError(f"table columns differ in length: {lengths}")
+    body = "\n".join(map(",".join, zip(*cells, strict=True)))
+    write_text(path, ",".join(columns) + "\n" + (body + "\n" if body else ""))
+
+
+def _format_cells(values: NDArray[Any], decimals: int) -> list[str]:
+    """Return one column as text."""
+    if values.dtype.kind == "f":
+        rounded = np.round(values, decimals) + 0.0  # + 0.0 makes -0 a 0
+        if len(rounded) and (rounded == rounded[0]).all():
+            return [f"{float(rounded[0]):.15g}"] * len(rounded)
+        texts = ("%.15g\n" * len(rounded) % tuple(rounded.tolist())).split("\n")[:-1]
+        return [text if text != "nan" else "" for text in texts] if np.isnan(rounded).any() else texts
+    if values.dtype.kind == "b":
+        return [str(int(value)) for value in values.tolist()]
+    texts = [str(value) for value in values.tolist()]
+    return ['"' + text.replace('"', '""') + '"' if set(text) & set('",\n\r') else text for text in texts]

@@ -1,0 +1,224 @@
+"""TOML files checked against frozen pydantic models, with one sentence for each mistake."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
+from pydantic_core import CoreSchema, ErrorDetails
+from pydantic_core.core_schema import no_info_after_validator_function
+
+from compplan.errors import InputError
+from compplan.io.tables import read_text
+
+
+class StrictTable(BaseModel):
+    """Stand for one TOML table: unknown keys are refused, nothing is converted silently, and nothing changes later."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
+
+
+#: A key of more than fifty parts: tomllib takes the square of their number to read it.
+KEY_WITHOUT_END = re.compile(r"\s*\[*\s*(?:[\w-]+\s*\.\s*){50}")
+
+Model = TypeVar("Model", bound=StrictTable)
+
+
+
+def refuse_other_types(value: object) -> object:
+    """Refuse what is no whole number: true and 1.0 are equal to 1, and no versions or signs."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"is {value!r}, expected a whole number such as 1")
+    return value
+
+
+#: The version of a file's format.
+SchemaOne = Annotated[Literal[1], BeforeValidator(refuse_other_types)]
+#: TOML arrays as tuples; items stay strict.
+Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
+Numbers = Annotated[tuple[float, ...], Field(strict=False)]
+Words = Annotated[tuple[str, ...], Field(strict=False)]
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Let a string be one of the names of a registry, as it stands when the string is checked."""
+
+    names: Collection[str]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {**handler(schema), "enum": list(self.names)}
+
+    def _check(self, value: str) -> str:
+        if value not in self.names:
+            raise ValueError(f"is {value!r}, choose from {list(self.names)}")
+        return value
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file as plain tables.
+
+    Raises:
+        InputError: If the file is missing, or is not TOML (with the line).
+
+    """
+    text = read_text(path)
+    long = next((n for n, words in enumerate(text.splitlines(), 1) if KEY_WITHOUT_END.match(words)), None)
+    if long is not None:
+        raise InputError("is not TOML: a key has too many dots", file=path, where=long)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        sentence = str(error)
+        line = None
+        if "(at line " in sentence:
+            sentence, _, place = sentence.partition(" (at line ")
+            line = int(place.split(",")[0])
+        elif "(at end of document)" in sentence:
+            sentence = sentence.replace(" (at end of document)", "")
+            line = max(1, len(text.splitlines()))
+        raise InputError(f"is not TOML: {sentence}", file=path, where=line) from None
+    except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
+        fault = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise InputError(f"is not TOML: {fault}", file=path) from None
+
+
+def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path | None = None, key: str = "") -> Model:
+    """Check a TOML table against a model.
+
+    Args:
+        model: The model.
+        data: The table as `tomllib` gives it.
+        file: File that the table stands in, for messages.
+        key: Dotted key of the table in that file, for messages.
+
+    Raises:
+        InputError: With the dotted key, if a key is unknown, missing, or has a wrong value.
+
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        faults = error.errors()  # a misspelt key is told rather than the one that is missing for it
+        details = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
+        keys, holder = _walk(details, model)
+        if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            keys.append(str(details["ctx"]["discriminator"]).strip("'"))
+        raise InputError(_say(details, holder), file=file, where=_join(keys, key) or None) from None
+
+
+def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
+    """Read a table of its name from a TOML file, such as a job, or the whole file where that has no such table.
+
+    Returns:
+        The table, and its key in the file, "" for the whole file.
+
+    Raises:
+        InputError: If there is no such file, it is no TOML, it is empty, or the name stands for something else.
+
+    """
+    data = read_toml(path)
+    if not data:
+        raise InputError(f"is empty, expected the keys of [{name}]", file=path)
+    table = data.get(name, data)
+    if not isinstance(table, dict):
+        raise InputError(f"is {table!r}, expected a table", file=path, where=name)
+    return table, name if name in data else ""
+
+
+def read_toml_model(model: type[Model], path: str | Path) -> Model:
+    """Read a TOML file into a model.
+
+    Raises:
+        InputError: As `read_toml` and `check_table` do.
+
+    """
+    return check_table(model, read_toml(path), file=path)
+
+
+def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int], Any]:
+    """Follow the location of a fault through the models.
+
+    Returns:
+        The keys on the way, without the tags of tagged unions, and the model that holds the last key (or None).
+
+    """
+    keys: list[str | int] = []
+    current: Any = model
+    holder: Any = model
+    for part in details["loc"]:
+        if isinstance(current, list):
+            current = next((entry for entry in current if str(part) in _tags(entry)), None)
+            continue
+        keys.append(part)
+        holder = current
+        if isinstance(part, str):
+            field = None if current is None else current.model_fields.get(part)
+            found = [] if field is None else _models_in(field.annotation)
+            current = found[0] if len(found) == 1 else found or None
+    return keys, holder
+
+
+def shorten_value(value: Any) -> str:
+    """Return a value as a message shows it, its middle left out where it is long."""
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:50]}...{text[-25:]}"
+
+
+def _models_in(annotation: Any) -> list[Any]:
+    """Return the models that a type annotation mentions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in getattr(annotation, "__args__", ()) for model in _models_in(argument)]
+
+
+def _tags(model: type[BaseModel]) -> list[str]:
+    """Return the words that may choose a model among several."""
+    return [word for field in model.model_fields.values() for word in getattr(field.annotation, "__args__", ())]
+
+
+def _join(keys: list[str | int], prefix: str) -> str:
+    dotted = prefix
+    for part in keys:
+        dotted += f"[{part}]" if isinstance(part, int) else f".{part}" if dotted else str(part)
+    return dotted
+
+
+def _say(details: ErrorDetails, holder: Any) -> str:
+    """Return the sentence for one fault."""
+    kind, given, context = details["type"], shorten_value(details.get("input")), details.get("ctx", {})
+    if kind == "extra_forbidden":
+        if holder is None:
+            return "unknown key"
+        return f"unknown key, choose from {[field.alias or name for name, field in holder.model_fields.items()]}"
+    if kind == "missing":
+        return "missing key"
+    if kind == "union_tag_not_found":
+        return "missing key"
+    if kind == "union_tag_invalid":
+        return f"is {context.get('tag')!r}, choose from {context.get('expected_tags')}"
+    if kind == "model_type":
+        return f"is {given}, must be a table"
+    if kind == "literal_error":
+        return f"is {given}, choose from {context.get('expected')}"
+    if kind == "value_error":
+        return str(context.get("error", details["msg"]))
+    if kind == "string_unicode":
+        return f"is {given}, not UTF-8, which no job can hold; rename it"
+    return f"is {given}, must be {details['msg'].removeprefix('Input should be ').replace('a valid ', 'a ')}"

@@ -1,0 +1,376 @@
+"""Design the few measurements that narrow the 95 % band on one path most, and say what they will bring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from compplan.effects import attain_scene
+from compplan.effects.scene import Scene
+from compplan.errors import InputError
+from compplan.learning.candidates import Candidates, find_postures, list_candidates
+from compplan.learning.contacts import (
+    LENGTHS,
+    PLACES,
+    SOCKETS,
+    TRACKER,
+    Stand,
+    find_touching,
+    list_stands,
+    see_distances,
+    sight_candidates,
+)
+from compplan.learning.design import Choice, Design, choose_measurements, find_idle, random_choice
+from compplan.learning.order import order_poses
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.distance import band_radius
+from compplan.measurement.poses.information import learn_rows
+from compplan.measurement.sights import DISTANCE, Sights
+from compplan.plan.plan import Plan
+from compplan.posture.collision_scene import CollisionScene, build_scene
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+from compplan.simulation.predict import predict_campaign
+from compplan.uncertainty.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed, widen_uncertainty
+from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
+from compplan.uncertainty.slopes import measure_slopes, read_force_spread, stage_path, take_scene
+from compplan.uncertainty.vary import stage_robot
+
+#: Random poses that the design is compared with, and how often they are drawn.
+MANY, DRAWS = 50, 5
+#: Effects that only a load shows.
+COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
+#: What poses may be for: the band on the job's path, or a calibration of an arm of which hardly anything is known, to
+#: hold wherever it can stand; and postures that stand for that (assumed).
+PATH, CALIBRATION = "path", "calibration"
+REACH = 100
+#: A log lies beyond its widths where chance would do so once in a thousand.
+BY_CHANCE = 0.999
+
+
+@dataclass(frozen=True)
+class Shop:
+    """What a shop has to measure with.
+
+    Attributes:
+        weights: Weights that can hang at the tool, 0 for none. [kg]
+        pull: Force with which the tool can be pulled sideways, 0 for none. [N]
+        sigma: Standard deviation of the instrument per axis. [m]
+        register: Frames that are unknown, of "base" and "tool"; None: both of a tracker, which stands anywhere, and
+            none of other instruments.
+        seed: Seed of the candidates.
+        purpose: What the poses are for: PATH or CALIBRATION.
+        instrument: What sees the tip, of `INSTRUMENTS`.
+        places: Unknown places at which it stands; None: as many as `PLACES` says.
+        length: Length of a ball bar, radius about a sphere, or distance of two sockets of a plate; None: as `LENGTHS`
+            says. [m]
+    """
+
+    weights: tuple[float, ...] = (0.0,)
+    pull: float = 0.0
+    sigma: float = 3e-5
+    register: tuple[str, ...] | None = None
+    seed: int = 0
+    purpose: str = PATH
+    instrument: str = TRACKER
+    places: int | None = None
+    length: float | None = None
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Return the frames that are unknown: the poses have to tell them from the arm."""
+        if self.register is None:
+            return ("base", "tool") if self.instrument == TRACKER else ()
+        return tuple(part for part in self.register if part != "base" or self.instrument == TRACKER)
+
+    @property
+    def loaded(self) -> bool:
+        """Tell whether loads can be changed."""
+        return self.pull > 0.0 or any(self.weights)
+
+    @property
+    def place(self) -> str:
+        """Say where the poses narrow the band."""
+        return "on this path" if self.purpose == PATH else "wherever the arm can stand"
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCampaign:
+    """Poses to measure, in the order in which to measure them; the last is the first once more.
+
+    Attributes:
+        plan: The plan of the path that they are for.
+        shop: What there is to measure with.
+        poses: The measurements, in the order of measuring.
+        worth: Their order by what they bring, 1 the most; as `poses`.
+        choice: What they bring, in the order of their worth.
+        design: What is known, and the path.
+        start: Covariance before the first of them.
+        random: Root mean square model part of the band after as many, and after `MANY`, random poses (medians). [m]
+        rest: What would narrow the band further afterwards: parameter and share of the variance.
+        touching: Places in the order to which the way touches something.
+        log: Rows of the partial log that counted.
+        notes: What a user has to know, one sentence each.
+    """
+
+    plan: Plan
+    shop: Shop
+    poses: Candidates
+    worth: NDArray[np.int_]
+    choice: Choice
+    design: Design
+    start: Array
+    random: tuple[float, float]
+    rest: tuple[tuple[str, float], ...]
+    touching: NDArray[np.int_]
+    log: int
+    notes: tuple[str, ...]
+
+    def model_part(self, covariance: Array) -> float:
+        """Return the root mean square band of the parameters alone. [m]"""
+        return model_part(self.design, covariance)
+
+    @property
+    def stands(self) -> tuple[Stand, ...]:
+        """Where the instrument stands; none for a tracker, which stands anywhere."""
+        return list_stands(self.shop.instrument, self.poses.sights, self.poses.tip)
+
+
+def design_campaign(
+    plan: Plan, shop: Shop, count: int, log: Campaign | None = None,
+    announce: Callable[[str], None] = lambda words: None,
+) -> PoseCampaign:  # fmt: skip
+    """Design measurements for the path of a plan.
+
+    Args:
+        plan: The plan.
+        shop: What there is to measure with.
+        count: How many poses.
+        log: What has been measured already, or None.
+        announce: Told what is being done.
+
+    Raises:
+        InputError: If the arm finds too few postures.
+    """
+    task, robot = plan.task, plan.robot
+    announce("the path and what is known")
+    solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
+    known, scene, rows, notes = _stage_purpose(plan, shop, lowest, solids)
+    # poses narrow the robot alone: what of the force goes with it counts as apart
+    path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows), tie=None)
+    design = Design(known, path, shop.sigma, shop.frames)
+    if shop.purpose == CALIBRATION:
+        design = take_frames(design, scene)
+    start, used, said = learn_log(design, robot, log)
+    notes += said
+    announce("postures")
+    postures, sights = find_postures(robot, plan.q, lowest, solids, shop.seed), None
+    if shop.instrument != TRACKER and len(postures):
+        postures, sights = put_up(robot, shop, postures, task.position[task.cut].mean(axis=0), lowest, solids)
+    if len(postures) < count:
+        raise InputError(
+            f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
+        )
+    candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
+    if sights is not None:
+        candidates = sight_candidates(candidates, sights)
+    announce("choice")
+    design, start, candidates, choice, more = _choose(design, start, candidates, count)
+    notes += more + _ask_for_load(design, shop, choice.covariance, task.wrench[task.cut, :3])
+    chosen = candidates.take(choice.rows)
+    order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
+    again = np.r_[order, order[0]]
+    return PoseCampaign(
+        plan=plan, shop=shop, poses=chosen.take(again), worth=again + 1, choice=choice, design=design, start=start,
+        random=compare_random(design, candidates, count, start, shop.seed),
+        rest=_find_rest(design, known, choice.covariance), touching=touching, log=used, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _stage_purpose(
+    plan: Plan, shop: Shop, lowest: float, solids: CollisionScene
+) -> tuple[Uncertainty, Scene, NDArray[np.bool_], list[str]]:
+    """Return what is known, the robot where the band is to be narrow, the rows that count, and what is assumed."""
+    task, robot = plan.task, plan.robot
+    if shop.purpose == PATH:
+        scene = stage_path(robot, plan.q, task.wrench, task.step_time)
+        return known_uncertainty(robot, plan.job), scene, task.cut, list_assumed(robot)
+    known = widen_uncertainty(robot, shop.loaded)
+    reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
+    # loads as they come on the path: the fit has to hold under them, too
+    wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
+    return known, stage_path(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool), [known.source]
+
+
+def put_up(
+    robot: Robot, shop: Shop, postures: Array, middle: Array, lowest: float, solids: CollisionScene
+) -> tuple[Array, Sights]:
+    """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
+    places = PLACES[shop.instrument] if shop.places is None else shop.places
+    length = LENGTHS.get(shop.instrument, 0.0) if shop.length is None else shop.length
+    return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids, shop.seed)
+
+
+def _choose(
+    bare: Design, learned: Array, candidates: Candidates, count: int
+) -> tuple[Design, Array, Candidates, Choice, list[str]]:
+    """Choose measurements; places that are met no more often than they take are not put up.
+
+    Args:
+        bare: What is known, without unknown places.
+        learned: Its covariance.
+        candidates: What could be measured.
+        count: How many.
+
+    Returns:
+        Design and covariance with the places, the candidates at them, the choice, and what there is to say.
+    """
+    asked = 0 if candidates.sights is None else len(candidates.sights.names)
+    while True:
+        design, start = bare, learned
+        if candidates.sights is not None:
+            design, start = add_places(bare, learned, candidates.sights, candidates.tip, count)
+        choice = choose_measurements(design, candidates, count, start)
+        if candidates.sights is None or not candidates.sights.names:
+            return design, start, candidates, choice, []
+        idle = find_idle(candidates, choice.rows)
+        if not idle.any() or idle.all():
+            break
+        sights = candidates.sights.drop_contacts(idle)
+        candidates = replace(candidates, sights=sights).take(np.flatnonzero(sights.contact >= 0))
+    left = len(candidates.sights.names)
+    said = f"{left} of {asked} unknown places are worth putting up: more poses at these tell more than any elsewhere"
+    return design, start, candidates, choice, [said] if left < asked else []
+
+
+def add_places(design: Design, start: Array, sights: Sights, tip: Array, count: int) -> tuple[Design, Array]:
+    """Add the unknown places of contacts to a design, and what known distances say of them to its covariance.
+
+    Raises:
+        InputError: If so many poses are fewer than a place takes and one more.
+    """
+    least = 4 if (sights.kind == DISTANCE).any() else 2
+    if count < least * len(sights.names):
+        number = {2: "two", 4: "four"}[least]
+        message = f"{count} poses at {len(sights.names)} unknown places, expected at least {number} a place"
+        raise InputError(f"{message}: more --poses or fewer --places")
+    design = replace(design, places=len(sights.names))
+    wide = design.start.copy()
+    wide[: len(start), : len(start)] = start
+    rows, variance = see_distances(sights.known, sights.start_places(tip), len(wide))
+    for row, own in zip(rows, variance, strict=True):
+        wide = learn_rows(wide, row[None], float(own))
+    return design, wide
+
+
+def take_frames(design: Design, scene: Scene) -> Design:
+    """Return the design without what unknown frames follow: each later campaign, each part brings its own.
+
+    Args:
+        design: The design.
+        scene: The robot at all rows of its path.
+    """
+    path = design.path
+    attained = attain_scene(take_scene(scene, path.rows))
+    rows = design.rows(path.model, attained.position, attained.rotation)
+    flat, p = rows.reshape(-1, rows.shape[2]), path.model.shape[2]
+    frames = np.linalg.qr(flat[:, p:])[0]
+    model = flat[:, :p] - frames @ (frames.T @ flat[:, :p])
+    return replace(design, path=replace(path, model=model.reshape(path.model.shape)))
+
+
+def _ask_for_load(design: Design, shop: Shop, covariance: Array, force: Array) -> list[str]:
+    """Say what unloaded poses leave, where compliances make most of it, and which force of the path none shows. [N]"""
+    aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
+    if shop.loaded:
+        if shop.pull > 0.0 or shop.purpose != PATH or shop.instrument == SOCKETS or aside <= down:
+            return []
+        return [
+            f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"
+            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); what a log says in doubt counts on a path only where"
+            " forces like its own were measured"
+        ]
+    rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
+    left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))
+    if rest**2 > 0.5 * left**2:
+        return []
+    return [
+        "poses without a load tell nothing of compliances, and these make most of what stays uncertain: hang weights at"
+        " the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
+    ]
+
+
+def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array, int, list[str]]:
+    """Take what a partial log tells off the covariance; also return how many rows counted and what is odd."""
+    if log is None:
+        return design.start, 0, []
+    use = np.flatnonzero(log.usable & ~log.on_path)
+    sights = None if log.sights is None else log.sights.take(use)
+    # the places of this log are its own: they widen the state while its rows are learned
+    own = design if sights is None else replace(design, places=len(sights.names))
+    scene = stage_robot(robot, log)
+    predicted = predict_campaign(robot, log, register=design.frames)
+    slopes = measure_slopes(scene, design.known.unknowns, use)
+    rows = own.rows(slopes, predicted.position[use], predicted.rotation[use], sights)
+    gap, flat = predicted.gap[use].reshape(-1), rows.reshape(3 * len(use), -1)
+    spread = flat @ own.start @ flat.T + design.noise * np.eye(len(flat))
+    told = int(np.sum(np.abs(flat).sum(axis=1) > 0)) if sights is None else int(np.linalg.matrix_rank(rows).sum())
+    freedom = max(told - 3 * len(design.frames) ** 2 - 3 * own.places, 1)
+    distance = float(gap @ np.linalg.solve(spread, gap))
+    said = []
+    if distance > 2.0 * gammaincinv(0.5 * freedom, BY_CHANCE):
+        said.append(
+            f"the log lies {np.sqrt(distance / freedom):.2g} times as far from the robot folder as its widths allow:"
+            " diagnose it, and design with the updated folder"
+        )
+    p = len(design.start)
+    return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), said
+
+
+def compare_random(design: Design, candidates: Candidates, count: int, start: Array, seed: int) -> tuple[float, float]:
+    """Return the model part of the band after as many, and after many, random poses: medians. [m]"""
+    found = []
+    for number in (count, MANY):
+        tries = [
+            model_part(design, random_choice(design, candidates, number, seed + 1 + k, start).covariance)
+            for k in range(DRAWS)
+        ]
+        found.append(float(np.median(tries)))
+    return found[0], found[1]
+
+
+def model_part(design: Design, covariance: Array) -> float:
+    """Return the root mean square along the path of the band that parameters alone make. [m]"""
+    band = band_radius(design.model(covariance))
+    return float(np.sqrt(np.mean(band**2)))
+
+
+def _find_rest(design: Design, known: Uncertainty, covariance: Array) -> tuple[tuple[str, float], ...]:
+    after = known.with_covariance(covariance)
+    return lead_unknowns(design.path, after, split_covariance(design.path, after))
+
+
+def _scene_of(plan: Plan) -> CollisionScene:
+    start = plan.task.start
+    if start is not None and start.request is not None and start.request.scene is not None:
+        return start.request.scene
+    return build_scene(plan.robot)
+
+
+def parse_weights(text: str) -> tuple[float, ...]:
+    """Read the weights of a shop: numbers in kg with commas between them.
+
+    Raises:
+        InputError: If they are not numbers from 0 to 5000 kg.
+    """
+    try:
+        weights: Sequence[float] = [float(part) for part in text.split(",")]
+    except ValueError:
+        weights = [-1.0]
+    if not all(0.0 <= weight <= 5000.0 for weight in weights):
+        raise InputError(f"--weights-kg is {text!r}, expected numbers from 0 to 5000 with commas, such as 0,20")
+    return tuple(dict.fromkeys(weights))

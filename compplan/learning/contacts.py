@@ -1,0 +1,227 @@
+"""Candidates for instruments that see no positions: sockets, dial gauges, probes, planes, spheres, a ball bar.
+
+A shop puts them up where the campaign says, by hand: places are unknown within centimetres, and every place is met
+more than once. What each kind tells stands in `compplan.measurement.sights`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.learning.candidates import FLOOR, Candidates, run_up
+from compplan.measurement.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights, along
+from compplan.posture.clearance import measure_margin
+from compplan.posture.collision_scene import CollisionScene
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+
+TRACKER, SOCKETS, GAUGE, PROBE, PLANE, SPHERE, BALL_BAR = INSTRUMENTS = (
+    "tracker", "sockets", "gauge", "probe", "plane", "sphere", "ball_bar",
+)  # fmt: skip
+#: Kind of a row, and places that are put up where nobody says how many.
+KINDS = {SOCKETS: CONTACT, GAUGE: READING, PLANE: READING, SPHERE: DISTANCE, BALL_BAR: DISTANCE}
+PLACES = {SOCKETS: 3, GAUGE: 6, PROBE: 0, PLANE: 3, SPHERE: 3, BALL_BAR: 3}
+#: Length of a ball bar, radii of a sphere and the ball that touches it together, and distance of the sockets of a plate
+#: from each other, where nobody says. [m] (assumed)
+LENGTHS = {BALL_BAR: 0.3, SPHERE: 0.03}
+#: Half of the side of a plane that the probe may touch [m] (assumed), and how surely a plate's distance is known. [m]
+SIDE, SURE = 0.15, 2e-5
+#: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
+STEPS, NEAR, TURN = 15, 1e-9, 0.2
+#: How an instrument is put up, {at} in the robot's base frame.
+SETUP = {
+    SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
+    GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
+           " farther that way; zero it anywhere and leave it",
+    PLANE: "plane {label} through ({at}) mm, {side} mm wide, its normal along ({along}): align it well, the normal"
+           " counts as exact",
+    SPHERE: "sphere {label} with its centre at ({at}) mm; its radius and that of the tool's ball are {mm} mm together",
+    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: as far as the stand is"
+              " off, the bar's length has to give; write the distance of both balls' centres down, not its change",
+}  # fmt: skip
+#: Normals of planes, ways of dials and plates, place by place.
+NORMALS = np.eye(3)[[2, 0, 1]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """What decides how the arm meets a place: postures and their tips, the instrument and its length, what is near."""
+
+    robot: Robot
+    postures: Array
+    tip: Array
+    lowest: float
+    instrument: str
+    length: float
+    scene: CollisionScene | None
+    random: np.random.Generator
+
+    def meet(self, centre: Array, number: int) -> list[Array]:
+        """Return postures in which the arm meets a place [m], the `number`-th, or each socket of its plate."""
+        nearest = np.argsort(np.linalg.norm(self.tip - centre, axis=1))[: max(len(self.postures) // 3, 12)]
+        wanted = np.tile(centre, (len(nearest), 1))
+        if self.instrument in LENGTHS:
+            away = self.tip[nearest] - centre
+            away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
+            wanted = centre + self.length * away / np.linalg.norm(away, axis=1)[:, None]
+        elif self.instrument == PLANE:
+            beside, normal = self.random.uniform(-SIDE, SIDE, wanted.shape), NORMALS[number % 3]
+            wanted = wanted + beside - np.outer(beside @ normal, normal)
+        half, met = 0.5 * self.length * NORMALS[(number + 1) % 3], []
+        for shift in (-half, half) if self.instrument == SOCKETS and self.length > 0.0 else (np.zeros(3),):
+            found = bring_tips(self.robot, self.postures[nearest], wanted + shift)
+            high = locate_frames(build_chain(self.robot), found).tcp_position[:, 2] >= min(FLOOR, self.lowest)
+            clear = high if self.scene is None else high & (measure_margin(self.scene, found, 0.0) >= 0.0)
+            met.append(found[clear])
+        return met
+
+
+def find_touching(
+    robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
+    scene: CollisionScene | None, seed: int,
+) -> tuple[Array, Sights]:  # fmt: skip
+    """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
+
+    Args:
+        robot: The robot with its tool.
+        postures: Postures that the arm can take. Shape (m, nq). [rad or m]
+        middle: Middle of the path. Shape (3,). [m]
+        lowest: Lowest place of the path over the base plane. [m]
+        instrument: One of `INSTRUMENTS`, no tracker.
+        places: How many places.
+        length: Length of the ball bar, radii of the sphere and the ball of the tool together, or distance of two
+            sockets of a plate, 0 for single ones. [m]
+        scene: What may touch what, or None.
+        seed: Seed.
+
+    Raises:
+        InputError: If the arm meets some place fewer than three times.
+    """
+    tip = locate_frames(build_chain(robot), postures).tcp_position
+    q, label, names = [], [], list[str]()
+    if instrument == PROBE:
+        return _probe_anywhere(postures, tip, NORMALS)
+    meeting = _Meeting(robot, postures, tip, lowest, instrument, length, scene, np.random.default_rng(seed))
+    offered, chosen = _near(tip, middle), np.empty((0, 3))
+    for number in range(places):
+        most = 0
+        while True:  # what the arm does not meet, or a wall bars, is no place to put anything up
+            if not len(offered):
+                raise InputError(
+                    f"the arm meets place {number + 1} in {most} postures, expected at least 3, wherever near the path"
+                    " it is put up; ask for fewer --places, or check limits and collisions"
+                )
+            at = _choose_place(offered, chosen, middle)
+            centre, offered = offered[at], np.delete(offered, at, axis=0)
+            met = meeting.meet(centre, number)
+            most = max(most, fewest := min(map(len, met)))
+            if fewest >= 3:
+                break
+        chosen = np.vstack([chosen, centre])
+        for found in met:
+            side = f"/{len(names) % 2}" if instrument == SOCKETS and length > 0.0 else ""
+            names.append(f"{number + 1}{side}")
+            q.append(found)
+            label.append(np.full(len(found), len(names) - 1))
+    contact, n = np.concatenate(label), sum(map(len, q))
+    of = np.array([int(name.split("/")[0]) - 1 for name in names])[contact]
+    direction = NORMALS[of % 3] if KINDS[instrument] == READING else np.full((n, 3), np.nan)
+    known = KnownDistances()
+    if instrument == SOCKETS and length > 0.0:
+        pairs = np.arange(2 * places).reshape(-1, 2)
+        known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
+    kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
+    return np.concatenate(q), Sights(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
+
+
+def _probe_anywhere(postures: Array, tip: Array, normals: Array) -> tuple[Array, Sights]:
+    """Return postures, once for each normal, and what a probe sees: it reads zero at a place that is known."""
+    m = 3 * len(postures)
+    direction = np.tile(normals, (len(postures), 1))
+    read = Sights(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0), direction, np.zeros(m))
+    return np.repeat(postures, 3, axis=0), read
+
+
+def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
+    """Bring the tip to places with least joint motion; only postures within the limits come back. Shape (k, nq)."""
+    chain, q = build_chain(robot), q.copy()
+    for _ in range(STEPS):
+        frames = locate_frames(chain, q)
+        away = wanted - frames.tcp_position
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(joint_jacobian(chain, frames)[:, :3], rcond=1e-3), away)
+        q = q + np.clip(step, -TURN, TURN)
+    good = np.linalg.norm(wanted - locate_frames(chain, q).tcp_position, axis=1) < NEAR
+    edge = run_up(robot)
+    return np.asarray(q[good & ((q > robot.lower + edge) & (q < robot.upper - edge)).all(axis=1)])
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where an instrument is put up: its label, its place in the robot's base frame (3,) [m], and how, in words."""
+
+    label: str
+    place: Array
+    says: str
+
+
+def list_stands(instrument: str, sights: Sights | None, tip: Array) -> tuple[Stand, ...]:
+    """Tell where the instrument of a campaign stands, label by label.
+
+    Args:
+        instrument: One of `INSTRUMENTS`.
+        sights: What it sees in every pose; None for a tracker.
+        tip: Where the tip is in every pose, base frame. Shape (m, 3). [m]
+    """
+    stands, names = [], () if sights is None else sights.names
+    for number, label in enumerate(names):
+        assert sights is not None
+        rows = np.flatnonzero(sights.contact == number)
+        own, value = sights.take(rows), 1e3 * float(sights.value[rows[0]])
+        place = own.start_places(tip[rows])[number] if instrument in LENGTHS else tip[rows].mean(axis=0)
+        says = SETUP[instrument].format(
+            at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label, mm=f"{value:g}",
+            along=", ".join(f"{v:g}" for v in own.direction[0]), side=f"{2e3 * SIDE:.0f}",
+        )  # fmt: skip
+        stands.append(Stand(label, place, says))
+    return tuple(stands)
+
+
+def _near(tip: Array, middle: Array) -> Array:
+    """Return the half of the tips that is nearer to the path. Shape (k, 3) [m]."""
+    away = np.linalg.norm(tip - middle, axis=1)
+    return tip[away <= np.median(away)]
+
+
+def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
+    """Choose a place: the first the one nearest to the path, then each as far from the others as can be."""
+    if not len(chosen):
+        return int(np.linalg.norm(offered - middle, axis=1).argmin())
+    return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
+
+
+def sight_candidates(candidates: Candidates, sights: Sights) -> Candidates:
+    """Give candidates what is seen of them: as many times as they stand under different loads, from different sides."""
+    times = len(candidates) // len(sights.kind)
+    return replace(candidates, sights=sights.take(np.tile(np.arange(len(sights.kind)), times)))
+
+
+def see_rows(rows: Array, sights: Sights, point: Array) -> Array:
+    """Return what sights see of parameters, frames and places, from what positions would. Shape (m, 3, P + 3 c).
+
+    Args:
+        rows: Derivatives of the measured point. Shape (m, 3, P).
+        sights: The sights, c contacts.
+        point: The measured point, base frame. Shape (m, 3). [m]
+    """
+    places = -sights.place_slopes().reshape(len(rows), 3, -1)
+    return along(sights.directions(point, sights.start_places(point)), np.concatenate([rows, places], axis=2))
+
+
+def see_distances(known: KnownDistances, places: Array, size: int) -> tuple[Array, Array]:
+    """Return what known distances say of a state of `size` numbers that ends with the places, and their variances."""
+    slopes = known.slopes(places).reshape(len(known), 3 * len(places))
+    rows = np.hstack([np.zeros((len(known), size - 3 * len(places))), slopes])
+    return rows[:, None, :], known.sigma**2

@@ -1,0 +1,213 @@
+"""Which measurements narrow the 95 % band on a path most: the posterior variance of the tip on that path.
+
+State x of parameters and unknown frames, covariance S. A measurement of the tip y = H x + noise of covariance R takes
+
+    S H^T (H S H^T + R)^-1 H S        off S, and        tr(L S H^T (H S H^T + R)^-1 H S L^T)
+
+off the variance summed along the path, L the slopes there. Poses are chosen one after the other, then exchanged one by
+one while that helps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.learning.candidates import Candidates
+from compplan.learning.contacts import see_rows
+from compplan.measurement.distance import band_radius
+from compplan.measurement.poses.exchange import settle_choice, take_greedily
+from compplan.measurement.poses.information import learn_rows, measure_gains, weigh_rows
+from compplan.measurement.sights import DISTANCE, Sights
+from compplan.robot import Array
+from compplan.robot.uncertainty import Uncertainty
+from compplan.uncertainty.band import Slopes, split_covariance
+
+#: Standard deviations of frames that are not known. [m, rad]
+LOOSE = (1.0, 0.5)
+#: A further pose is not worth it where it narrows the band by less than this share.
+WORTH = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames.
+
+    Attributes:
+        known: What is known before.
+        path: The path to first order.
+        sigma: Standard deviation of the instrument per axis. [m]
+        frames: Which frames are unknown, of "base" and "tool".
+        places: Places of contacts that are unknown.
+    """
+
+    known: Uncertainty
+    path: Slopes
+    sigma: float
+    frames: tuple[str, ...] = ()
+    places: int = 0
+
+    @cached_property
+    def start(self) -> Array:
+        """Covariance before the first measurement. Shape (p + f, p + f)."""
+        p = len(self.known.factor)
+        loose = np.zeros(0)
+        if "base" in self.frames:
+            loose = np.repeat(LOOSE, 3)
+        if "tool" in self.frames:
+            loose = np.r_[loose, np.full(3, LOOSE[0])]
+        loose = np.r_[loose, np.full(3 * self.places, LOOSE[0])]
+        full = np.zeros((p + len(loose), p + len(loose)))
+        full[:p, :p] = self.known.covariance
+        full[p:, p:] = np.diag(loose**2)
+        return full
+
+    @cached_property
+    def target(self) -> Array:
+        """Slopes along the path, frames included: they do not move the tip. Shape (3 k, p + f)."""
+        k, _, p = self.path.model.shape
+        return np.concatenate([self.path.model.reshape(3 * k, p), np.zeros((3 * k, len(self.start) - p))], axis=1)
+
+    @property
+    def noise(self) -> float:
+        """Variance of one measurement per axis: instrument, repeatability, what no parameter explains. [m^2]."""
+        return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + self.known.smooth**2
+
+    def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Sights | None = None) -> Array:
+        """Return what measurements see of parameters, frames and places. Shape (m, 3, p + f)."""
+        parts = [slopes]
+        if "base" in self.frames:
+            turn = np.zeros((len(tip), 3, 3))
+            turn[:, 0, 1], turn[:, 0, 2], turn[:, 1, 2] = tip[:, 2], -tip[:, 1], tip[:, 0]
+            turn[:, 1, 0], turn[:, 2, 0], turn[:, 2, 1] = -tip[:, 2], tip[:, 1], -tip[:, 0]
+            parts += [np.broadcast_to(np.eye(3), (len(tip), 3, 3)), turn]
+        if "tool" in self.frames:
+            parts.append(rotation)
+        rows = np.concatenate(parts, axis=2)
+        return rows if sights is None else see_rows(rows, sights, tip)
+
+    def look(self, candidates: Candidates) -> Array:
+        """Return what candidates see of parameters, frames and places. Shape (m, 3, p + f)."""
+        return self.rows(candidates.slopes, candidates.tip, candidates.rotation, candidates.sights)
+
+    @cached_property
+    def beside(self) -> Array:
+        """Covariance of the tip that no measurement of parameters takes away. Shape (k, 3, 3). [m^2]."""
+        parts = split_covariance(self.path, self.known)
+        return parts["unexplained"] + parts["repeatability"] + parts["force"]
+
+    def model(self, covariance: Array) -> Array:
+        """Return the covariance of the tip by parameters, from that of the state. Shape (k, 3, 3). [m^2]."""
+        p = len(self.known.factor)
+        return np.asarray(self.path.model @ covariance[:p, :p] @ np.swapaxes(self.path.model, 1, 2))
+
+    def band(self, covariance: Array) -> Array:
+        """Return the 95 % band along the path with a covariance of the state. Shape (k,). [m]."""
+        return band_radius(self.model(covariance) + self.beside)
+
+    @property
+    def floor(self) -> Array:
+        """Return the band where every parameter is known exactly. Shape (k,). [m]."""
+        return self.band(np.zeros_like(self.start))
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Measurements that were chosen.
+
+    Attributes:
+        rows: Their numbers among the candidates, in the order in which they help most.
+        greatest: Greatest band along the path after none, one, two ... of them. [m]
+        rms: Root mean square band after none, one, two ... of them. [m]
+        covariance: Covariance of parameters after all of them. Shape (p, p).
+    """
+
+    rows: NDArray[np.int_]
+    greatest: Array
+    rms: Array
+    covariance: Array
+
+    @property
+    def enough(self) -> int | None:
+        """Number of poses after which no further one is worth it; None where the last one still was."""
+        gain = 1.0 - self.rms[1:] / np.maximum(self.rms[:-1], 1e-300)
+        worth = np.flatnonzero(gain >= WORTH)
+        last = int(worth[-1]) + 1 if len(worth) else 0
+        return None if last == len(gain) else last
+
+
+def choose_measurements(design: Design, candidates: Candidates, count: int, start: Array | None = None) -> Choice:
+    """Choose measurements: greedily, then exchanged one by one while that helps.
+
+    Args:
+        design: What is known, and the path.
+        candidates: What could be measured.
+        count: How many.
+        start: Covariance before the first of them; from `design` where left out.
+    """
+    before = design.start if start is None else start
+    rows, first = design.look(candidates), first_visits(candidates)
+    weight = design.target.T @ design.target
+    worth = weigh_rows(
+        lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
+        learn_rows(before, rows[first], design.noise), rows, design.noise,
+    )  # fmt: skip
+    chosen = settle_choice(worth, take_greedily(worth, count - len(first)))
+    return grade_choice(design, rows, [*first, *(number for number, _ in chosen)], before)
+
+
+def first_visits(candidates: Candidates) -> list[int]:
+    """Return the first visits of every unknown place: they tell nothing of the arm, each later one does beside them.
+
+    A place takes one visit, the centre of a ball bar or a sphere three, in directions as different as can be.
+    """
+    sights, found = candidates.sights, list[int]()
+    if sights is None:
+        return found
+    away = sights.directions(candidates.tip, sights.start_places(candidates.tip))
+    for contact in range(len(sights.names)):
+        rows = np.flatnonzero(sights.contact == contact)
+        left = away[rows]
+        for _ in range(3 if (sights.kind[rows] == DISTANCE).any() else 1):
+            size = np.nan_to_num(np.linalg.norm(left, axis=1), nan=1.0)
+            taken = int(size.argmax())
+            found.append(int(rows[taken]))
+            left = left - np.outer(left @ left[taken], left[taken]) / max(size[taken] ** 2, 1e-12)
+    return found
+
+
+def find_idle(candidates: Candidates, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Tell which contacts stand at places that are met no more often than the places take. Shape (contacts,).
+
+    Args:
+        candidates: All that could be measured.
+        rows: What was chosen of it.
+    """
+    assert candidates.sights is not None
+    contact, names = candidates.sights.contact, candidates.sights.names
+    plate = np.unique([name.split("/")[0] for name in names], return_inverse=True)[1].reshape(-1)
+    met, taken = (np.bincount(plate[contact[seen]], minlength=len(names)) for seen in (rows, first_visits(candidates)))
+    return np.asarray((met <= taken)[plate])
+
+
+def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Array) -> Choice:
+    """State the band along the path after none, one, two ... of some measurements."""
+    covariance, bands = before, [design.band(before)]
+    for number in chosen:
+        covariance = learn_rows(covariance, rows[[number]], design.noise)
+        bands.append(design.band(covariance))
+    p = len(design.known.factor)
+    greatest = np.array([band.max() for band in bands])
+    rms = np.array([np.sqrt(np.mean(band**2)) for band in bands])
+    return Choice(np.array(chosen, int), greatest, rms, covariance[:p, :p])
+
+
+def random_choice(design: Design, candidates: Candidates, count: int, seed: int, start: Array | None = None) -> Choice:
+    """Choose measurements by chance, to compare with."""
+    rows = design.look(candidates)
+    picked = np.random.default_rng(seed).choice(len(rows), size=count, replace=count > len(rows))
+    return grade_choice(design, rows, picked.tolist(), design.start if start is None else start)

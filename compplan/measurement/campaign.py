@@ -1,0 +1,293 @@
+"""Measurement logs: what an instrument saw of a robot, row by row, in time order.
+
+A `Campaign` holds one log in SI, with what follows from the order of its rows: visits (rows between which nothing moved
+and no load changed), the direction from which every joint was approached, and joint speeds on paths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.io.shown import Shown
+from compplan.measurement.sights import Sights
+from compplan.robot import Array
+
+#: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
+STATIC_JITTER = 2e-5
+PATH_JITTER = 1e-8
+#: What a force sensor may read where nothing pulls, assumed: noise and drift of a 1 kN sensor. [N], [N m]
+FORCE_NOISE, MOMENT_NOISE = 5.0, 2.0
+#: A sensor's noise grows with its range: this share of the largest load of the log is none either (assumed).
+SAME_LOAD = 0.02
+MODES = ("U1", "U2", "L1", "L2")
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+def number_rows(values: Array) -> NDArray[np.int_]:
+    """Number the rows of a table, equal rows alike, ordered by the first column, then the next. Shape (n,)."""
+    number = np.zeros(len(values), np.int64)
+    for column in values.T:
+        inverse = np.unique(column, return_inverse=True)[1].reshape(-1)
+        number = np.unique(number * (int(inverse.max(initial=0)) + 1) + inverse, return_inverse=True)[1].reshape(-1)
+    return number
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(Shown):
+    """One measurement log; n rows, nq joints.
+
+    Attributes:
+        run: Label of the run. Shape (n,).
+        q: Commanded joint positions (readings of the side that controls). Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes, as the sensor reports it. Shape (n, 6).
+            [N, N m]
+        position: Measured target, NaN where missing. Shape (n, 3). [m]
+        rotation: Measured orientation, NaN where missing, or None. Shape (n, 3, 3).
+        time: Seconds since the campaign began, or None. Shape (n,). [s]
+        temperature: Temperature of the structure, or None. Shape (n,). [C]
+        link: Link-side encoder readings, or None. Shape (n, nq). [rad or m]
+        motor: Motor-side encoder readings, or None. Shape (n, nq). [rad or m]
+        sigma: Stated standard deviation of the position per axis, or None. Shape (n,). [m]
+        sigma_rotation: Stated standard deviation of the orientation per axis, or None. Shape (n,). [rad]
+        target: Index of the measured point on the tool. Shape (n,).
+        target_names: Label of each measured point.
+        mode: U1 U2 L1 L2 or "". Shape (n,).
+        file: Where it was read from, or None.
+        lines: Line of the file that each row stands in. Shape (n,).
+        notes: What was read past or left out, one sentence each.
+        target_offset: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
+        moved: Last move of each joint where rows of a pose were pooled and their order does not tell it; else None.
+            Shape (n, nq). [rad or m]
+        scatter: Standard deviation of a single row's position per axis where rows were pooled; else 0. [m]
+        sights: What was seen of the point in rows without a position (contacts, readings, ball bar), or None.
+
+    """
+
+    run: NDArray[np.str_]
+    q: Array
+    wrench: Array
+    position: Array
+    rotation: Array | None = None
+    time: Array | None = None
+    temperature: Array | None = None
+    link: Array | None = None
+    motor: Array | None = None
+    sigma: Array | None = None
+    sigma_rotation: Array | None = None
+    target: NDArray[np.int_] | None = None
+    target_names: tuple[str, ...] = ("",)
+    mode: NDArray[np.str_] | None = None
+    file: Path | None = None
+    lines: NDArray[np.int_] | None = None
+    notes: tuple[str, ...] = ()
+    target_offset: Array | None = None
+    moved: Array | None = None
+    scatter: float = 0.0
+    sights: Sights | None = None
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return how much was measured, and what was read past."""
+        name = "in memory" if self.file is None else self.file.name
+        runs = len(np.unique(self.run_index)) if len(self) else 0
+        kinds = [("orientation", self.rotation), ("time", self.time), ("temperature", self.temperature),
+                 ("link encoders", self.link), ("stated sigma", self.sigma)]  # fmt: skip
+        return [
+            ("measurements", f"{name}: {len(self)} rows in {runs} runs, {self.nq} joints"),
+            ("usable", f"{int(self.usable.sum())} rows hold joints, load and position"),
+            ("poses", f"{len(np.unique(self.pose[~self.on_path]))} at rest, {int(self.on_path.sum())} rows in motion"),
+            ("load", f"{self.load_scale:.4g} N" if self.load_varies else "none, or always the same"),
+            ("also", ", ".join(word for word, values in kinds if values is not None) or "positions alone"),
+            *(("note", note) for note in self.notes[:6]),
+        ]
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a measured row: run, joints [rad or m], load, measured position."""
+        columns: dict[str, Any] = {"run": self.run}
+        columns |= {f"q{k + 1}_SI": self.q[:, k] for k in range(self.nq)}
+        columns |= {f"{name}_{unit}": self.wrench[:, k]
+                    for k, (name, unit) in enumerate(zip(WRENCH, ("N",) * 3 + ("Nm",) * 3, strict=True))}  # fmt: skip
+        return {**columns, **{f"{axis}_mm": self.position[:, k] * 1e3 for k, axis in enumerate("xyz")}}
+
+    @property
+    def nq(self) -> int:
+        """Count the commanded joints."""
+        return self.q.shape[1]
+
+    @cached_property
+    def target_index(self) -> NDArray[np.int_]:
+        """Index of the measured point on the tool, zero where there is only one. Shape (n,)."""
+        return np.zeros(len(self), int) if self.target is None else self.target
+
+    @cached_property
+    def run_index(self) -> NDArray[np.int_]:
+        """Number of the run of each row, in order of appearance. Shape (n,)."""
+        starts = np.r_[True, self.run[1:] != self.run[:-1]]
+        return np.cumsum(starts) - 1
+
+    @cached_property
+    def on_path(self) -> NDArray[np.bool_]:
+        """Tell which rows were sampled on the fly. Shape (n,)."""
+        return np.char.startswith(np.char.lower(self.run.astype(str)), "path")
+
+    @cached_property
+    def link_controlled(self) -> NDArray[np.bool_]:
+        """Tell which rows carry link-side readings in q (modes U2 and L2). Shape (n,)."""
+        return np.zeros(len(self), bool) if self.mode is None else np.char.endswith(self.mode.astype(str), "2")
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """Tell which rows hold joints, load, and a position or what another instrument saw. Shape (n,)."""
+        joints, load = (np.isfinite(part).all(axis=1) for part in (self.q, self.wrench))
+        return np.asarray(joints & load & (self.measured if self.sights is None else self.measured | self.sights.seen))
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_]:
+        """Tell which rows hold a position of all three coordinates. Shape (n,)."""
+        return np.asarray(np.isfinite(self.position).all(axis=1))
+
+    @cached_property
+    def adrift(self) -> bool:
+        """Tell whether every row was seen from places that nobody knows: as if a base frame was fitted."""
+        if self.sights is None or self.measured.any():
+            return False
+        return bool((self.sights.contact[self.sights.seen] >= 0).all())
+
+    @cached_property
+    def load_scale(self) -> float:
+        """Largest force of the log, robustly. [N]."""
+        force = np.linalg.norm(np.nan_to_num(self.wrench[:, :3]), axis=1)
+        return float(np.percentile(force, 95)) if len(force) else 0.0
+
+    @cached_property
+    def load_varies(self) -> bool:
+        """Tell whether the external load changes by more than a sensor's noise."""
+        wrench = self.wrench[self.usable]
+        if not len(wrench):
+            return False
+        return bool(self.is_load(np.ptp(np.percentile(wrench, (3, 97), axis=0), axis=0)[None])[0])
+
+    def is_load(self, wrench: Array) -> NDArray[np.bool_]:
+        """Tell which wrenches (or changes of one) are more than the sensor's noise; the one answer to "loaded?".
+
+        Args:
+            wrench: Wrenches. Shape (n, 6). [N, N m]
+
+        Returns:
+            Shape (n,).
+        """
+        force = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
+        moment = np.linalg.norm(np.nan_to_num(wrench[:, 3:]), axis=1)
+        share = SAME_LOAD * self.load_scale
+        return np.asarray((force > max(FORCE_NOISE, share)) | (moment > max(MOMENT_NOISE, share)))
+
+    @cached_property
+    def visit(self) -> NDArray[np.int_]:
+        """Number of the visit of each row: neither joints nor load changed since the row before. Shape (n,).
+
+        Every row of a path is a visit of its own.
+        """
+        if not len(self):
+            return np.zeros(0, int)
+        moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
+        loaded = self.is_load(np.diff(np.nan_to_num(self.wrench), axis=0))
+        new = moved | loaded | (np.diff(self.run_index) > 0) | self.on_path[1:] | (np.diff(self.target_index) != 0)
+        if self.mode is not None:
+            new |= self.mode[1:] != self.mode[:-1]
+        return np.cumsum(np.r_[False, new])
+
+    @cached_property
+    def stay(self) -> NDArray[np.int_]:
+        """Number of the stay of each row: the robot has not moved since the row before, whatever its load. Shape (n,).
+
+        Every row of a path is a stay of its own.
+        """
+        if not len(self):
+            return np.zeros(0, int)
+        moved = np.abs(np.diff(np.nan_to_num(self.q), axis=0)).max(1) > STATIC_JITTER
+        return np.cumsum(np.r_[False, moved | (np.diff(self.run_index) > 0) | self.on_path[1:]])
+
+    @cached_property
+    def pose(self) -> NDArray[np.int_]:
+        """Number of the pose of each static row, equal wherever the same joints come back. Shape (n,)."""
+        return number_rows(np.round(np.nan_to_num(self.q) / (20 * STATIC_JITTER)))
+
+    @cached_property
+    def last_move(self) -> Array:
+        """Length of the last move of each joint that moved, NaN where it is unknown. Shape (n, nq). [rad or m]."""
+        if self.moved is not None:
+            return self.moved
+        moves = np.diff(np.nan_to_num(self.q), axis=0, prepend=np.nan_to_num(self.q[:1]))
+        jitter = np.where(self.on_path, PATH_JITTER, STATIC_JITTER)
+        first = np.r_[True, np.diff(self.run_index) > 0]
+        known = (np.abs(moves) > jitter[:, None]) & ~first[:, None]
+        start = np.maximum.accumulate(np.where(first, np.arange(len(self)), 0))
+        source = np.maximum.accumulate(np.where(known, np.arange(len(self))[:, None], -1), axis=0)
+        valid = source >= start[:, None]
+        taken = np.take_along_axis(moves, np.maximum(source, 0), axis=0)
+        return np.asarray(np.where(valid, taken, np.nan))
+
+    @cached_property
+    def approach(self) -> Array:
+        """Sign of the last move of each joint, 0 where it is unknown. Shape (n, nq)."""
+        return np.asarray(np.sign(np.nan_to_num(self.last_move)))
+
+    @cached_property
+    def first_visit(self) -> NDArray[np.bool_]:
+        """Tell which rows stand where their run began, so that their approach is unknown. Shape (n,)."""
+        return np.asarray(np.isnan(self.last_move).all(axis=1), bool)
+
+    @cached_property
+    def speed(self) -> Array:
+        """Joint speeds on paths, zero at rest and where no time is known. Shape (n, nq). [rad/s or m/s]."""
+        result = np.zeros_like(self.q)
+        if self.time is None:
+            return result
+        for number in np.unique(self.run_index[self.on_path]):
+            rows = np.flatnonzero((self.run_index == number) & self.on_path & np.isfinite(self.time))
+            if len(rows) > 2 and (np.diff(self.time[rows]) > 0).all():
+                result[rows] = np.gradient(self.q[rows], self.time[rows], axis=0)
+        return result
+
+    @cached_property
+    def warming(self) -> Array | None:
+        """Temperature since the first row, or None without a temperature. Shape (n,). [K]."""
+        if self.temperature is None or not np.isfinite(self.temperature).any():
+            return None
+        rows = np.arange(len(self))
+        known = np.isfinite(self.temperature)
+        filled = np.interp(rows, rows[known], self.temperature[known])
+        return np.asarray(filled - self.reference_temperature)
+
+    @cached_property
+    def reference_temperature(self) -> float:
+        """Temperature at the first row, from a straight line through the first five readings. [C]."""
+        rows = np.zeros(0, int) if self.temperature is None else np.flatnonzero(np.isfinite(self.temperature))[:5]
+        if self.temperature is None or not len(rows):
+            return float("nan")
+        known = self.temperature[rows]
+        return float(np.polyval(np.polyfit(rows, known, 1), 0.0)) if len(rows) > 2 else float(known[0])
+
+    @cached_property
+    def unloaded(self) -> NDArray[np.bool_]:
+        """Tell which rows carry no external load but the sensor's noise. Shape (n,)."""
+        return ~self.is_load(self.wrench)
+
+    def take(self, rows: NDArray[np.int_] | NDArray[np.bool_]) -> Campaign:
+        """Take some rows; what follows from the order of rows is computed anew from the rows that are left."""
+        fields: dict[str, Any] = {}
+        for name in (
+            "run", "q", "wrench", "position", "rotation", "time", "temperature", "link", "motor", "sigma",
+            "sigma_rotation", "target", "mode", "lines", "moved",
+        ):  # fmt: skip
+            value = getattr(self, name)
+            fields[name] = None if value is None else value[rows]
+        return replace(self, **fields, sights=None if self.sights is None else self.sights.take(rows))

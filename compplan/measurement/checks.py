@@ -1,0 +1,241 @@
+"""What a measurement log cannot hold: joints beyond any turn, forces of a rocket, clocks that run back, sigma of zero.
+
+One row in fifty may be a gross outlier: a few absurd rows are left out, with a note; more of them are a mistake of
+units, and refused with one sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.io.tables import Table
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.pasted import find_pasted
+from compplan.robot import Array, Robot
+
+#: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.
+TURN, WAY = 2.0 * np.pi, 10.0
+#: Greatest force [N], moment [N m], length of a campaign [s] and standard deviation [m, rad] that are taken for true.
+MOST_FORCE, MOST_MOMENT, LONGEST, MOST_SIGMA = 1e6, 1e6, 1e8, 1.0
+#: Least standard deviation [m, rad]: a nanometre; no instrument that follows a robot sees less.
+LEAST_SIGMA = 1e-9
+#: Temperatures that instruments and robots stand. [C]
+COLDEST, HOTTEST = -60.0, 300.0
+#: Share of the rows that may be gross outliers (measurement log, contract).
+OUTLIERS = 0.02
+#: Rows that a fit needs at the least, and the greatest rotation vector of a measured orientation. [rad]
+LEAST_ROWS, MOST_TURN = 3, 4.0 * np.pi
+#: Joints that move less stand still [rad or m]; positions that spread more have moved [m], and less have not [m].
+STILL, MOVED, SAME = 1e-9, 0.05, 1e-9
+#: Measured positions spread this many times more, or less, than the robot moved: another unit. [1]
+OTHER_UNIT = 5.0
+
+
+def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
+    """Return the campaign without rows that are absurd, told in its notes.
+
+    Raises:
+        InputError: With file and line, if so many rows are that it is a mistake of the whole log, or the log
+            contradicts itself.
+
+    """
+    _check_sigma(campaign, table)
+    _check_clock(campaign, table)
+    _check_temperature(campaign, table)
+    _check_orientation(table)
+    notes = list(table.notes)
+    bad = find_pasted(table)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        notes.append(
+            f"{bad.sum()} of {len(campaign)} rows say what earlier rows say in every column, the first in line "
+            f"{table.lines[row]}: pasted again, they count once"
+        )
+    for about, wrong in _absurd_rows(campaign, robot).items():
+        if not wrong.any():
+            continue
+        row = int(np.flatnonzero(wrong)[0])
+        said = _describe(about, campaign, robot, row)
+        if wrong.sum() > max(1, OUTLIERS * len(campaign)) or wrong.all():
+            raise table.error(f"{said}, and so in {wrong.sum()} of {len(campaign)} rows", row)
+        notes.append(f"line {table.lines[row]}: {said}; taken for an outlier, left out")
+        bad |= wrong
+    if bad.any():
+        campaign = replace(
+            campaign,
+            q=np.where(bad[:, None], _before(campaign.q, bad), campaign.q),
+            wrench=np.where(bad[:, None], 0.0, campaign.wrench),
+            position=np.where(bad[:, None], np.nan, campaign.position),
+            sights=None if campaign.sights is None else campaign.sights.without(bad),
+        )
+    _check_motion(campaign, table)
+    return replace(campaign, notes=tuple(notes))
+
+
+def check_unit(campaign: Campaign, predicted: Array) -> None:
+    """Refuse a log whose positions spread many times more, or less, than the robot moved: a mistake of units.
+
+    Args:
+        campaign: The log.
+        predicted: TCP of every row, base frame. Shape (n, 3). [m]
+
+    Raises:
+        InputError: If they do.
+
+    """
+    known = np.isfinite(campaign.position).all(1) & np.isfinite(predicted).all(1)
+    if known.sum() < 3:
+        return
+    measured, moved = (float(np.median(_spread(points[known]))) for points in (campaign.position, predicted))
+    if max(measured, moved) > MOVED and not moved / OTHER_UNIT < measured < moved * OTHER_UNIT:
+        message = (
+            f"measured positions spread over {measured * 1e3:.4g} mm, the joints move the tool over "
+            f"{moved * 1e3:.4g} mm; is another unit meant (mm, m, inch; deg, rad)?"
+        )
+        raise InputError(message, file=campaign.file)
+
+
+def check_runs(campaign: Campaign) -> None:
+    """Refuse a log in which every row is a run of its own, or which is too short: there is nothing to learn from it.
+
+    Raises:
+        InputError: If it is.
+
+    """
+    n, usable = len(campaign), int(campaign.usable.sum())
+    if usable < LEAST_ROWS:
+        message = f"{usable} rows hold joints, load and position, expected at least {LEAST_ROWS}"
+        raise InputError(message, file=campaign.file)
+    if n > 3 and len(np.unique(campaign.run)) == n:
+        message = f"column 'run' has {n} labels in {n} rows; rows of one run were taken without a break"
+        raise InputError(message, file=campaign.file)
+
+
+def _spread(points: Array) -> Array:
+    return np.asarray(np.linalg.norm(points - np.median(points, axis=0), axis=1))
+
+
+def _check_sigma(campaign: Campaign, table: Table) -> None:
+    for key, values in (("sigma_position", campaign.sigma), ("sigma_rotation", campaign.sigma_rotation)):
+        if values is None:
+            continue
+        wrong = (values < LEAST_SIGMA) | (values > MOST_SIGMA)
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            unit = "m" if key == "sigma_position" else "rad"
+            message = f"{table.headers[key]} is {values[row]:g} {unit}, expected {LEAST_SIGMA:g} to {MOST_SIGMA:g}"
+            raise table.error(message, row)
+
+
+def _check_clock(campaign: Campaign, table: Table) -> None:
+    if campaign.time is None:
+        return
+    known = np.flatnonzero(np.isfinite(campaign.time))
+    time, runs = campaign.time[known], campaign.run_index[known]
+    if len(known) < 2:
+        return
+    back = np.flatnonzero((np.diff(time) < 0.0) & (np.diff(runs) == 0))
+    if len(back):
+        row = int(known[back[0] + 1])
+        raise table.error(f"time runs back to {campaign.time[row]:g} s, rows stand in time order", row)
+    if np.ptp(time) == 0.0 and len(known) > 3:
+        raise table.error(f"column '{table.headers['time']}' never changes; leave it out where no time was taken")
+    if np.ptp(time) > LONGEST:
+        raise table.error(f"time spans {np.ptp(time):g} s, at most {LONGEST:g} s; is it in another unit?")
+
+
+def _check_temperature(campaign: Campaign, table: Table) -> None:
+    if campaign.temperature is None:
+        return
+    wrong = (campaign.temperature < COLDEST) | (campaign.temperature > HOTTEST)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        message = f"temperature is {campaign.temperature[row]:g} C, expected {COLDEST:g} to {HOTTEST:g} C"
+        raise table.error(message, row)
+
+
+def _check_orientation(table: Table) -> None:
+    if "rx" not in table:
+        return
+    turns = np.abs(table.stack(["rx", "ry", "rz"])).max(axis=1)
+    wrong = turns > MOST_TURN
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        turn, most = np.degrees([turns[row], MOST_TURN])
+        message = f"orientation of {turn:g} deg, a rotation vector has at most {most:g} deg"
+        raise table.error(f"{message}; is column '{table.headers['rx']}' in another unit?", row)
+
+
+def _absurd_rows(campaign: Campaign, robot: Robot) -> dict[str, NDArray[np.bool_]]:
+    """Tell which rows hold joints, encoders, loads or turns beyond what there is, by what they hold."""
+    room = np.where(robot.prismatic, WAY, TURN)
+    rows: dict[str, NDArray[np.bool_]] = {}
+    for name, joints in (("joint", campaign.q), ("link", campaign.link), ("motor", campaign.motor)):
+        if joints is not None:
+            beyond = (joints < robot.lower - room) | (joints > robot.upper + room)
+            rows[name] = np.asarray(beyond.any(axis=1), bool)
+    with np.errstate(over="ignore"):
+        force, moment = (np.abs(part).max(axis=1) for part in (campaign.wrench[:, :3], campaign.wrench[:, 3:]))
+    rows["wrench"] = np.logical_or(force > MOST_FORCE, moment > MOST_MOMENT)
+    return rows
+
+
+def _describe(about: str, campaign: Campaign, robot: Robot, row: int) -> str:
+    """Say what is absurd in a row."""
+    if about == "wrench":
+        size = np.abs(campaign.wrench[row])
+        k = int(np.argmax(size))
+        unit, most = ("N", MOST_FORCE) if k < 3 else ("Nm", MOST_MOMENT)
+        return f"force or moment of {campaign.wrench[row, k]:g} {unit}, at most {most:g} {unit}"
+    joints = {"joint": campaign.q, "link": campaign.link, "motor": campaign.motor}[about]
+    assert joints is not None
+    beyond = np.maximum(robot.lower - joints[row], joints[row] - robot.upper)
+    k = int(np.nanargmax(beyond))
+    slides = bool(robot.prismatic[k])
+    value, low, high = (
+        float(x * 1e3 if slides else np.degrees(x)) for x in (joints[row, k], robot.lower[k], robot.upper[k])
+    )
+    unit, side = "mm" if slides else "deg", "" if about == "joint" else f" ({about} side)"
+    hint = "" if slides else "; is the column in radians or degrees?"
+    return f"joint {robot.joint_names[k]!r}{side} is at {value:g} {unit}, limits [{low:g}, {high:g}]{hint}"
+
+
+def _before(values: Array, bad: NDArray[np.bool_]) -> Array:
+    """Return the rows with each bad one in the state of the last good one, so that no move is made up."""
+    good = np.flatnonzero(~bad)
+    if not len(good):
+        return values
+    index = np.maximum.accumulate(np.where(bad, -1, np.arange(len(values))))
+    return np.asarray(values[np.where(index < 0, good[0], index)])
+
+
+def _check_motion(campaign: Campaign, table: Table) -> None:
+    """Refuse positions that stay while the joints move, and joints that stay while the positions move."""
+    rows = campaign.usable & campaign.measured
+    if rows.sum() < 3:
+        return
+    joints, positions = campaign.q[rows], campaign.position[rows]
+    moves, travels = bool((np.ptp(joints, axis=0) > STILL).any()), float(np.ptp(positions, axis=0).max())
+    if moves and travels <= SAME and _far_apart(joints):
+        where = [float(value) for value in positions[0] * 1e3]
+        raise table.error(f"all positions are the same, {where} mm, while the joints move; were they recorded?")
+    if not moves and travels > MOVED and len(campaign.target_names) == 1:
+        message = f"the joints never move, while positions spread over {travels * 1e3:.4g} mm; were they recorded?"
+        raise table.error(message)
+    if not moves and travels <= SAME and rows.sum() > 3:
+        raise table.error("all rows hold the same joints and the same position; expected poses that differ")
+
+
+def _far_apart(joints: Array) -> bool:
+    return bool(np.ptp(joints, axis=0).max() > 1e-2)
+
+
+def list_notes(notes: Sequence[str], shown: int = 5) -> list[str]:
+    """Return notes on a log as lines, the many in one."""
+    lines = [f"note: {note}" for note in notes[:shown]]
+    return lines if len(notes) <= shown else [*lines, f"note: and {len(notes) - shown} more of them"]

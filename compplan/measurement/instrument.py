@@ -1,0 +1,242 @@
+"""Instruments other than a tracker: the file that describes one, and the columns of a log that it fills."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Table
+from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
+from compplan.measurement.sights import CONTACT, DISTANCE, POSITION, READING, KnownDistances, Sights
+from compplan.robot import Array
+
+#: Standard deviation of contacts, readings and distances where no file states one (assumed: a dial gauge). [m]
+ASSUMED_SIGMA = 5e-5
+#: Standard deviation of a known distance where the file states none (assumed: a caliper). [mm]
+ASSUMED_DISTANCE_MM = 0.02
+#: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
+ROUNDING = 0.01
+COLUMNS = (
+    FileColumn("contact", "text"),
+    FileColumn("reading", "length", missing=True),
+    *(FileColumn(f"dir_{axis}", "number", missing=True, group="direction") for axis in "ijk"),
+    FileColumn("distance", "length", missing=True),
+)
+
+
+class DistanceTable(StrictTable):
+    """[[distance]]: a known distance between two contacts."""
+
+    between: Annotated[tuple[str, str], Field(strict=False)]
+    mm: Annotated[float, Field(gt=0.0, le=1e5)]
+    sigma_mm: Annotated[float, Field(gt=0.0, le=100.0)] = ASSUMED_DISTANCE_MM
+
+    @model_validator(mode="after")
+    def _check_two(self) -> DistanceTable:
+        if self.between[0] == self.between[1]:
+            raise ValueError(f"is between {self.between[0]!r} and itself, expected two contacts")
+        return self
+
+
+class InstrumentTable(StrictTable):
+    """[instrument]: how well it sees, and where its frame stands in the robot's base."""
+
+    sigma_mm: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+
+
+class InstrumentFile(StrictTable):
+    """instrument.toml."""
+
+    schema_: SchemaOne = Field(alias="schema")
+    instrument: InstrumentTable = InstrumentTable()
+    distance: Annotated[tuple[DistanceTable, ...], Field(strict=False)] = ()
+
+
+@dataclass(frozen=True)
+class SightedRows:
+    """Sights of a log, with what belongs to them.
+
+    Attributes:
+        sights: The sights.
+        sigma: Standard deviation of each row, NaN where it is no sight. Shape (n,). [m]
+        notes: What was assumed or cannot be told, one sentence each.
+    """
+
+    sights: Sights
+    sigma: Array
+    notes: tuple[str, ...]
+
+
+def read_instrument(file: Path) -> InstrumentFile:
+    """Read instrument.toml.
+
+    Raises:
+        InputError: If it is none.
+    """
+    return read_toml_model(InstrumentFile, file)
+
+
+def read_sights(table: Table, position: Array, instrument: InstrumentFile | None) -> SightedRows | None:
+    """Read the columns contact, reading, dir and distance of a log; None where it has none of them.
+
+    Args:
+        table: The log.
+        position: Its positions, NaN where there are none. Shape (n, 3). [m]
+        instrument: What the instrument file says, if there is one.
+
+    Raises:
+        InputError: With file and line, if a row says two things at once, or not all that belongs to one.
+    """
+    if not any(key in table for key in ("contact", "reading", "distance")):
+        return None
+    said, notes = instrument or InstrumentFile.model_validate({"schema": 1}), list[str]()
+    n = len(table)
+    names, contact = _number_contacts(table)
+    nothing = np.full(n, np.nan)
+    reading, distance = table.values.get("reading", nothing), table.values.get("distance", nothing)
+    kind = np.where(np.isfinite(distance), DISTANCE, np.where(np.isfinite(reading), READING, POSITION))
+    measured = np.asarray(np.isfinite(position).all(axis=1))
+    # a label that is read elsewhere is no socket: its empty rows were not measured
+    empty = (kind == POSITION) & (contact >= 0) & ~measured
+    contact = np.where(empty & np.isin(contact, contact[~empty & (kind != POSITION)]), -1, contact)
+    kind = np.where(empty & (contact >= 0), CONTACT, kind)
+    _check_rows(table, kind, contact, reading, measured)
+    turn = Rotation.from_rotvec(np.deg2rad(said.instrument.rotation_deg)).as_matrix()
+    origin = np.where((kind == READING)[:, None], np.array(said.instrument.position_mm) * 1e-3, 0.0)
+    origin = np.where((measured & (kind == READING))[:, None], position, origin)
+    sights = Sights(
+        kind=kind, contact=np.where(kind == POSITION, -1, contact), names=names, origin=origin,
+        direction=_read_directions(table, kind) @ turn.T,
+        value=np.where(kind == DISTANCE, distance, np.where(kind == READING, reading, np.nan)),
+    )  # fmt: skip
+    if (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any():
+        _check_met_again(table, contact)
+    sights, alone = _drop_lonely(table, sights, [label for one in said.distance for label in one.between], measured)
+    notes += alone
+    sights, absent = _add_distances(sights, said.distance)
+    if absent:
+        notes.append(f"[[distance]] names contacts that the log has not, and does not count there: {', '.join(absent)}")
+    sigma = said.instrument.sigma_mm
+    if sigma is None and "sigma_position" not in table:
+        notes.append(f"no sigma_mm of the instrument is stated: {ASSUMED_SIGMA * 1e3:g} mm is assumed")
+    if not sights.tell_scale and not (measured & (kind == POSITION)).any():
+        notes.append(
+            "the scale is not known from these rows: contacts alone look the same for an arm of other size, so lengths"
+            " stay near the robot folder's; a known [[distance]] between contacts, a reading or a ball bar tells it"
+        )
+    if np.isin(sights.kind, (READING, DISTANCE)).any():
+        notes.append(
+            "readings and distances tell one direction a row, and so does what is said of the gap there: in space the"
+            " tip may be 1.7 times as far off; bands count all three directions"
+        )
+    level = ASSUMED_SIGMA if sigma is None else sigma * 1e-3
+    return SightedRows(sights, np.where(sights.seen, level, np.nan), tuple(notes))
+
+
+def _number_contacts(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_]]:
+    labels = [str(label).strip() for label in table.text["contact"]] if "contact" in table else [""] * len(table)
+    names = tuple(label for label in dict.fromkeys(labels) if label)
+    return names, np.array([names.index(label) if label else -1 for label in labels], int)
+
+
+def _check_rows(
+    table: Table, kind: NDArray[np.int_], contact: NDArray[np.int_], reading: Array, measured: NDArray[np.bool_]
+) -> None:
+    """Refuse rows that contradict themselves."""
+    length = np.nan_to_num(table.values.get("distance", reading))
+    wrong = {
+        "a row has reading_mm and distance_mm, expected one of them": (kind == DISTANCE) & np.isfinite(reading),
+        "distance_mm without a contact, expected the label of the fixed centre": (kind == DISTANCE) & (contact < 0),
+        "x_mm y_mm z_mm beside distance_mm, expected an unknown centre: a contact alone": (kind == DISTANCE) & measured,
+        "x_mm y_mm z_mm and a contact beside reading_mm, expected the place of the zero or a label of an unknown one": (
+            (kind == READING) & measured & (contact >= 0)
+        ),
+        "distance_mm is not above zero": (kind == DISTANCE) & ~(length > 0),
+    }
+    for message, rows in wrong.items():
+        if rows.any():
+            raise table.error(message, int(np.flatnonzero(rows)[0]))
+
+
+def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
+    """Refuse contacts that are all met once: nothing is compared with anything."""
+    if np.bincount(contact[contact >= 0], minlength=1).max() < 2:
+        raise table.error("every contact stands in one row only, expected several poses at one place under one label")
+
+
+def _drop_lonely(
+    table: Table, sights: Sights, tied: Sequence[str], measured: NDArray[np.bool_]
+) -> tuple[Sights, list[str]]:
+    """Drop labels whose rows are so few that the unknown place takes all that they tell, and say so.
+
+    Args:
+        table: The log, for the error.
+        sights: What it says.
+        tied: Labels whose place known distances tell something of.
+        measured: Rows with a position. Shape (n,).
+
+    Raises:
+        InputError: If no row is left that tells anything.
+    """
+    least = np.array([_count_least(sights.take(sights.contact == k)) for k in range(len(sights.names))], int)
+    rows = np.bincount(sights.contact[sights.contact >= 0], minlength=len(least))
+    lonely = (rows < least) & ~np.isin(sights.names, tied)
+    if not lonely.any():
+        return sights, []
+    one = int(np.argmax(lonely))
+    few = f"contact {sights.names[one]!r} stands in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
+    few = f"{few} {least[one]}: as many as its unknown place takes, and one more"
+    out = np.append(lonely, False)[sights.contact]
+    if not (sights.seen & ~out).any() and not measured.any():
+        raise table.error(few, int(np.flatnonzero(sights.contact == one)[0]))
+    others = [sights.names[k] for k in np.flatnonzero(lonely)[1:]]
+    more = f"; nor do those of {', '.join(others)}" if others else ""
+    return sights.drop_contacts(lonely), [f"{few}; its rows do not count{more}"]
+
+
+def _count_least(rows: Sights) -> int:
+    """Count the rows that a label needs: one more than its unknown place takes."""
+    if (rows.kind == CONTACT).any():
+        return 2
+    if (rows.kind == DISTANCE).any():
+        return 4
+    return 1 + int(np.linalg.matrix_rank(rows.direction)) if len(rows.kind) else 0
+
+
+def _read_directions(table: Table, kind: NDArray[np.int_]) -> Array:
+    """Return unit vectors of the readings, NaN elsewhere. Shape (n, 3)."""
+    rows = kind == READING
+    if not rows.any():
+        return np.full((len(table), 3), np.nan)
+    if "dir_i" not in table:
+        raise table.error("reading_mm without dir_i dir_j dir_k, expected the direction of each reading")
+    direction = table.stack(["dir_i", "dir_j", "dir_k"])
+    length = np.linalg.norm(direction, axis=1)
+    bad = rows & ~(np.abs(length - 1.0) < ROUNDING)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise table.error(f"dir_i dir_j dir_k has length {length[row]:.4g}, expected a unit vector", row)
+    return np.where(rows[:, None], direction / np.where(rows, length, 1.0)[:, None], np.nan)
+
+
+def _add_distances(sights: Sights, tables: tuple[DistanceTable, ...]) -> tuple[Sights, list[str]]:
+    """Add the known distances whose contacts the log has; return the labels that it has not as well."""
+    number = {name: k for k, name in enumerate(sights.names)}
+    absent = [label for table in tables for label in table.between if label not in number]
+    here = [table for table in tables if all(label in number for label in table.between)]
+    known = KnownDistances(
+        np.array([[number[label] for label in table.between] for table in here], int).reshape(-1, 2),
+        np.array([table.mm for table in here]) * 1e-3,
+        np.array([table.sigma_mm for table in here]) * 1e-3,
+    )
+    return replace(sights, known=known), list(dict.fromkeys(absent))

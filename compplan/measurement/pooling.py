@@ -1,0 +1,149 @@
+"""Pooling: the rows of one pose become one, with their mean and the standard deviation of that mean.
+
+What a static model says of n rows of a pose is what it says of their mean, with a variance of v / n; their scatter
+tells v. Rows are of one pose where joints, load, target and the direction of the last move are alike; visits are pooled
+within stretches of the log alone, so that what drifts or shifts during a campaign stays visible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.measurement.campaign import FORCE_NOISE, Campaign, number_rows
+from compplan.robot import Array
+
+#: Logs with more rows are pooled, into about so many rows and at most so many stretches (assumed: fewer rows
+#: take a minute as they are; what drifts is seen in twenty).
+FROM_ROWS, ABOUT, STRETCHES = 5000, 400, 20
+#: Loads of a pose differ by less than this share of the largest one (assumed). [-]
+LIKE_LOAD = 0.05
+#: A row so many medians of the distances from the middle of its pose is gross and left out (assumed: six deviations).
+GROSS = 4.0
+#: More means than this over the rows are not worth it (assumed).
+FEWER = 0.5
+#: Distances below this are rounding. [m]
+ROUNDING = 1e-9
+
+
+def pool_rows(campaign: Campaign) -> Campaign:
+    """Return a campaign of one row a pose where a log has very many rows, said in its notes.
+
+    Short logs, logs of paths and readings along a direction stay as they are; of very many poses an even part is taken.
+
+    Args:
+        campaign: The campaign.
+    """
+    rows = np.flatnonzero(campaign.usable)
+    if len(rows) <= FROM_ROWS or campaign.on_path.any() or campaign.sights is not None:
+        return campaign
+    single = rows[find_copies(campaign, rows)]
+    group = number_poses(campaign, single)
+    notes = []
+    if len(single) < len(rows):
+        notes.append(f"{len(rows) - len(single)} of {len(rows)} rows are exact copies of others and count once")
+    if int(group.max()) + 1 > FEWER * len(single):
+        part = single[:: -(-len(single) // FROM_ROWS)]
+        notes.append(f"{len(single)} rows, hardly a pose met again: every {-(-len(single) // FROM_ROWS)}th is used")
+        return replace(campaign.take(part), notes=(*campaign.notes, *notes))
+    kept = leave_gross(campaign.position[single], group)
+    count = np.bincount(group[kept])
+    poses = len(np.unique(campaign.pose[single]))
+    notes.append(
+        f"{len(single)} rows of {poses} poses are pooled: {len(count)} means of about {np.median(count):.0f} rows"
+    )
+    if (~kept).any():
+        notes.append(f"{int((~kept).sum())} rows far from the others of their pose are left out")
+    pooled = _average(campaign, single[kept], group[kept])
+    return replace(pooled, notes=(*campaign.notes, *notes))
+
+
+def find_copies(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return the places of rows that copy no earlier one exactly: joints, load, place. Shape (k,), ascending."""
+    parts = [campaign.q, campaign.wrench, campaign.position, campaign.target_index[:, None].astype(float)]
+    _, first = np.unique(number_rows(np.concatenate(parts, axis=1)[rows]), return_index=True)
+    return np.asarray(np.sort(first))
+
+
+def number_poses(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Number the poses of some rows stretch by stretch of the log, in order of appearance. Shape (rows,)."""
+    load = np.round(campaign.wrench[rows] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE))
+    labels = [campaign.run] if campaign.mode is None else [campaign.run, campaign.mode]
+    of_labels = [np.unique(label[rows], return_inverse=True)[1].reshape(-1) for label in labels]
+    pose = number_rows(
+        np.column_stack([*of_labels, campaign.pose[rows], campaign.target_index[rows], load, campaign.approach[rows]])
+    )
+    stretches = int(np.clip(ABOUT // (int(pose.max()) + 1), 1, STRETCHES))
+    stretch = np.arange(len(rows)) * stretches // len(rows)
+    # a stay is not cut in two
+    stay = campaign.stay[rows]
+    begins = np.r_[True, np.diff(stay) > 0]
+    stretch = stretch[np.maximum.accumulate(np.where(begins, np.arange(len(rows)), 0))]
+    both = pose + (int(pose.max()) + 1) * stretch
+    _, first, group = np.unique(both, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), int)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return np.asarray(rank[group.reshape(-1)])
+
+
+def leave_gross(position: Array, group: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Tell which rows stand with the others of their pose. Shape (n,)."""
+    order = np.argsort(group, kind="stable")
+    kept = np.ones(len(group), bool)
+    for part in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        distance = np.linalg.norm(position[part] - np.median(position[part], axis=0), axis=1)
+        kept[part] = distance <= GROSS * max(float(np.median(distance)), ROUNDING)
+    return kept
+
+
+def _average(campaign: Campaign, rows: NDArray[np.int_], group: NDArray[np.int_]) -> Campaign:
+    """Average rows by group."""
+    count = np.bincount(group).astype(float)
+    order = np.argsort(group, kind="stable")
+    first = rows[order[np.r_[True, np.diff(group[order]) > 0]]]
+    found: dict[str, Any] = {}
+    for name in ("q", "wrench", "position", "time", "temperature", "link", "motor"):
+        values = getattr(campaign, name)
+        found[name] = None if values is None else _mean(values[rows], group, count)
+    found["moved"] = _mean(campaign.last_move[rows], group, count)
+    found["sigma"] = _sigma(campaign.position[rows], _part(campaign.sigma, rows), group, count)
+    if campaign.rotation is not None:
+        turns = _mean(campaign.rotation[rows].reshape(-1, 9), group, count).reshape(-1, 3, 3)
+        known = np.asarray(np.isfinite(turns).reshape(-1, 9).all(axis=1), bool)
+        turns[known] = Rotation.from_matrix(turns[known]).as_matrix()
+        off = np.full((len(rows), 3), np.nan)
+        measured = np.asarray(np.isfinite(campaign.rotation[rows]).reshape(-1, 9).all(axis=1), bool)
+        seen = known[group] & measured
+        product = campaign.rotation[rows][seen] @ np.swapaxes(turns[group[seen]], 1, 2)
+        off[seen] = Rotation.from_matrix(product).as_rotvec()
+        found["rotation"] = turns
+        found["sigma_rotation"] = _sigma(off, _part(campaign.sigma_rotation, rows), group, count)
+    if found["sigma"] is not None:
+        found["scatter"] = float(np.sqrt(np.mean(found["sigma"] ** 2 * count)))
+    return replace(campaign.take(first), **found)
+
+
+def _mean(values: Array, group: NDArray[np.int_], count: Array) -> Array:
+    """Return the mean of each group, NaN where a value of it is missing."""
+    flat = values.reshape(len(values), -1)
+    sums = np.stack([np.bincount(group, flat[:, k], len(count)) for k in range(flat.shape[1])], axis=1)
+    return np.asarray((sums / count[:, None]).reshape(len(count), *values.shape[1:]))
+
+
+def _sigma(values: Array, stated: Array | None, group: NDArray[np.int_], count: Array) -> Array | None:
+    """Return the standard deviation of each mean: the scatter of all over the root of its rows, else what is stated."""
+    off = values - _mean(values, group, count)[group]
+    known = np.isfinite(off).all(axis=1)
+    freedom = values.shape[1] * float(known.sum() - len(count))
+    squares = float(np.sum(off[known] ** 2))
+    if freedom > 0.0 and squares > 0.0:
+        return np.asarray(np.sqrt(squares / freedom / count))
+    return None if stated is None else np.asarray(np.sqrt(_mean(stated**2, group, count) / count))
+
+
+def _part(values: Array | None, rows: NDArray[np.int_]) -> Array | None:
+    return None if values is None else values[rows]

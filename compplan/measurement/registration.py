@@ -1,0 +1,247 @@
+"""Registration: frames that no robot folder can know - where the instrument stood, where the target sat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tomli_w
+from pydantic import AfterValidator, Field
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.io.tables import write_text
+from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.sights import CONTACT
+from compplan.robot import Array, Robot
+from compplan.robot.pose import build_pose
+
+PARTS = ("base", "tool")
+#: The part that belongs to the rows of other instruments: places of their contacts.
+CONTACTS = "contact"
+#: Greatest distance of a registered frame; degrees stay far below it. [mm]
+FARTHEST_MM = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Frames fitted to one campaign.
+
+    Attributes:
+        base: Pose of the robot base in the measurement frame. Shape (4, 4). [m]
+        tool: Pose of each target in the TCP frame. Shape (targets, 4, 4). [m]
+        targets: Label of each target.
+        parts: Which of "base", "tool" and "contact" were fitted.
+        contacts: Label of each contact of the campaign.
+        places: Places of the contacts, base frame of the robot. Shape (contacts, 3). [m]
+
+    """
+
+    base: Array
+    tool: Array
+    targets: tuple[str, ...] = ("",)
+    parts: tuple[str, ...] = PARTS
+    contacts: tuple[str, ...] = ()
+    places: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @staticmethod
+    def identity(campaign: Campaign, parts: Sequence[str] = PARTS) -> Registration:
+        """Return the registration that changes nothing: the target is the TCP, or where the campaign says."""
+        tools = np.repeat(np.eye(4)[None], len(campaign.target_names), axis=0)
+        if campaign.target_offset is not None:
+            tools[:, :3, 3] = campaign.target_offset
+        contacts = () if campaign.sights is None else campaign.sights.names
+        return Registration(
+            np.eye(4), tools, campaign.target_names, tuple(parts), contacts, np.zeros((len(contacts), 3))
+        )
+
+
+def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
+    """Return the frames that a campaign needs fitted: those asked for, and places of contacts, which nobody knows.
+
+    Rows without a position say nothing of the frame of a tracker: without any position there is no base to fit.
+    """
+    kept = [part for part in parts if part != "base" or campaign.sights is None or campaign.measured.any()]
+    if campaign.sights is not None and campaign.sights.names and CONTACTS not in kept:
+        kept.append(CONTACTS)
+    return tuple(kept)
+
+
+def campaign_gap(campaign: Campaign, position: Array, registration: Registration | None) -> Array:
+    """Return measured minus expected, base axes: of positions, and of what other instruments saw. Shape (n, 3). [m]
+
+    Args:
+        campaign: What was measured.
+        position: Measured point that a model expects, measuring frame. Shape (n, 3). [m]
+        registration: Frames of the campaign; none if the instrument stands in the robot's base frame.
+    """
+    gap = campaign.position - position
+    if registration is not None:
+        gap = gap @ registration.base[:3, :3]
+        position = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
+    if campaign.sights is None:
+        return np.asarray(gap)
+    places = _places_of(campaign, registration, position)
+    return np.where(campaign.sights.seen[:, None], campaign.sights.gap(position, places), gap)
+
+
+def campaign_turn(campaign: Campaign, rotation: Array) -> Array:
+    """Return the turn from expected to measured, a rotation vector in measuring axes, NaN where none is known. [rad]
+
+    Args:
+        campaign: What was measured.
+        rotation: Orientation that a model expects, measuring frame. Shape (n, 3, 3).
+
+    Returns:
+        Shape (n, 3).
+    """
+    turn = np.full((len(campaign), 3), np.nan)
+    if campaign.rotation is not None:
+        known = campaign.usable & np.isfinite(campaign.rotation).all(axis=(1, 2))
+        product = campaign.rotation[known] @ np.swapaxes(rotation[known], 1, 2)
+        turn[known] = Rotation.from_matrix(product).as_rotvec() if known.any() else np.zeros((0, 3))
+    return turn
+
+
+def campaign_directions(campaign: Campaign, position: Array, registration: Registration | None) -> Array | None:
+    """Return the direction in which a row tells one number, NaN where it tells three, base axes; None: all tell three.
+
+    Args:
+        campaign: What was measured.
+        position: Measured point that a model expects, measuring frame. Shape (n, 3). [m]
+        registration: Frames of the campaign, or None.
+    """
+    if campaign.sights is None or (campaign.sights.kind <= CONTACT).all():
+        return None
+    if registration is not None:
+        position = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
+    return campaign.sights.directions(position, _places_of(campaign, registration, position))
+
+
+def _places_of(campaign: Campaign, registration: Registration | None, point: Array) -> Array:
+    """Return the places of a campaign's contacts, from the rows themselves where no registration knows them."""
+    assert campaign.sights is not None
+    if registration is not None and registration.contacts == campaign.sights.names:
+        return registration.places
+    return campaign.sights.start_places(point)
+
+
+def stated_registration(campaign: Campaign) -> Registration | None:
+    """Return the registration that a campaign states by its target offset, or None where there is nothing to state."""
+    return None if campaign.target_offset is None else Registration.identity(campaign, ())
+
+
+def _check_near(value: Vector3) -> Vector3:
+    if max(map(abs, value)) > FARTHEST_MM:
+        raise ValueError(f"is {list(value)}, at most {FARTHEST_MM:g}")
+    return value
+
+
+class RegistrationPose(StrictTable):
+    """A pose of registration.toml: mm, and a rotation vector in degrees."""
+
+    position_mm: Annotated[Vector3, AfterValidator(_check_near)]
+    rotation_deg: Annotated[Vector3, AfterValidator(_check_near)]
+
+    def pose(self) -> Array:
+        """Return it as a matrix. Shape (4, 4) [m]."""
+        turn = Rotation.from_rotvec(np.deg2rad(self.rotation_deg))
+        return build_pose(np.array(self.position_mm) * 1e-3, turn.as_matrix())
+
+
+class TargetTable(RegistrationPose):
+    """[[tool]]: a target in the TCP frame."""
+
+    target: str = ""
+
+
+class RegisteredContact(StrictTable):
+    """[[contact]]: where a contact was, in the base frame of the robot."""
+
+    label: str
+    position_mm: Annotated[Vector3, AfterValidator(_check_near)]
+
+
+class RegistrationTable(StrictTable):
+    """registration.toml of a robot folder."""
+
+    schema_: SchemaOne = Field(alias="schema")
+    fitted: Annotated[tuple[Literal["base", "tool", "contact"], ...], Field(strict=False)]
+    base: RegistrationPose
+    tool: Annotated[tuple[TargetTable, ...], Field(strict=False, min_length=1)]
+    contact: Annotated[tuple[RegisteredContact, ...], Field(strict=False)] = ()
+
+
+def parse_parts(text: str | None) -> tuple[str, ...]:
+    """Read the value of --register: "base", "tool" or "base,tool".
+
+    Raises:
+        InputError: If it names anything else.
+
+    """
+    if text is None:
+        return ()
+    parts = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    for part in parts:
+        if part not in PARTS:
+            raise InputError(f"--register names {part!r}, choose from {list(PARTS)}, separated by a comma")
+    return parts
+
+
+def read_registration(file: Path) -> Registration:
+    """Read registration.toml.
+
+    Raises:
+        InputError: If the file is not a registration.
+
+    """
+    table = read_toml_model(RegistrationTable, file)
+    return Registration(
+        table.base.pose(),
+        np.array([tool.pose() for tool in table.tool]),
+        tuple(tool.target for tool in table.tool),
+        table.fitted,
+        tuple(contact.label for contact in table.contact),
+        np.array([contact.position_mm for contact in table.contact]).reshape(-1, 3) * 1e-3,
+    )
+
+
+def folder_registration(robot: Robot) -> Registration | None:
+    """Return the frames of a robot folder's registration.toml, or None."""
+    file = None if robot.folder is None else robot.folder / "registration.toml"
+    return read_registration(file) if file is not None and file.exists() else None
+
+
+def write_registration(registration: Registration, file: Path) -> None:
+    """Write registration.toml: mm and degrees (rotation vectors)."""
+    table: dict[str, Any] = {
+        "schema": 1,
+        "fitted": list(registration.parts),
+        "base": _table(registration.base),
+        "tool": [
+            {"target": label, **_table(pose)}
+            for label, pose in zip(registration.targets, registration.tool, strict=True)
+        ],
+    }
+    if registration.contacts:
+        places = zip(registration.contacts, registration.places * 1e3, strict=True)
+        table["contact"] = [{"label": label, "position_mm": [float(v) for v in place]} for label, place in places]
+    write_text(file, tomli_w.dumps(table))
+
+
+def match_targets(registration: Registration, campaign: Campaign) -> Registration:
+    """Order the tools as a campaign numbers its targets; targets that were never fitted get the mean of the others."""
+    if registration.targets == campaign.target_names:
+        return registration
+    known = dict(zip(registration.targets, registration.tool, strict=True))
+    tools = np.array([known.get(label, registration.tool[0]) for label in campaign.target_names])
+    return replace(registration, tool=tools, targets=campaign.target_names)
+
+
+def _table(pose: Array) -> dict[str, list[float]]:
+    vector = np.rad2deg(Rotation.from_matrix(pose[:3, :3]).as_rotvec())
+    return {"position_mm": [float(v) for v in pose[:3, 3] * 1e3], "rotation_deg": [float(v) for v in vector]}

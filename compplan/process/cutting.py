@@ -1,0 +1,349 @@
+"""Cutting with a rotating cutter along a path: what a job says of cutter, material and stock, and the force from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from compplan.errors import InputError
+from compplan.io.notes import Crash
+from compplan.io.tables import Array
+from compplan.io.tomlfile import StrictTable
+from compplan.process.blank import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
+from compplan.process.cutter import Cutter
+from compplan.process.engagement import Engagement
+from compplan.process.finished import PartCheck, PartMeshTable, check_part
+from compplan.process.look import Above, Crashes
+from compplan.process.materials import MATERIALS, Coefficients
+from compplan.process.meeting import find_engagement
+from compplan.process.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
+from compplan.process.stock import StockColumns
+from compplan.toolpath.contact import ForceTable
+from compplan.toolpath.toolpath import Toolpath, interpolate
+
+#: Lean of the tool axis from its mean from which on a note tells it. [deg]
+LEANS = 30.0
+#: Waypoints whose ripple is worked out at most; the others take that of the nearest.
+RIPPLES = 300
+#: A ripple below this is rounding. [N]
+SMOOTH = 1e-6
+#: Feeds a tooth that are taken for true. [mm]
+FEED_PER_TOOTH = (1e-5, 3.0)
+
+Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
+Point2 = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class CoefficientTable(StrictTable):
+    """[process.coefficients]: tangential, radial, axial; `exponent` is Kienzle's m of each (K is then at h = 1 mm)."""
+
+    cutting_N_mm2: Force3
+    edge_N_mm: Force3 = (0.0, 0.0, 0.0)
+    exponent: Force3 = (0.0, 0.0, 0.0)
+    uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
+    source: str = "the job"
+
+    @model_validator(mode="after")
+    def _check(self) -> CoefficientTable:
+        if not 10.0 <= self.cutting_N_mm2[0] <= 20_000.0 or max(map(abs, self.cutting_N_mm2)) > 20_000.0:
+            raise ValueError(
+                f"cutting_N_mm2 is {list(self.cutting_N_mm2)}, the tangential one is 10 to 20000 N/mm2 "
+                "and none is larger: check the unit"
+            )
+        if not all(0.0 <= value <= 500.0 for value in self.edge_N_mm):
+            raise ValueError(f"edge_N_mm is {list(self.edge_N_mm)}, 0 to 500 N/mm is allowed: check the unit")
+        if not all(0.0 <= value <= 0.9 for value in self.exponent):
+            raise ValueError(f"exponent is {list(self.exponent)}, 0 to 0.9 is allowed")
+        return self
+
+    def coefficients(self) -> Coefficients:
+        """Return them as a material's."""
+        return Coefficients(
+            self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty, source=self.source
+        )
+
+
+class CuttingTable(ForceTable):
+    """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
+
+    #: Whether the forces of the edges keep their size through a turn.
+    steady: ClassVar[bool] = False
+    diameter_mm: float = Field(ge=0.05, le=500.0)
+    teeth: int = Field(default=2, ge=1, le=60)
+    spindle_rpm: float = Field(gt=0.0, le=2e5)
+    flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
+    material: str | None = None
+    materials: str | None = None  # a file of the user's own, see `compplan.process.library`
+    coefficients: CoefficientTable | None = None
+    stock: StockTable | None = None
+    stock_top_mm: float | None = None
+    holder_mm: Annotated[tuple[Point2, ...], Field(strict=False, min_length=1, max_length=50)] | None = None
+    part: PartMeshTable | None = None
+
+    @field_validator("material")
+    @classmethod
+    def _check_name(cls, value: str | None) -> str | None:
+        if value is not None and value not in MATERIALS:
+            raise ValueError(f"is {value!r}, choose from {list(MATERIALS)}, or give coefficients")
+        return value
+
+    @model_validator(mode="after")
+    def _check_material(self) -> CuttingTable:
+        if self.materials is not None:
+            raise ValueError("materials stands beside coefficients, choose one")
+        if (self.material is None) == (self.coefficients is None):
+            raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
+        if self.stock is not None and self.stock_top_mm is not None:
+            raise ValueError("stock_top_mm and stock both say where the stock ends, choose one")
+        if self.holder_mm is not None:
+            profile = np.array(self.holder_mm)
+            if profile.min() <= 0.0 or (np.diff(profile[:, 0]) < 0.0).any():
+                raise ValueError("holder_mm needs [height above the tip, diameter] above 0, from the nose upwards")
+        return self
+
+    @property
+    def resistance(self) -> Coefficients:
+        """Coefficients of the material."""
+        return MATERIALS[str(self.material)] if self.coefficients is None else self.coefficients.coefficients()
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the level."""
+        return self.resistance.uncertainty
+
+    def spindle(self) -> Spindle:
+        """Return how the cutter turns."""
+        return Spindle(self.teeth, self.spindle_rpm / 60.0)
+
+    def cutter(self) -> Cutter:
+        """Return the cutter's shape."""
+        raise NotImplementedError
+
+    def shank(self, cutter: Cutter) -> float | None:
+        """Return the height above the tip from which on the tool has no edges, None where that is not looked at. [m]"""
+        return None
+
+    def above(self, cutter: Cutter) -> Above:
+        """Return what of the tool stands above its edges."""
+        holder = None if self.holder_mm is None else 1e-3 * np.array(self.holder_mm) * [1.0, 0.5]
+        return Above(self.shank(cutter), holder)
+
+    def shape(self, found: Engagement) -> MillingShape:
+        """Return what each coefficient contributes to the mean wrench, from the engagement."""
+        return shape_milling(found, self.teeth, self.resistance.exponent)
+
+    def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
+        """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
+        return []
+
+    def ask_another(self, feed_per_tooth: float) -> list[str]:
+        """Say what another relation gives at the greatest feed a tooth [mm], where there is one."""
+        return []
+
+
+@dataclass(frozen=True)
+class CuttingBench:
+    """Cutter, stock and path as they are held against each other; r waypoints of the path.
+
+    Attributes:
+        cutter: The cutter.
+        stock: The stock, seen along the tool axis.
+        position: Tips, seen along the tool axis. Shape (r, 3). [m]
+        R_view: Axes of that view as columns, part frame. Shape (3, 3).
+        axis: Tool axes in that view. Shape (r, 3).
+
+    """
+
+    cutter: Cutter
+    stock: StockColumns
+    position: Array
+    R_view: Array
+    axis: Array
+
+
+@dataclass(frozen=True)
+class CuttingForce:
+    """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path.
+
+    Attributes:
+        process: What the job says.
+        bench: Cutter, stock and path.
+        arc: Length along the path. Shape (r,). [m]
+        rapid: Moves that do not cut. Shape (r,).
+        engagement: What the cutter touches.
+        shape: What each coefficient contributes.
+        notes: What a user should know.
+        part: The finished part beside the path, where the job names one.
+
+    """
+
+    process: CuttingTable
+    bench: CuttingBench
+    arc: Array
+    rapid: NDArray[np.bool_]
+    engagement: Engagement
+    shape: MillingShape
+    notes: tuple[str, ...]
+    part: PartCheck | None = None
+
+    def wrench(self, nominal: Toolpath) -> Array:
+        """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
+        where = nominal.arc_length
+        columns = np.concatenate([self.shape.cutting, self.shape.edge, self.shape.curved], axis=1)
+        shape = interpolate(where, self.arc, columns.reshape(len(self.arc), -1)).reshape(-1, 12, 6)
+        per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
+        wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
+        return np.asarray(wrench * ~nominal.rapid[:, None])
+
+    def shift(self, away: Array) -> CuttingForce:
+        """Return the force of a tool that is off its path, having cut what a tool that is so far off cuts.
+
+        Args:
+            away: Tip minus path, part frame. Shape (r, 3). [m]
+
+        """
+        place = self.bench.position + away @ self.bench.R_view
+        bench = self.bench
+        found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position, bench.axis)
+        return replace(self, engagement=found, shape=self.process.shape(found))
+
+    def leave(self) -> Any:
+        """Return what is left of the stock as a closed mesh, part frame [m], see `triangulate_stock`."""
+        bench = self.bench
+        mesh = triangulate_stock(take_away(bench.stock, [Cut(bench.cutter, bench.position, bench.axis, ~self.rapid)]))
+        mesh.vertices = mesh.vertices @ bench.R_view.T
+        return mesh
+
+    def ripple(self, feed: Array) -> Array:
+        """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
+
+        Args:
+            feed: Shape (r,). [m/s]
+
+        Returns:
+            Shape (r, 3). [N]
+
+        """
+        touches = np.flatnonzero(self.engagement.touches)
+        ripple = np.zeros((len(self.arc), 3))
+        if not len(touches) or self.process.steady:
+            return ripple
+        chosen = touches[np.unique(np.linspace(0, len(touches) - 1, min(RIPPLES, len(touches))).astype(int))]
+        spindle, parts = self.process.spindle(), []
+        per_tooth = spindle.feed_per_tooth(feed)
+        for rows in np.array_split(chosen, max(len(chosen) // 100, 1)):
+            turn = ripple_force(self.engagement, rows, self.process.resistance, spindle, per_tooth[rows])
+            parts.append(ripple_amplitude(turn))
+        near = np.clip(np.searchsorted(chosen, touches), 0, len(chosen) - 1)
+        found = np.vstack(parts)
+        ripple[touches] = np.where(found < SMOOTH, 0.0, found)[near]
+        return ripple
+
+
+def prepare_cutting(
+    process: CuttingTable, toolpath: Toolpath, stock_top: float | None, job: Path,
+    before: Sequence[tuple[CuttingTable, Toolpath]] = (),
+) -> CuttingForce:  # fmt: skip
+    """Work out the engagement of a job's path.
+
+    Args:
+        process: What the job says.
+        toolpath: The path as it is planned, part frame.
+        stock_top: Height of the stock's top where the job gives no stock, part frame. [m]
+        job: The job file; the names of meshes are relative to it.
+        before: What cut the same stock before, in order: what the job says of each, and its path, part frame.
+
+    Raises:
+        InputError: If stock, cutter and path do not go together.
+
+    """
+    cutter, cutting = process.cutter(), ~toolpath.rapid
+    axis = toolpath.axis[cutting].mean(axis=0) if cutting.any() else np.array([0.0, 0.0, 1.0])
+    axis /= max(float(np.linalg.norm(axis)), 1e-12)
+    R_view = view_along(axis)
+    position, axes = toolpath.position @ R_view, toolpath.axis @ R_view
+    stock, notes = read_stock(process.stock, cutter, toolpath, stock_top, R_view, job)
+    size = np.ptp(stock.bounds(), axis=0)[:2].max()
+    if 2.0 * cutter.radius > size:
+        message = (f"is {process.diameter_mm:g}, larger than the stock, which is {1e3 * size:.4g} mm across the tool "
+                   "axis; give the stock that is cut")  # fmt: skip
+        raise InputError(message, file=job, where="process.diameter_mm")
+    stock = take_away(stock, [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before])
+    found, crashes = find_engagement(cutter, position, cutting, stock, axis=axes, above=process.above(cutter))
+    if before and not found.touches.any():
+        notes.append("This tool meets no stock: those before it left none on its path.")
+    elif not found.touches.any():
+        low, high = 1e3 * (stock.bounds() @ R_view.T)
+        message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "
+                   f"{_place(np.maximum(low, high))} mm, while the path goes from "
+                   f"{_place(1e3 * toolpath.position.min(axis=0))} to {_place(1e3 * toolpath.position.max(axis=0))} mm "
+                   "(part frame)")  # fmt: skip
+        raise InputError(message, file=job, where="process.stock")
+    notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
+    part = None
+    if process.part is not None:
+        part = check_part(process.part, cutter, position, axes, cutting, R_view, job)
+    notes += _describe_crashes(process, crashes, part)
+    shape = process.shape(found)
+    bench = CuttingBench(cutter, stock, position, R_view, axes)
+    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes), part)
+
+
+def _describe_lean(axes: Array) -> list[str]:
+    """Say where the axis leans so far that columns along its mean miss what stands beneath the tool."""
+    lean = float(np.degrees(np.arccos(np.clip(axes[:, 2], -1.0, 1.0)).max(initial=0.0)))
+    if lean <= LEANS:
+        return []
+    return [f"The tool axis leans by up to {lean:.3g} deg from its mean, along which the stock is seen: beyond "
+            f"{LEANS:g} deg material under overhangs may be missed."]  # fmt: skip
+
+
+def _describe_cut(
+    process: CuttingTable, toolpath: Toolpath, found: Engagement, job: Path
+) -> list[str]:
+    """Say where coefficients come from, and what is odd about the cut."""
+    resistance, notes = process.resistance, []
+    name = process.material or "coefficients"
+    scatter = f"+- {100 * resistance.uncertainty:.3g} % (assumed)"
+    notes.append(f"Cutting coefficients ({name}): {resistance.source}; {scatter}.")
+    touches = found.touches & ~toolpath.rapid
+    chip = 1e3 * process.spindle().feed_per_tooth(toolpath.feed[touches])
+    if len(chip) and not (FEED_PER_TOOTH[0] <= chip.min() and chip.max() <= FEED_PER_TOOTH[1]):
+        message = (f"feed a tooth is {chip.min():.3g} to {chip.max():.3g} mm, {FEED_PER_TOOTH[0]:g} to "
+                   f"{FEED_PER_TOOTH[1]:g} mm is allowed; check feed, spindle_rpm and teeth")  # fmt: skip
+        raise InputError(message, file=job, where="process.spindle_rpm")
+    low, high = resistance.valid_chip_mm
+    if len(chip) and (chip.max() > high or chip.max() < low):
+        notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
+                     f"{low:g} to {high:g} mm.")  # fmt: skip
+    notes += process.describe(found, ~toolpath.rapid)
+    notes += process.ask_another(float(chip.max())) if len(chip) else []
+    return notes
+
+
+def _describe_crashes(process: CuttingTable, crashes: Crashes, part: PartCheck | None) -> list[Crash]:
+    """Say where the tool meets what it must not: the machine must not start."""
+    whence = "process.flute_mm" if process.flute_mm is not None else "assumed, give process.flute_mm"
+    gouges = np.zeros(0, dtype=bool) if part is None else part.gouges
+    deepest = 0.0 if part is None or not gouges.any() else float(-1e3 * np.nanmin(part.clearance))
+    said = (
+        (crashes.rapid, "Rapid moves go through the stock ({count} of them), the first ends at waypoint {first}: a "
+                        "crash; they carry no force here."),
+        (crashes.shank, f"The cut is deeper than the flute ({whence}) at {{count}} waypoints, the first {{first}}: the "
+                        "shank runs into the stock; it carries no force here."),
+        (crashes.holder, "The tool's holder (process.holder_mm) runs into the stock at {count} waypoints, the first "
+                         "{first}: a crash."),
+        (gouges, f"The cutter goes up to {deepest:.3g} mm into the finished part (process.part) at {{count}} "
+                 "waypoints, the first {first}: a gouge."),
+    )  # fmt: skip
+    return [Crash(words.format(count=at.sum(), first=int(np.argmax(at)))) for at, words in said if at.any()]
+
+
+def _place(position: Array) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in position) + ")"

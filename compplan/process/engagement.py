@@ -1,0 +1,184 @@
+"""Where a cutter touches its stock at every waypoint: which slices of its edge, at which angles round its axis.
+
+At the end of a move the cutter's surface, as far as it moves outwards there, is held against what was left of the
+stock before the move. The angle u counts from the travel (its part across the axis) to the left, seen down the axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.io.tables import Array
+from compplan.process.cutter import Cutter, Slices
+
+#: Rows that are worked out at once.
+ROWS = 512
+#: Radius of a tip within which an edge is in the cut all round, half of a usual feed a tooth (assumed). [m]
+TIP = 3e-5
+
+
+@dataclass(frozen=True)
+class Engagement:
+    """What the cutter touches at n waypoints; k slices of its edge, m angles.
+
+    Attributes:
+        cutter: The cutter.
+        depth: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
+        travel: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
+        level: Height of the tip above the lowest point of the path, along the mean axis. Shape (n,). [m]
+        turning: How the axis turns a length of travel: along the travel, to its left; None for one that stands.
+            Shape (n, 2). [rad/m]
+
+    """
+
+    cutter: Cutter
+    depth: NDArray[np.float32]
+    travel: Array
+    level: Array
+    turning: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.depth)
+
+    def take(self, rows: NDArray[np.int_]) -> Engagement:
+        """Return that of some waypoints."""
+        turning = None if self.turning is None else self.turning[rows]
+        return Engagement(self.cutter, self.depth[rows], self.travel[rows], self.level[rows], turning)
+
+    def outward(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
+        """Return how fast the edge moves outwards at angles, none where it moves inwards; a share of the feed.
+
+        Shape (n, k, m).
+        """
+        return np.maximum(self.speed(angle, rows), 0.0)
+
+    def speed(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
+        """Return how fast the edge moves outwards at angles, below 0 inwards; a share of the feed. Shape (n, k, m)."""
+        turning = None if self.turning is None else self.turning[rows]
+        return outward_speed(self.cutter.slices, self.travel[rows], angle, turning)
+
+    def bend(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
+        """Return the curvature of a corner's surface along the travel, times its share along the surface squared.
+
+        Of the side, where it is beside the feed as a tooth is beside the radius, it is left out. Shape (n, k, m). [1/m]
+        """
+        edge, travel = self.cutter.slices, self.travel[rows]
+        bent = np.zeros((len(travel), len(edge), len(angle)))
+        rounded = (edge.normal[:, 1] < -1e-9) & (edge.normal[:, 0] > 1e-9) & (self.cutter.corner > 0.0)
+        if not rounded.any():
+            return bent
+        out, up = edge.normal[rounded, :1], edge.normal[rounded, 1:]
+        inner, outer = edge.knots[:-1, :1][rounded], edge.knots[1:, :1][rounded]
+        tip = inner < TIP  # the mean of 1 / radius over a slice
+        mean = (np.log(outer / np.maximum(inner, TIP)) + tip) / (outer - inner)
+        along = travel[:, 1, None, None] * out - travel[:, 0, None, None] * (up * np.cos(angle))
+        bent[:, rounded] = travel[:, 0, None, None] ** 2 * (out * mean * np.sin(angle) ** 2)
+        bent[:, rounded] += along**2 / self.cutter.corner
+        return bent
+
+    @property
+    def angles(self) -> Array:
+        """Middle of each bin. Shape (m,). [rad]"""
+        return middle_angles(self.depth.shape[2])
+
+    @cached_property
+    def touches(self) -> NDArray[np.bool_]:
+        """Waypoints where the cutter is in material. Shape (n,)."""
+        return np.asarray(self.depth.any(axis=(1, 2)))
+
+    @cached_property
+    def axial(self) -> Array:
+        """Axial depth: from the lowest to the highest engaged point of the edge. Shape (n,). [m]"""
+        edge = self.cutter.slices
+        whole = self.depth.max(axis=2)
+        top = np.where(whole > 0.0, edge.low + whole * edge.rise, -np.inf).max(axis=1)
+        bottom = np.where(whole > 0.0, edge.low, np.inf).min(axis=1)
+        return np.where(self.touches, np.maximum(top - bottom, 0.0), 0.0)
+
+    @cached_property
+    def section(self) -> Array:
+        """Area that the move sweeps through material: volume removed a length of path. Shape (n,). [m^2]"""
+        edge = self.cutter.slices
+        turn, area = 2.0 * np.pi / self.depth.shape[2], edge.radius * edge.length
+        parts = [np.zeros(0)]
+        for first in range(0, len(self), ROWS):
+            rows = slice(first, first + ROWS)
+            parts.append(turn * np.einsum("nkm,nkm,k->n", self.depth[rows], self.outward(self.angles, rows), area))
+        return np.concatenate(parts)
+
+    @cached_property
+    def radial(self) -> Array:
+        """Radial width: extent of the engaged surface across the travel. Shape (n,). [m]"""
+        left, right = self._sides()
+        return np.where(self.touches, np.maximum(left - right, 0.0), 0.0)
+
+    @cached_property
+    def arc(self) -> Array:
+        """First and last engaged angle from the travel to the left, NaN in the air. Shape (n, 2). [rad]"""
+        weight = self.depth.max(axis=1)
+        half = np.pi / self.depth.shape[2]
+        angle = (self.angles + np.pi) % (2.0 * np.pi) - np.pi
+        order = np.argsort(angle)
+        some = weight[:, order] > 0.0
+        first = some.argmax(axis=1)
+        last = some.shape[1] - 1 - some[:, ::-1].argmax(axis=1)
+        rows = np.arange(len(self))
+        share = weight[:, order] / np.maximum(weight.max(axis=1, keepdims=True), 1e-30)
+        lowest = angle[order][first] + half - 2.0 * half * share[rows, first]
+        highest = angle[order][last] - half + 2.0 * half * share[rows, last]
+        arc = np.column_stack([lowest, highest])
+        arc[~self.touches] = np.nan
+        return arc
+
+    def _sides(self) -> tuple[Array, Array]:
+        """Return how far the engaged surface reaches to the left and to the right. Shapes (n,). [m]"""
+        half = np.pi / self.depth.shape[2]
+        knots = self.cutter.slices.knots[:, 0]
+        left, right = np.full(len(self), -np.inf), np.full(len(self), np.inf)
+        for k in range(self.depth.shape[1]):
+            here = self.depth[:, k]
+            whole = here.max(axis=1, keepdims=True)
+            radius = knots[k] + whole[:, 0] * (knots[k + 1] - knots[k])
+            # a bin that is engaged in part is so beside its engaged neighbour
+            gap = 2.0 * half * (1.0 - here / np.maximum(whole, 1e-30))
+            before, after = np.roll(here, 1, axis=1), np.roll(here, -1, axis=1)
+            start = self.angles - half + np.where(after > before, gap, 0.0)
+            end = self.angles + half - np.where(before > after, gap, 0.0)
+            sines = np.stack([np.sin(start), np.sin(end)])
+            some = here > 0.0
+            left = np.maximum(left, np.where(some, radius[:, None] * sines.max(axis=0), -np.inf).max(axis=1))
+            right = np.minimum(right, np.where(some, radius[:, None] * sines.min(axis=0), np.inf).min(axis=1))
+        return left, right
+
+
+def middle_angles(count: int) -> Array:
+    """Return the middle of each of `count` bins of a turn. [rad]"""
+    return np.asarray((np.arange(count) + 0.5) * (2.0 * np.pi / count), dtype=np.float64)
+
+
+def outward_speed(edge: Slices, travel: Array, angle: Array, turning: Array | None = None) -> Array:
+    """Return how fast the surface moves outwards, as a share of the feed.
+
+    An axis z that turns by w a length of travel carries what stands at rho u + h z along by h w - rho (w u) z.
+
+    Args:
+        edge: The slices.
+        travel: Direction of travel: across the axis, along it. Shape (n, 2).
+        angle: Angle u from the travel. Shape (m,). [rad]
+        turning: w along the travel and to its left. Shape (n, 2). [rad/m]
+
+    Returns:
+        Shape (n, k, m).
+
+    """
+    out, up = edge.normal[:, :1], edge.normal[:, 1:]
+    speed = travel[:, 0, None, None] * (out * np.cos(angle)) + travel[:, 1, None, None] * up
+    if turning is not None:
+        lever = out * (edge.low + 0.5 * edge.rise)[:, None] - up * edge.radius[:, None]
+        for way, side in zip(turning.T, (np.cos(angle), np.sin(angle)), strict=True):
+            speed = speed + way[:, None, None] * (lever * side)
+    return np.asarray(speed)

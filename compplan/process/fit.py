@@ -1,0 +1,400 @@
+"""A measured force log beside the prediction: which coefficients fit it, with intervals.
+
+The mean wrench of a cutter is linear in its coefficients; for every other model one factor for each path axis is
+fitted. A log has faults of its own, which are fitted with them: an offset and a drift of each channel (rows in the air
+are their tare) and one lag, the length by which the log runs behind the path. The lag is searched for over
+`MOST_LAG`, the rest is linear. Channels are weighed by what is left of each. Errors along a path hang together: the
+95 % intervals come from leaving out blocks of the path in turn (jackknife, the lag as a derivative), not from the
+scatter of single rows, and the same blocks say what the fit explains of rows that it has not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear, minimize_scalar
+
+from compplan.errors import InputError
+from compplan.io.tables import Array
+from compplan.process.force_law import ForceLaw
+from compplan.process.log import ForceLog
+from compplan.process.materials import Coefficients
+from compplan.toolpath.contact import cutting_progress, path_axes
+from compplan.toolpath.toolpath import Toolpath
+
+#: Least share of the cut that a log spans: less is a length in metres that was called mm (assumed).
+LEAST_SPAN = 0.01
+#: Blocks of the path that are left out in turn, and rows in contact that a fit needs.
+BLOCKS, FEWEST = 40, 80
+#: Student's t of 95 % with BLOCKS - 1 degrees of freedom.
+STUDENT = 2.023
+#: Lengths that differ by less are the same waypoint. [m]
+SAME = 1e-9
+#: A force below this share of the greatest counts as the air. []
+AIR = 0.02
+#: No prediction errs by more than this factor: beyond, a unit is wrong (assumed). []
+MOST_RATIO = 100.0
+#: Greatest lag that is searched for, to either side: a length [m], and a share of the cut (assumed).
+MOST_LAG, LAG_SHARE = 0.02, 0.2
+#: Steps of the search for the lag to either side; rows that it and the fit look at at most, means of what stands near.
+LAGS, LAG_ROWS, MOST_ROWS = 60, 1500, 50_000
+#: Least half of the step of the derivative to the lag [m]; it is half of a row otherwise: a force jumps between rows.
+LAG_STEP = 1e-5
+#: Least share of the variance of rows left out that a fit explains; below, it does not fit (assumed).
+EXPLAINED = 0.3
+#: Von Neumann's ratio of neighbours below which what is left hangs together (2 for none, assumed).
+HANGS_TOGETHER = 1.0
+NAMES = ("tangential", "radial", "axial")
+
+
+@dataclass(frozen=True)
+class FittedNumber:
+    """A number that was fitted: value in the job, best value, 95 % interval, unit."""
+
+    name: str
+    in_job: float
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class ForceFit:
+    """The comparison with a log.
+
+    Attributes:
+        numbers: What was fitted: the force's numbers, then lag and the offset and drift of each force.
+        rms_before: Of measured minus predicted force. [N]
+        rms_after: The same with the fitted numbers. [N]
+        level: Root mean square of the measured force. [N]
+        rows: Rows in contact that were used.
+        notes: What a user should know of the fit, one sentence each.
+        coefficients: Of the cutter as a job can hold them, edges not below 0, or None for other models.
+        ratio: Fitted over predicted force along the log, and its standard deviation.
+
+    """
+
+    numbers: tuple[FittedNumber, ...]
+    rms_before: float
+    rms_after: float
+    level: float
+    rows: int
+    notes: tuple[str, ...]
+    coefficients: Coefficients | None
+    ratio: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Prediction:
+    """What each number contributes along the path, at its unit; n waypoints.
+
+    Attributes:
+        progress: Length cut so far. Shape (n,). [m]
+        columns: Path axes; forces, moments, and the spindle's power last. Shape (c, n, 7).
+        axes: Path axes as columns, part frame. Shape (n, 3, 3).
+        names, units, in_job: Of the c numbers.
+
+    """
+
+    progress: Array
+    columns: Array
+    axes: Array
+    names: list[str]
+    units: list[str]
+    in_job: Array
+
+    def at(self, s: Array, channels: list[int]) -> Array:
+        """Return the contributions at lengths cut, part axes; none off the cut. Shape (c, m, k)."""
+        near = np.clip(np.searchsorted(self.progress, s - SAME), 1, len(self.progress) - 1)
+        span = self.progress[near] - self.progress[near - 1]
+        share = np.clip((s - self.progress[near - 1]) / np.maximum(span, SAME), 0.0, 1.0)[:, None]
+        local = (1.0 - share) * self.columns[:, near - 1] + share * self.columns[:, near]
+        local *= ((s >= -SAME) & (s <= self.progress[-1] + SAME))[:, None]
+        turned = np.concatenate([
+            np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, :3]),
+            np.einsum("mij,cmj->cmi", self.axes[near], local[:, :, 3:6]), local[:, :, 6:],
+        ], axis=2)  # fmt: skip
+        return np.asarray(turned[:, :, channels])
+
+
+def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
+    """Compare a log with the prediction, and find the numbers that fit it.
+
+    Args:
+        log: What was measured.
+        law: The prediction.
+        nominal: The path, base frame, with its predicted wrench.
+        file: The log's file, for messages.
+
+    Raises:
+        InputError: If too few rows lie in the cut, or the prediction does not explain the log.
+
+    """
+    model = _predict(law, nominal)
+    channels, measured = _choose_channels(log, law)
+    s, measured = _pool(_lengths(log, nominal, model.progress), measured, MOST_ROWS)
+    columns = model.at(s, channels)
+    predicted, known = np.einsum("c,cmk->mk", model.in_job, columns), np.abs(columns).max(axis=(1, 2)) > 0.0
+    cut = _find_cut(s, predicted, model.progress[-1], file)
+    _check_level(measured[cut, :3], predicted[cut, :3], file)
+    tare = np.column_stack([np.ones(len(s)), (s - s.mean()) / max(float(np.ptp(s)), SAME)])
+    scale, most = measured.std(axis=0) + 1e-12, min(MOST_LAG, LAG_SHARE * float(model.progress[-1]))
+    for _ in range(2):
+        lag = _find_lag(model, s, measured / scale, channels, scale, tare, most)
+        design = _design(model, s - lag, channels, known, tare)
+        value, left = _solve(design / scale[:, None], measured / scale)
+        scale = scale * left.std(axis=0) + 1e-12
+    matrix = np.concatenate([design, _slope(model, s - lag, channels, known, value)], axis=2) / scale[:, None]
+    left = (measured - np.einsum("mkc,c->mk", design, value)) / scale
+    value = np.append(value, lag)
+    covariance, unseen = _jackknife(matrix, measured / scale, len(s))
+    if unseen < EXPLAINED:
+        message = (f"the prediction explains {100 * max(unseen, 0.0):.0f} % of the log at no lag within "
+                   f"{1e3 * most:.3g} mm; check that job and log are of one cut, its frame, and "
+                   f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
+        raise InputError(message, file=file)
+    sigma = np.sqrt(np.diag(covariance))
+    # a force that jumps is placed no better than within a row of the log
+    sigma[-1] = np.hypot(sigma[-1], float(np.median(np.diff(s))) / np.sqrt(12.0))
+    numbers = _list_numbers(model, known, value, sigma)
+    notes = _describe(numbers, int(known.sum()), left, scale, lag, most)
+    before = predicted[cut, :3] - measured[cut, :3]
+    after = (left * scale)[cut, :3]
+    return ForceFit(
+        numbers, _rms(before), _rms(after), _rms(measured[cut, :3]), len(cut), tuple(notes),
+        _as_job_holds(law, known, matrix, measured / scale, covariance, file),
+        _compare_levels(design[:, :3, : known.sum()], model.in_job[known], value, covariance),
+    )  # fmt: skip
+
+
+def _compare_levels(columns: Array, in_job: Array, value: Array, covariance: Array) -> tuple[float, float]:
+    """Return fitted over predicted force, in the direction of the predicted one, and its standard deviation.
+
+    `columns` is what each number contributes to the force at the rows, shape (m, 3, c); `value` begins with them.
+    """
+    force = np.einsum("mkc,c->mk", columns, in_job)
+    slope = np.einsum("mkc,mk->c", columns, force) / max(float((force**2).sum()), 1e-300)
+    own = len(in_job)
+    return float(slope @ value[:own]), float(np.sqrt(max(slope @ covariance[:own, :own] @ slope, 0.0)))
+
+
+def _rms(force: Array) -> float:
+    return float(np.sqrt((force**2).sum(axis=1).mean()))
+
+
+def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
+    """Return what each number contributes, path axes, and the path axes in the part frame."""
+    axes = path_axes(nominal)
+    columns, names, unit, in_job = _columns(law, nominal, axes)
+    power = np.zeros((*columns.shape[:2], 1))
+    if law.cutting is not None:
+        power[..., 0] = 2.0 * np.pi * law.cutting.process.spindle().speed * columns[:, :, 5]
+    R = np.einsum("ji,njk->nik", law.T_base_part[:3, :3], axes)
+    return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, unit, in_job)
+
+
+def _choose_channels(log: ForceLog, law: ForceLaw) -> tuple[list[int], Array]:
+    """Return what is fitted, forces, moments (3 to 5) and power (6), and its rows; forces alone without a cutter."""
+    if law.cutting is None:
+        return [0, 1, 2], log.wrench[:, :3]
+    channels = list(range(log.wrench.shape[1]))
+    return (channels, log.wrench) if log.power is None else ([*channels, 6], np.column_stack([log.wrench, log.power]))
+
+
+def _lengths(log: ForceLog, nominal: Toolpath, progress: Array) -> Array:
+    """Return the length cut so far at each row. Shape (m,). [m]"""
+    if not log.timed:
+        return log.place
+    step = np.diff(progress) / np.maximum(nominal.feed[1:], 1e-9)
+    time = np.concatenate([[0.0], np.cumsum(step)])
+    inside = np.interp(log.place, time, progress)
+    # before and after the cut the log goes on at the feed of its ends
+    feed = max(float(np.median(nominal.feed[~nominal.rapid])), 1e-9)
+    beyond = np.minimum(log.place - time[0], 0.0) + np.maximum(log.place - time[-1], 0.0)
+    return np.asarray(inside + feed * beyond)
+
+
+def _pool(s: Array, measured: Array, most: int) -> tuple[Array, Array]:
+    """Return means of rows that follow each other, so that at most `most` are left."""
+    size = -(-len(s) // most)
+    if size < 2:
+        return s, measured
+    start = np.arange(0, len(s), size)
+    count = np.diff(np.append(start, len(s)))
+    return np.add.reduceat(s, start) / count, np.add.reduceat(measured, start) / count[:, None]
+
+
+def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.int_]:
+    """Return the rows that lie in the cut.
+
+    Raises:
+        InputError: If they are too few.
+
+    """
+    size = np.linalg.norm(predicted[:, :3], axis=1)
+    cut = np.flatnonzero(size > AIR * size.max(initial=0.0))
+    if len(cut) < FEWEST:
+        raise InputError(f"{len(cut)} rows lie in the cut, a comparison needs {FEWEST}; check s_mm", file=file)
+    if (places := len(np.unique(s[cut]))) < BLOCKS:
+        raise InputError(f"s_mm has {places} values in the cut, a comparison needs {BLOCKS}", file=file)
+    if (span := float(np.ptp(s[cut]))) < LEAST_SPAN * end:
+        message = f"s_mm spans {1e3 * span:.3g} mm of a cut of {1e3 * end:.4g} mm: check its unit"
+        raise InputError(message, file=file)
+    return cut
+
+
+def _design(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], tare: Array) -> Array:
+    """Return the columns of the linear fit: the numbers', then offset and drift of each channel. Shape (m, k, c)."""
+    own = np.moveaxis(model.at(s, channels)[known], 0, 2)
+    k = len(channels)
+    each = np.einsum("mt,kl->mklt", tare, np.eye(k)).reshape(len(s), k, 2 * k)
+    return np.concatenate([own, each], axis=2)
+
+
+def _slope(model: _Prediction, s: Array, channels: list[int], known: NDArray[np.bool_], value: Array) -> Array:
+    """Return how the predicted channels change with a lag. Shape (m, k, 1). [N, N m or W to a metre]"""
+    step = max(LAG_STEP, 0.5 * float(np.median(np.diff(s))))
+    behind, ahead = (model.at(s + side * step, channels)[known] for side in (-1.0, 1.0))
+    return np.asarray(np.einsum("cmk,c->mk", behind - ahead, value[: known.sum()])[:, :, None] / (2.0 * step))
+
+
+def _solve(matrix: Array, target: Array) -> tuple[Array, Array]:
+    """Return the least squares and what it leaves. Shapes (c,), (m, k)."""
+    value = np.linalg.lstsq(matrix.reshape(-1, matrix.shape[2]), target.reshape(-1), rcond=1e-10)[0]
+    return np.asarray(value), np.asarray(target - np.einsum("mkc,c->mk", matrix, value))
+
+
+def _find_lag(
+    model: _Prediction, s: Array, target: Array, channels: list[int], scale: Array, tare: Array, most: float
+) -> float:
+    """Return the lag at which least is left. [m]"""
+    rows = np.arange(0, len(s), -(-len(s) // LAG_ROWS))
+    every, wanted = np.ones(len(model.names), dtype=bool), target[rows]
+
+    def left(lag: float) -> float:
+        matrix = _design(model, s[rows] - lag, channels, every, tare[rows]) / scale[:, None]
+        flat = matrix.reshape(-1, matrix.shape[2])
+        value = np.linalg.lstsq(flat.T @ flat, flat.T @ wanted.reshape(-1), rcond=1e-12)[0]
+        return float(((wanted.reshape(-1) - flat @ value) ** 2).sum())
+
+    steps = np.linspace(-most, most, 2 * LAGS + 1)
+    found = np.array([left(float(lag)) for lag in steps])
+    best = int(np.argmin(found))
+    low, high = steps[max(best - 1, 0)], steps[min(best + 1, 2 * LAGS)]
+    refined = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-6})
+    return float(refined.x) if refined.fun < found[best] else float(steps[best])
+
+
+def _jackknife(matrix: Array, target: Array, rows: int) -> tuple[Array, float]:
+    """Return the covariance of the numbers from blocks left out, and the share of rows left out that is explained.
+
+    The last column is the derivative to the lag, counted from the lag that was found.
+    """
+    c, block = matrix.shape[2], np.arange(rows) * BLOCKS // rows
+    normal = np.stack([np.einsum("mkc,mkd->cd", matrix[block == b], matrix[block == b]) for b in range(BLOCKS)])
+    right = np.stack([np.einsum("mkc,mk->c", matrix[block == b], target[block == b]) for b in range(BLOCKS)])
+    size = np.sqrt(np.maximum(np.diag(normal.sum(axis=0)), 1e-300))
+    left_out = np.stack([
+        np.linalg.lstsq((normal.sum(axis=0) - normal[b]) / np.outer(size, size), (right.sum(axis=0) - right[b]) / size,
+                        rcond=1e-12)[0] / size
+        for b in range(BLOCKS)
+    ])  # fmt: skip
+    away = left_out - left_out.mean(axis=0)
+    covariance = (BLOCKS - 1) / BLOCKS * np.einsum("bc,bd->cd", away, away)
+    own = c - 1 - 2 * target.shape[1]
+    unseen = target - np.einsum("mkc,mc->mk", matrix, left_out[block])
+    flat = target - np.einsum("mkc,mc->mk", matrix[:, :, own:-1], left_out[block][:, own:-1])
+    return covariance, float(1.0 - (unseen**2).sum() / max(float((flat**2).sum()), 1e-300))
+
+
+def _list_numbers(
+    model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array
+) -> tuple[FittedNumber, ...]:
+    """Return the numbers with their intervals: the model's, the lag, offsets and drifts of the forces."""
+    own = int(known.sum())
+    kept = np.flatnonzero(known)
+    rows = [(model.names[k], float(model.in_job[k]), i, 1.0, model.units[k]) for i, k in enumerate(kept)]
+    rows.append(("lag of the log", 0.0, len(value) - 1, 1e3, "mm"))
+    for axis, name in enumerate("xyz"):
+        rows += [(f"offset of f{name}", 0.0, own + 2 * axis, 1.0, "N"),
+                 (f"drift of f{name} over the log", 0.0, own + 2 * axis + 1, 1.0, "N")]  # fmt: skip
+    return tuple(
+        FittedNumber(name, was, float(u * value[i]), float(u * (value[i] - STUDENT * sigma[i])),
+                     float(u * (value[i] + STUDENT * sigma[i])), unit)
+        for name, was, i, u, unit in rows
+    )  # fmt: skip
+
+
+def _describe(
+    numbers: tuple[FittedNumber, ...], own: int, left: Array, scale: Array, lag: float, most: float
+) -> list[str]:
+    """Say what is odd about a fit."""
+    notes = []
+    if abs(lag) > 0.98 * most:
+        notes.append(f"The log fits best at the end of the lags that were tried, {1e3 * lag:.3g} mm: check s_mm.")
+    for number in numbers[:own]:
+        if number.value < 0.0 <= number.high:
+            notes.append(f"The {number.name} is fitted below 0 and may as well be 0 by this log.")
+        elif number.high < 0.0 and not number.name.startswith("axial"):
+            notes.append(f"The {number.name} is fitted below 0 for sure, which no cut does: the model does not fit "
+                         "this log; check cutter, stock, direction of cut and frame of the log.")  # fmt: skip
+    force = left[:, :3]
+    ratio = (np.diff(force, axis=0) ** 2).sum(axis=0) / np.maximum((force**2).sum(axis=0), 1e-300)
+    for axis in np.flatnonzero(ratio < HANGS_TOGETHER):
+        notes.append(f"What is left of f{'xyz'[axis]}, {(left * scale)[:, axis].std():.3g} N (rms), hangs together "
+                     "along the path: the model misses something there; the intervals count it.")  # fmt: skip
+    return notes
+
+
+def _as_job_holds(
+    law: ForceLaw, known: NDArray[np.bool_], matrix: Array, target: Array, covariance: Array, file: Path
+) -> Coefficients | None:
+    """Return coefficients as a job can hold them: edges not below 0, and the level's spread along this cut."""
+    if law.cutting is None:
+        return None
+    own = int(known.sum())
+    edge = np.flatnonzero(known) >= 3
+    low = np.full(matrix.shape[2], -np.inf)
+    low[:own][edge] = 0.0
+    flat = matrix.reshape(-1, matrix.shape[2])
+    upper = np.linalg.qr(np.column_stack([flat, target.reshape(-1)]))[1]
+    held = lsq_linear(upper[:, :-1], upper[:, -1], bounds=(low, np.inf)).x[:own]
+    every = np.zeros(6)
+    every[known] = held
+    force = matrix[:, :3, :own].reshape(-1, own)
+    size = float(np.linalg.norm(force @ held))
+    slope = force.T @ (force @ held) / max(size, 1e-300)
+    spread = float(np.sqrt(max(slope @ covariance[:own, :own] @ slope, 0.0))) / max(size, 1e-300)
+    resistance = law.cutting.process.resistance
+    return Coefficients(
+        (every[0], every[1], every[2]), (every[3], every[4], every[5]), resistance.exponent,
+        uncertainty=max(round(spread, 4), 1e-4), source=f"fitted to {file.name}",
+    )  # fmt: skip
+
+
+def _check_level(measured: Array, predicted: Array, file: Path) -> None:
+    """Refuse a log whose forces are of another magnitude than the predicted ones. Shapes (m, 3). [N]"""
+    level, wanted = (float(np.sqrt((force**2).sum(axis=1).mean())) for force in (measured, predicted))
+    if not wanted / MOST_RATIO <= level <= wanted * MOST_RATIO:
+        message = f"force in the cut is {level:.3g} N (rms), {wanted:.3g} N is predicted: check units and s_mm"
+        raise InputError(message, file=file)
+
+
+def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list[str], list[str], Array]:
+    """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 6)."""
+    if law.cutting is not None:
+        resistance = law.cutting.process.resistance
+        per_tooth = law.cutting.process.spindle().feed_per_tooth(nominal.feed)
+        every = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
+        names = [f"{part} cutting coefficient" for part in NAMES] + [f"{part} edge coefficient" for part in NAMES]
+        values = np.array([*resistance.cutting, *resistance.edge])
+        return np.swapaxes(every, 0, 1), names, ["N/mm2"] * 3 + ["N/mm"] * 3, values
+    wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
+    local = np.concatenate([np.einsum("nji,nj->ni", axes, wrench[:, k : k + 3]) for k in (0, 3)], axis=1)
+    columns = np.stack([local * np.tile(np.eye(3)[k], 2) for k in range(3)])
+    names = [f"factor {where}" for where in ("along the travel", "to the left", "along the tool axis")]
+    return columns, names, ["1"] * 3, np.ones(3)

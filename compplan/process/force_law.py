@@ -1,0 +1,184 @@
+"""The force law of a job: it predicts the wrench along any division of the toolpath, at any feed that is driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from compplan.io.tables import Array
+from compplan.process.cutting import CuttingForce, CuttingTable
+from compplan.process.force_lesson import LearnedForce
+from compplan.process.force_models.columns import ColumnsProcess
+from compplan.process.force_models.constant import ConstantProcess
+from compplan.process.force_models.milling import MillingProcess
+from compplan.process.process import Process, predict_wrench
+from compplan.process.process_stiffness import ProcessStiffness
+from compplan.toolpath.contact import PathForceTable
+from compplan.toolpath.toolpath import Toolpath
+
+#: A CAM program has to move this far above and below z = 0 for that to be taken for the stock's top. [m]
+STOCK_ROOM = 1e-5
+#: A stock whose top is this near to z = 0 of a CAM program needs no word; an allowance may lie on it. [m]
+ALLOWANCE = 5e-4
+#: A tool that is nearer to its path than this stands on it. [m]
+ON_PATH = 1e-7
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """What the process does to the tool, for a plan that divides the path further and changes its feed.
+
+    Attributes:
+        process: The model and its parameters.
+        T_base_part: Pose of the part frame seen from the base. Shape (4, 4). [m]
+        tool_x: Where x of the TCP points, base axes. Shape (3,).
+        folder: Folder that a file name of the model is relative to.
+        rows_at: Length along the path of each row of the toolpath file. Shape (r,). [m]
+        stock_top: Height of the stock's top in the part frame, None where none is known. [m]
+        note: What a user should know of it.
+        cutting: The engagement of the path, for cutters that follow from it.
+        coupling: How the force answers to where the tool is, None where it acts as if the tool stood on its path.
+        learned: What measured parts said of the force, or None.
+
+    """
+
+    process: Process
+    T_base_part: Array = field(default_factory=lambda: np.eye(4))
+    tool_x: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    folder: Path = Path()
+    rows_at: Array | None = None
+    stock_top: float | None = None
+    note: str = ""
+    cutting: CuttingForce | None = None
+    coupling: ProcessStiffness | None = None
+    learned: LearnedForce | None = None
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        if isinstance(self.process, PathForceTable):
+            return self.process.follows_feed
+        return isinstance(self.process, CuttingTable)
+
+    @property
+    def turns_with_travel(self) -> bool:
+        """Tell whether the force turns with the travel, and so jumps at a corner."""
+        return turns_with_travel(self.process)
+
+    @property
+    def sudden(self) -> bool:
+        """Tell whether the force stands at once after a contact."""
+        return not self.always and not getattr(self.process, "ramp_mm", 0.0) > 0.0
+
+    @property
+    def abrupt(self) -> bool:
+        """Tell whether the force still stands where a cut ends; one that follows the feed goes as the tool rests."""
+        return not self.always and not self.follows_feed and not getattr(self.process, "ramp_out_mm", 0.0) > 0.0
+
+    @property
+    def always(self) -> bool:
+        """Tell whether the wrench acts in rapid moves too (a dead weight)."""
+        return isinstance(self.process, ConstantProcess) and self.process.during_rapid
+
+    def predict(self, nominal: Toolpath, feed: Array | None = None) -> Array:
+        """Predict the wrench at every waypoint.
+
+        Args:
+            nominal: The path in the base frame.
+            feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
+
+        Returns:
+            The wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
+
+        Raises:
+            InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
+
+        """
+        path = nominal if feed is None else replace(nominal, feed=feed)
+        wrench = predict_wrench(
+            self.process, path, R_base_part=self.T_base_part[:3, :3], tool_x=self.tool_x, folder=self.folder,
+            rows_at=self.rows_at, cutting=self.cutting,
+        )  # fmt: skip
+        if self.stock_top is not None and isinstance(self.process, MillingProcess):
+            height = (nominal.position - self.T_base_part[:3, 3]) @ self.T_base_part[:3, 2]
+            share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
+            wrench = np.asarray(wrench * share[:, None])
+        return wrench if self.learned is None else self.learned.push(wrench, self.T_base_part[:3, :3])
+
+    def respond(self, nominal: Toolpath, wrench: Array, stiffness: Array, away: Array) -> Array:
+        """Return by how much the wrench changes where the tool is off its path.
+
+        A cutter's engagement is worked out again for the tool as it went; a given stiffness answers in proportion.
+
+        Args:
+            nominal: The path, base frame, with the feed that is driven.
+            wrench: The wrench on the tool that stands on it. Shape (n, 6). [N, N m]
+            stiffness: That of `coupling` there. Shape (n, 3, 3). [N/m]
+            away: Tip minus path, base axes. Shape (n, 3). [m]
+
+        Returns:
+            Base axes. Shape (n, 6). [N, N m]
+
+        """
+        change = np.zeros_like(wrench)
+        if np.abs(away[~nominal.rapid]).max(initial=0.0) < ON_PATH:
+            return change
+        moved = None if self.coupling is None else self.coupling.displace(nominal, away)
+        if moved is None:
+            change[:, :3] = -np.einsum("nij,nj->ni", stiffness, away)
+            return change
+        acts = np.abs(wrench[:, :3]).max(axis=1) > 0.0
+        change[acts] = (replace(self, cutting=moved).predict(nominal) - self.predict(nominal))[acts]
+        return change
+
+
+def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
+    """Tell where the stock's top is: as the job states it, or z = 0 of a CAM program that moves above and below it.
+
+    Args:
+        process: The model and its parameters.
+        toolpath: The toolpath in the part frame.
+        from_cam: Whether the toolpath comes from a CAM program, whose zero is by custom the top of the stock.
+
+    Returns:
+        Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
+
+    """
+    if not isinstance(process, MillingProcess | CuttingTable) or getattr(process, "stock", None) is not None:
+        return None, ""
+    if process.stock_top_mm is not None:
+        return process.stock_top_mm * 1e-3, ""
+    if not from_cam or not _crosses_zero(toolpath):
+        return None, ""
+    return 0.0, "The stock's top is taken to be z = 0 of the CAM program (assumed); above it the tool carries no force."
+
+
+def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
+    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere.
+
+    Args:
+        cutting: The engagement, with the stock.
+        toolpath: The toolpath of the CAM program, part frame.
+    """
+    bench = cutting.bench
+    if bench.R_view[2, 2] < 1.0 - 1e-12 or not _crosses_zero(toolpath):
+        return ""
+    top = float(bench.stock.bounds()[1, 2])
+    if abs(top) <= ALLOWANCE:
+        return ""
+    return (
+        f"The stock's top lies at z = {1e3 * top:.4g} mm, while z = 0 of a CAM program is by custom the top of the "
+        "stock: compare the zeros of the two files; if they differ, depth and force are wrong."
+    )
+
+
+def _crosses_zero(toolpath: Toolpath) -> bool:
+    height = toolpath.position[~toolpath.rapid, 2]
+    return bool(len(height) and height.min() < -STOCK_ROOM and height.max() > STOCK_ROOM)
+
+
+def turns_with_travel(process: Process) -> bool:
+    """Tell whether the force of a process turns with the travel."""
+    return not isinstance(process, ColumnsProcess) and getattr(process, "frame", "path") == "path"

@@ -1,0 +1,19 @@
+"""The force of the toolpath file itself."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from compplan.toolpath.contact import ForceTable
+
+words = "wrench columns of the toolpath file"
+
+
+class ColumnsProcess(ForceTable):
+    """The wrench columns of the toolpath file, part axes; zero where the file has none but `required` is false."""
+
+    model: Literal["columns"] = "columns"
+    required: bool = True
+
+
+table = ColumnsProcess

@@ -1,0 +1,23 @@
+"""One wrench all along the path."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from compplan.io.tomlfile import Vector3
+from compplan.toolpath.contact import ContactTable, Frame
+
+words = "one wrench all along"
+
+
+class ConstantProcess(ContactTable):
+    """The same wrench all along; `during_rapid` keeps it in rapid moves too (a dead weight)."""
+
+    model: Literal["constant"]
+    force_N: Vector3
+    moment_Nm: Vector3 = (0.0, 0.0, 0.0)
+    frame: Frame = "part"
+    during_rapid: bool = False
+
+
+table = ConstantProcess

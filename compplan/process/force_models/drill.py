@@ -1,0 +1,184 @@
+"""Mean thrust and torque of a drill, from how much of its point is in the material.
+
+The relation is that of a maker's table for twist drills [Tungaloy], D in mm, f in mm a turn, K a constant of the
+material (1 for grey cast iron of 177 HB):
+
+    thrust = 570 K D f^0.85 N          torque = 0.01 K D^2 (0.630 + 16.84 f) N m
+
+It is written as two lips, so that it is linear in its coefficients (f_z: feed a lip, R = D / 2):
+
+    thrust = N k_a f_z^0.85 R          torque = N (k_t f_z + k_e) R^2 / 2
+
+with k_a the push against the feed, k_t and k_e along the cutting speed. The chisel edge makes half of the thrust of a
+conventional point (so textbooks say [Ghosh, Mallik]), and a thinned web takes four fifths of that away (assumed). While
+the point enters or leaves, the lips count by the length that is in the material, the chisel edge by whether the middle
+of the point is. The forces of the lips across the axis cancel. Valid for moves along the axis.
+
+The second opinion is the relation of Shaw and Oxford as Machinery's Handbook prints it (31st edition, p. 1152: SI
+units, chisel edge of 0.18 D, of 0.03 D where the web is thinned), K_d a constant of the material:
+
+    thrust = 0.05 K_d f^0.8 D^0.8 B + 0.007 K_d D^2 J N      torque = 2.5e-5 K_d f^0.8 D^1.8 A N m
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from compplan.process.cutter import Cutter
+from compplan.process.cutting import CuttingTable
+from compplan.process.engagement import Engagement
+from compplan.process.materials import Coefficients
+from compplan.process.milling import MillingShape
+
+words = "thrust and torque of a drill"
+SOURCE = "thrust and torque of twist drills by a tool maker's table (Tungaloy general catalogue, technical reference)"
+#: Exponent of the thrust in Kienzle's form, 1 - 0.85.
+EXPONENT = (0.0, 0.0, 0.15)
+#: Per unit of K, two lips: along the speed [N/mm^2], of the edge [N/mm], against the feed [N/mm^1.85].
+TANGENTIAL, EDGE, AXIAL = 16.84 * 10.0 * 8.0, 0.630 * 10.0 * 4.0, 570.0 * 2.0**0.85
+#: The chisel edge's share of the radius, and of the thrust of a conventional point (assumed).
+WEB, CHISEL = 0.2, 0.5
+#: Share of the chisel edge's thrust that a thinned web takes away (assumed).
+THINNED = 0.8
+#: Relative standard deviation of the level (assumed): points, coatings and wear differ by so much.
+SCATTER = 0.3
+#: Constant K of the materials, and whether it was assumed from a neighbour of the table.
+DRILLED = {
+    "al6061_t6": (1.01, "aluminium of 100 HB"),
+    "al6082_t6": (1.01, "aluminium of 100 HB"),
+    "al7075_t6": (1.01, "assumed: that of aluminium of 100 HB; this alloy is harder"),
+    "c45": (2.2, "assumed: between low carbon steel (160 HB, 2.22) and chromium molybdenum steel (229 HB, 2.10)"),
+    "low_carbon_steel": (2.22, "low carbon steel (JIS S20C) of 160 HB"),
+    "low_alloy_steel_300hb": (2.7, "assumed: between chromium molybdenum steel (269 HB, 2.41) and nickel chromium "
+                              "molybdenum steel (390 HB, 3.44)"),
+    "cast_iron_pearlitic": (1.88, "cast iron of 224 HB"),
+    "aluminium_cast": (1.01, "assumed: that of aluminium of 100 HB"),
+}  # fmt: skip
+#: K_d of the second opinion (from general knowledge of the handbook's table 6, assumed).
+HANDBOOK = {
+    "al6061_t6": 7000.0, "al6082_t6": 7000.0, "al7075_t6": 7000.0, "aluminium_cast": 7000.0, "c45": 24000.0,
+    "low_carbon_steel": 24000.0, "low_alloy_steel_300hb": 31000.0, "cast_iron_pearlitic": 14000.0,
+}  # fmt: skip
+#: Its factors A, B and J of a conventional point and of a thinned one.
+CHISELS = {False: (1.085, 1.355, 0.030), True: (1.000, 1.100, 0.001)}
+
+
+def drill_coefficients(material: str) -> Coefficients:
+    """Return what a material resists a drill's lips with: along the speed, across (none), against the feed.
+
+    Raises:
+        KeyError: If nobody has stated a constant for the material.
+
+    """
+    constant, words = DRILLED[material]
+    return Coefficients(
+        (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
+        f"{SOURCE}, K = {constant:g}: {words}", words.startswith("assumed"),
+    )  # fmt: skip
+
+
+def ask_handbook(material: str, diameter: float, feed: float, *, thinned: bool) -> tuple[float, float]:
+    """Return thrust [N] and torque [N m] in full cut by the handbook's relation.
+
+    Args:
+        material: One that the handbook's constant is known of.
+        diameter: Of the drill. [mm]
+        feed: A turn. [mm]
+        thinned: Whether the web is thinned.
+
+    Raises:
+        KeyError: If the constant is not known.
+
+    """
+    constant, (turn, push, press) = HANDBOOK[material], CHISELS[thinned]
+    thrust = 0.05 * constant * (feed * diameter) ** 0.8 * push + 0.007 * constant * diameter**2 * press
+    return thrust, 2.5e-5 * constant * feed**0.8 * diameter**1.8 * turn
+
+
+def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingShape:
+    """Work out what each coefficient of a drill contributes to the mean wrench at its tip, path axes.
+
+    Args:
+        found: The engagement; moves across the axis carry nothing.
+        lips: Number of lips.
+        thinned: Whether the web is thinned.
+
+    """
+    edge = found.cutter.slices
+    inner, outer = edge.knots[:-1, 0], edge.knots[1:, 0]
+    radius = found.cutter.radius
+    share = found.depth.mean(axis=2, dtype=np.float64) * np.maximum(-found.travel[:, 1:], 0.0)  # (n, k)
+    length, area = (outer - inner) / radius, (outer**2 - inner**2) / radius**2
+    middle = inner < 0.5 * WEB * radius
+    chisel = CHISEL * (1.0 - THINNED * thinned)
+    push = share @ (length * (1.0 - CHISEL)) + chisel * share[:, middle].mean(axis=1)
+    turn = share @ area
+    cutting, constant = np.zeros((len(found), 3, 6)), np.zeros((len(found), 3, 6))
+    cutting[:, 0, 5] = constant[:, 0, 5] = lips * 0.5e-3 * (1e3 * radius) ** 2 * turn
+    cutting[:, 2, 2] = lips * 1e3 * radius * push
+    return MillingShape(cutting, constant, np.zeros((len(found), 6, 6)))
+
+
+class DrillProcess(CuttingTable):
+    """A drill: thrust and torque of lips and chisel edge that stand opposite each other."""
+
+    steady: ClassVar[bool] = True
+    model: Literal["drill"]
+    point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
+    web_thinned: bool = True
+
+    @model_validator(mode="after")
+    def _check_drilled(self) -> DrillProcess:
+        if self.material is not None and self.material not in DRILLED:
+            raise ValueError(f"material is {self.material!r}, drilled ones are {list(DRILLED)}; or give coefficients")
+        if self.coefficients is not None and self.coefficients.cutting_N_mm2[2] <= 0.0:
+            raise ValueError(
+                f"cutting_N_mm2 is {list(self.coefficients.cutting_N_mm2)}; a drill's third one pushes against the "
+                "feed and is above 0"
+            )
+        return self
+
+    @property
+    def resistance(self) -> Coefficients:
+        """Coefficients of the lips: along the speed, across (cancels), against the feed."""
+        if self.coefficients is not None:
+            return self.coefficients.coefficients()
+        return drill_coefficients(str(self.material))
+
+    def cutter(self) -> Cutter:
+        """Return the drill's shape; its margins do not cut, so that its flute ends with its point."""
+        radius = 0.5e-3 * self.diameter_mm
+        point = float(np.radians(self.point_deg))
+        return Cutter(radius, radius / float(np.tan(0.5 * point)) if point < np.pi else 0.0, point=point)
+
+    def shape(self, found: Engagement) -> MillingShape:
+        """Return what each coefficient contributes to thrust and torque, from the engagement."""
+        return shape_drilling(found, self.teeth, thinned=self.web_thinned)
+
+    def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
+        """Say where the drill moves sideways in material."""
+        aside = found.touches & cuts & (np.abs(found.travel[:, 0]) > np.abs(found.travel[:, 1]))
+        if not aside.any():
+            return []
+        first = int(np.argmax(aside))
+        return [f"The drill moves sideways in material at {aside.sum()} waypoints, the first {first}: no force is "
+                "predicted there."]  # fmt: skip
+
+    def ask_another(self, feed_per_tooth: float) -> list[str]:
+        """Say what the handbook's relation gives in full cut at a feed a lip [mm], beside the table's."""
+        if self.material not in HANDBOOK:
+            return []
+        feed, size, constant = self.teeth * feed_per_tooth, self.diameter_mm, DRILLED[self.material][0]
+        own = 570.0 * constant * size * feed**0.85 * (1.0 - CHISEL * THINNED * self.web_thinned)
+        turn = 0.01 * constant * size**2 * (0.630 + 16.84 * feed)
+        other = ask_handbook(self.material, size, feed, thinned=self.web_thinned)
+        return [f"In full cut at {feed:.3g} mm a turn the table gives {own:.4g} N and {turn:.3g} N m; second opinion, "
+                f"the handbook's relation of Shaw and Oxford: {other[0]:.4g} N and {other[1]:.3g} N m (its constant is "
+                "assumed)."]  # fmt: skip
+
+
+table = DrillProcess

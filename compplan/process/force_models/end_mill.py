@@ -1,0 +1,55 @@
+"""An end mill whose force follows from what it meets of the stock."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from compplan.process.cutter import Cutter
+from compplan.process.cutting import CuttingTable
+from compplan.process.force_models import milling
+from compplan.process.milling import Spindle
+
+words = "end mill in what it meets of the stock"
+cites = milling.cites
+#: Flute length that is assumed where none is given, in diameters.
+FLUTES = 3.0
+
+
+class EndMillProcess(CuttingTable):
+    """An end mill whose engagement follows from stock and path, see `compplan.process.milling`."""
+
+    model: Literal["end_mill"]
+    corner_radius_mm: float = Field(default=0.0, ge=0.0)
+    helix_deg: float = Field(default=30.0, ge=0.0, le=70.0)
+    runout_mm: float = Field(default=0.0, ge=0.0, le=0.5)
+
+    @model_validator(mode="after")
+    def _check(self) -> EndMillProcess:
+        if self.corner_radius_mm > 0.5 * self.diameter_mm:
+            raise ValueError(
+                f"corner_radius_mm is {self.corner_radius_mm:g}, at most half of diameter_mm = {self.diameter_mm:g} "
+                "is allowed (a ball end mill)"
+            )
+        return self
+
+    def spindle(self) -> Spindle:
+        """Return how the cutter turns."""
+        return Spindle(
+            self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm
+        )
+
+    def cutter(self) -> Cutter:
+        """Return the cutter's shape."""
+        radius, corner = 0.5e-3 * self.diameter_mm, 1e-3 * self.corner_radius_mm
+        flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
+        return Cutter(radius, max(flute, corner), corner)
+
+    def shank(self, cutter: Cutter) -> float | None:
+        """Return the height above the tip from which on the tool has no edges. [m]"""
+        return cutter.flute
+
+
+table = EndMillProcess

@@ -1,0 +1,95 @@
+"""Grinding and sanding: tangential force from the specific energy of removal, or a normal force that is held.
+
+The power that takes away a volume Q a second with specific energy u drives the wheel's surface at the speed v_s:
+
+    F_t = u Q / v_s,    Q = depth width feed,    F_n = F_t / ratio
+
+[Malkin and Guo, Grinding Technology, 2nd ed. 2008: force ratio and specific energy]. With `normal_N` (force-controlled
+sanding) F_n is that force and F_t = ratio F_n, whatever the feed. The ratio of tangential to normal force is 0.3 to 0.6
+for most pairings; the default 0.45 is assumed, and so is +- 25 %. Valid for steady contact of a wheel, belt or pad.
+The normal force acts along the tool axis (a disc or pad that lies on the surface).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from compplan.io.tables import Array
+from compplan.toolpath.contact import PathForceTable, lifts
+from compplan.toolpath.toolpath import Toolpath
+
+words = "grinding or sanding"
+cites = "Malkin, Guo: Grinding Technology, 2nd edition, 2008"
+#: Relative standard deviation that Monte Carlo draws the level with, assumed.
+UNCERTAINTY = 0.25
+
+
+class GrindingProcess(PathForceTable):
+    """Mean force of grinding or sanding, see `compplan.process.force_models.grinding`."""
+
+    model: Literal["grinding"]
+    normal_N: float | None = Field(default=None, gt=0.0, le=1e4)
+    specific_energy_J_mm3: float | None = Field(default=None, ge=0.5, le=500.0)
+    depth_mm: float | None = Field(default=None, gt=0.0, le=50.0)
+    width_mm: float | None = Field(default=None, gt=0.0, le=1000.0)
+    wheel_speed_m_s: float | None = Field(default=None, ge=0.1, le=300.0)
+    force_ratio: float = Field(default=0.45, gt=0.0, le=2.0)
+    direction: Literal["against", "along"] = "against"
+
+    @model_validator(mode="after")
+    def _check(self) -> GrindingProcess:
+        removal = (self.specific_energy_J_mm3, self.depth_mm, self.width_mm, self.wheel_speed_m_s)
+        if self.normal_N is None and None in removal:
+            raise ValueError("needs normal_N, or specific_energy_J_mm3, depth_mm, width_mm and wheel_speed_m_s")
+        if self.normal_N is not None and any(value is not None for value in removal):
+            raise ValueError("has normal_N and keys of the removal rate, one of the two is allowed")
+        return self
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the level."""
+        return UNCERTAINTY
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return self.normal_N is None
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `grinding_wrench`, none while the tool is lifted off."""
+        return grinding_wrench(self, nominal) * ~lifts(nominal)[:, None]
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Return the sentences of `describe_grinding`."""
+        return describe_grinding(self)
+
+
+def grinding_wrench(process: GrindingProcess, nominal: Toolpath) -> Array:
+    """Return the wrench on the tool at every waypoint, path axes. Shape (n, 6). [N, N m]"""
+    if process.normal_N is not None:
+        normal = np.full(len(nominal), process.normal_N)
+        tangential = process.force_ratio * normal
+    else:
+        energy = float(process.specific_energy_J_mm3 or 0.0) * 1e9
+        section = float(process.depth_mm or 0.0) * float(process.width_mm or 0.0) * 1e-6
+        tangential = energy * section * nominal.feed / float(process.wheel_speed_m_s or 1.0)
+        normal = tangential / process.force_ratio
+    sign = -1.0 if process.direction == "against" else 1.0
+    wrench = np.zeros((len(nominal), 6))
+    wrench[:, 0], wrench[:, 2] = sign * tangential, normal
+    return wrench
+
+
+def describe_grinding(process: GrindingProcess) -> list[str]:
+    """Say what was assumed."""
+    how = "normal force as set in the job" if process.normal_N is not None else "specific energy of removal"
+    return [
+        f"Grinding: {how} [Malkin and Guo 2008], tangential by normal force {process.force_ratio:g} (assumed unless it "
+        "was measured)."
+    ]
+
+
+table = GrindingProcess

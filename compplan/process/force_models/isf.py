@@ -1,0 +1,46 @@
+"""Incremental sheet forming with forces that are given."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from compplan.io.tables import Array
+from compplan.toolpath.contact import PathForceTable, cutting_progress
+from compplan.toolpath.toolpath import Toolpath
+
+words = "incremental sheet forming with given forces"
+
+
+class IsfProcess(PathForceTable):
+    """Incremental sheet forming: the sheet pushes the tool up and away from the wall, more the further it goes.
+
+    The axial force acts along the tool axis towards the spindle, the lateral force away from the wall that is formed
+    (`wall_side`: on which side of the travel it stands, seen down the tool axis: "right" on a cone that is formed
+    counter-clockwise from its rim inwards, so that the force points to its axis), the drag against the travel.
+    All grow linearly along the cutting length, from `start_share` of the level given to the level itself.
+    """
+
+    model: Literal["isf"]
+    axial_N: float = Field(ge=0.0)
+    lateral_N: float = Field(default=0.0, ge=0.0)
+    drag_N: float = Field(default=0.0, ge=0.0)
+    start_share: float = Field(default=0.3, ge=0.0, le=1.0)
+    wall_side: Literal["left", "right"] = "right"
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `isf_wrench`."""
+        return isf_wrench(self, nominal)
+
+
+def isf_wrench(process: IsfProcess, nominal: Toolpath) -> Array:
+    """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6) [N, N m]."""
+    progress = cutting_progress(nominal)
+    level = process.start_share + (1.0 - process.start_share) * progress / max(progress[-1], 1e-300)
+    side = 1.0 if process.wall_side == "right" else -1.0
+    return level[:, None] * np.array([-process.drag_N, side * process.lateral_N, process.axial_N, 0.0, 0.0, 0.0])
+
+
+table = IsfProcess

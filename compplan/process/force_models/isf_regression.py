@@ -1,0 +1,266 @@
+"""Incremental sheet forming: the regression of Aerens and others (2010) for the steady axial force.
+
+    F_z = 0.0716 R_m t^1.57 d^0.41 h^0.09 a cos(a)
+
+R_m tensile strength [N/mm^2], t thickness, d tool diameter, h scallop height [mm], a wall angle [deg]; F_z in N.
+Source: Aerens, Eyckens, Van Bael, Duflou, Int. J. Adv. Manuf. Technol. 46 (2010) 969, the form for materials that they
+did not test; it stands as it is commonly quoted and was not checked against the print. Their five materials' own forms
+could not be sourced. Quotes of it leave open whether h is the height of the scallop or the step-down; a search for
+later ones with its list of variables, and for published records of force, found none (November 2026). It is read as the
+scallop: the groove of a ball of diameter d whose crests, step-down / sin(a) apart along the wall, stand h above its
+bottom, is the groove of the radial part below. The other reading gives a larger force; the note states both, and the
+spread of the level holds both. No record was found to hold the ratio of radial to axial against either; the note states
+a second opinion from equilibrium beside it: a strip of sheet under even tension T, bent over the ball from the flat
+into the wall, pushes by T sin(a) along the axis and T (1 - cos(a)) aside, a ratio of tan(a / 2). Valid, as far as
+known, for t 0.8 to 2 mm, d 10 to 25 mm, step-down 0.25 to 2 mm, a 20 to 65 deg, steel and aluminium sheet. Radial and
+tangential parts are assumed: the mean normal of the contact stands halfway between wall and scallop, tan((a + b) / 2)
+with cos(b) = 1 - 2 h / d, and friction drags against the travel. The force builds up over the first contours, linearly
+over `build_up_mm` of depth (assumed: the tool's radius).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy.spatial import cKDTree
+
+from compplan.errors import InputError
+from compplan.io.tables import Array
+from compplan.toolpath.contact import PathForceTable, last_set, lifts, path_axes
+from compplan.toolpath.toolpath import Toolpath
+
+words = "incremental sheet forming from sheet, tool and path"
+cites = "Aerens, Eyckens, Van Bael, Duflou: Int. J. Adv. Manuf. Technol. 46, 969, 2010"
+#: Tensile strength of sheets, sizes that handbooks give: assumed. [N/mm^2]
+STRENGTH = {"aa3003_o": 110.0, "aa5754_h22": 230.0, "dc01": 330.0, "aisi304": 620.0}
+#: Range that the regression is taken to hold in.
+VALID = {
+    "thickness": (0.8, 2.0), "tool_diameter": (10.0, 25.0), "step_down": (0.25, 2.0), "wall_angle": (20.0, 65.0)
+}  # fmt: skip
+#: Relative standard deviation of the level, assumed: .15 of the regression and .2 of the reading of h. Twice of it
+#: holds a step-down of up to 80 scallop heights, 80^0.09 = 1.48.
+UNCERTAINTY = 0.25
+#: Walls are steeper than this. [rad]
+FLATTEST = float(np.radians(8.0))
+#: A neighbouring contour lies this far below, in steps down.
+NEXT_CONTOUR = (0.6, 1.4)
+
+
+class IsfRegressionProcess(PathForceTable):
+    """Force of incremental sheet forming from sheet, tool and path."""
+
+    model: Literal["isf_regression"]
+    thickness_mm: float = Field(gt=0.0, le=10.0)
+    tool_diameter_mm: float = Field(gt=0.0, le=100.0)
+    tensile_N_mm2: float | None = Field(default=None, ge=20.0, le=3000.0)
+    material: Literal["aa3003_o", "aa5754_h22", "dc01", "aisi304"] | None = None
+    wall_angle_deg: float | None = Field(default=None, gt=0.0, lt=90.0)
+    step_down_mm: float | None = Field(default=None, gt=0.0, le=20.0)
+    build_up_mm: float | None = Field(default=None, ge=0.0)
+    friction: float = Field(default=0.1, ge=0.0, le=1.0)
+    wall_side: Literal["left", "right"] = "right"
+
+    @model_validator(mode="after")
+    def _check(self) -> IsfRegressionProcess:
+        if (self.tensile_N_mm2 is None) == (self.material is None):
+            raise ValueError("needs one of tensile_N_mm2 and material, not both")
+        return self
+
+    @property
+    def strength(self) -> float:
+        """Tensile strength. [N/mm^2]"""
+        return self.tensile_N_mm2 if self.tensile_N_mm2 is not None else STRENGTH[str(self.material)]
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the level."""
+        return UNCERTAINTY
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `sheet_wrench`, none while the tool is lifted off."""
+        return sheet_wrench(self, nominal) * ~lifts(nominal)[:, None]
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Return the sentences of `describe_sheet`."""
+        return describe_sheet(self, nominal)
+
+
+def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
+    """Return how high the crest between two contours stands above the grooves of a ball end. [mm]
+
+    Args:
+        step_down: Depth from contour to contour. [mm]
+        diameter: Of the tool. [mm]
+        angle: Wall angle against the sheet. [rad]
+
+    """
+    radius = 0.5 * diameter
+    half = np.minimum(0.5 * step_down / np.maximum(np.sin(angle), 1e-9), radius)
+    return np.asarray(half**2 / (radius + np.sqrt(radius**2 - half**2)))
+
+
+def steady_axial_force(strength: float, thickness: float, diameter: float, height: Array, angle: Array) -> Array:
+    """Return the steady axial force [N] of the regression.
+
+    Args:
+        strength: Tensile strength. [N/mm^2]
+        thickness: Of the sheet. [mm]
+        diameter: Of the tool. [mm]
+        height: Of the scallop. [mm]
+        angle: Wall angle against the sheet. [rad]
+
+    """
+    size = 0.0716 * strength * thickness**1.57 * diameter**0.41 * np.asarray(height) ** 0.09
+    return np.asarray(size * np.degrees(angle) * np.cos(angle))
+
+
+def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -> Array:
+    """Return radial over axial force where the contact's mean normal stands halfway between wall and scallop.
+
+    Args:
+        height: Of the scallop. [mm]
+        diameter: Of the tool. [mm]
+        angle: Wall angle against the sheet. [rad]
+
+    """
+    groove = np.arccos(np.clip(1.0 - 2.0 * np.asarray(height) / diameter, -1.0, 1.0))
+    return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
+
+
+def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
+    """Return the wrench on the forming tool at every waypoint, path axes.
+
+    Args:
+        process: Parameters.
+        nominal: The toolpath.
+
+    Returns:
+        Shape (n, 6). [N, N m]
+
+    Raises:
+        InputError: If neither job nor path say step-down or wall angle.
+
+    """
+    depth = _sink(nominal)
+    step, angle = find_contours(process, nominal)
+    height = scallop_height(step, process.tool_diameter_mm, angle)
+    axial = steady_axial_force(process.strength, process.thickness_mm, process.tool_diameter_mm, height, angle)
+    radial = axial * radial_ratio(height, process.tool_diameter_mm, angle)
+    build_up = process.build_up_mm if process.build_up_mm is not None else 0.5 * process.tool_diameter_mm
+    share = np.ones(len(nominal)) if build_up == 0.0 else np.clip((depth * 1e3 + step) / build_up, 0.0, 1.0)
+    side = 1.0 if process.wall_side == "right" else -1.0
+    wrench = np.zeros((len(nominal), 6))
+    wrench[:, 0] = -process.friction * np.hypot(axial, radial)
+    wrench[:, 1], wrench[:, 2] = side * radial, axial
+    return wrench * share[:, None]
+
+
+def describe_sheet(process: IsfRegressionProcess, nominal: Toolpath) -> list[str]:
+    """Say what was assumed, and what lies outside the range that the regression holds in."""
+    step, angle = find_contours(process, nominal)
+    typical = float(np.degrees(np.median(angle)))
+    found = {"thickness": process.thickness_mm, "tool_diameter": process.tool_diameter_mm, "step_down": step,
+             "wall_angle": typical}  # fmt: skip
+    outside = [f"{name} {value:.3g} (valid {VALID[name][0]:g} to {VALID[name][1]:g})" for name, value in found.items()
+               if not VALID[name][0] <= value <= VALID[name][1]]  # fmt: skip
+    wall = np.radians(typical)
+    height = float(scallop_height(step, process.tool_diameter_mm, np.array(wall)))
+    sheet = (process.strength, process.thickness_mm, process.tool_diameter_mm)
+    read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
+    aside, strip = read * radial_ratio(height, process.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
+    notes = [
+        f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down {step:.3g} "
+        f"mm), wall angle {typical:.3g} deg, tensile strength {process.strength:.4g} N/mm2"
+        + (" (assumed, a handbook's size)" if process.material else "")
+        + f": {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not settle "
+        f"which, the spread of the force (+- {100 * process.uncertainty:g} %, assumed) holds both. Radial part, "
+        f"{aside:.0f} N (second opinion, a sheet of even tension: {strip:.0f} N; no published record was found), "
+        f"friction {process.friction:g} and build-up over the first contours are assumed."
+    ]
+    if other > read * (1.0 + 1.96 * process.uncertainty):
+        notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
+    if outside:
+        notes.append(f"Outside the range that the regression is known to hold in: {', '.join(outside)}.")
+    return notes
+
+
+def find_contours(process: IsfRegressionProcess, nominal: Toolpath) -> tuple[float, Array]:
+    """Return step-down [mm] and wall angle [rad], shape (n,): as the job says them, otherwise from the path."""
+    step = process.step_down_mm if process.step_down_mm is not None else 1e3 * find_step_down(nominal)
+    if process.wall_angle_deg is None:
+        return step, find_wall_angle(nominal, step * 1e-3)
+    return step, np.full(len(nominal), np.radians(process.wall_angle_deg))
+
+
+def find_step_down(nominal: Toolpath) -> float:
+    """Find how much deeper the tool goes from contour to contour: of levels, or of the turns of a helix. [m]
+
+    Raises:
+        InputError: If the path does not go round.
+
+    """
+    rows = np.flatnonzero(~nominal.rapid)
+    place, depth = nominal.position[rows], _sink(nominal)[rows]
+    level = np.abs(np.diff(depth)) < 1e-9
+    if level.mean() > 0.5:
+        levels = np.unique(np.round(depth[1:][level], 7))
+        if len(levels) > 1:
+            return float(np.median(np.diff(levels)))
+    step = np.diff(place, axis=0)
+    step -= np.einsum("ni,ni->n", step, nominal.axis[rows[1:]])[:, None] * nominal.axis[rows[1:]]
+    step = step[np.linalg.norm(step, axis=1) > 1e-9]
+    axis = nominal.axis[rows[0]]
+    cross = np.cross(step[:-1], step[1:]) @ axis
+    turns = abs(float(np.arctan2(cross, np.einsum("ni,ni->n", step[:-1], step[1:])).sum())) / (2.0 * np.pi)
+    if turns < 1.0 or depth.max(initial=0.0) <= 0.0:
+        message = "the path does not go round and down, so that its step-down is not known; say step_down_mm"
+        raise InputError(message, where="process.step_down_mm")
+    return float(depth.max() / turns)
+
+
+def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
+    """Find the angle of the wall against the sheet: from each waypoint to the nearest of the next contour down.
+
+    The last contour keeps the angle of the one above. Shape (n,). [rad]
+
+    Raises:
+        InputError: If no contour has a next one.
+
+    """
+    depth, axis = _sink(nominal), nominal.axis[0]
+    flat = nominal.position - (nominal.position @ axis)[:, None] * axis
+    cutting = np.flatnonzero(~nominal.rapid)
+    angle = np.full(len(nominal), np.nan)
+    travel = path_axes(nominal)[:, :, 0]
+    for low in np.arange(0.0, depth[cutting].max(initial=0.0) + 1e-12, 0.5 * step_down):
+        here = cutting[(depth[cutting] >= low - 1e-9) & (depth[cutting] < low + 0.5 * step_down - 1e-9)]
+        near, far = low + NEXT_CONTOUR[0] * step_down, low + (NEXT_CONTOUR[1] + 0.5) * step_down
+        below = cutting[(depth[cutting] >= near) & (depth[cutting] <= far)]
+        if not len(here) or not len(below):
+            continue
+        other = below[cKDTree(flat[below]).query(flat[here])[1]]
+        aside = flat[other] - flat[here]
+        along = np.einsum("ni,ni->n", aside, travel[here])
+        distance = np.linalg.norm(aside - along[:, None] * travel[here], axis=1)
+        # the last contour has none below it: what is found then lies ahead, or across the part
+        beside = (np.abs(along) <= np.maximum(distance, step_down)) & (distance <= step_down / np.tan(FLATTEST))
+        found = np.arctan2(depth[other] - depth[here], np.maximum(distance, 1e-9))
+        angle[here[beside]] = found[beside]
+    known = np.isfinite(angle)
+    if not known.any():
+        message = "the path has no contour above another, so that its wall angle is not known; say wall_angle_deg"
+        raise InputError(message, where="process.wall_angle_deg")
+    return np.asarray(angle[last_set(known)])
+
+
+def _sink(nominal: Toolpath) -> Array:
+    """Return how deep the tip stands below the first waypoint of the cut, along its axis. Shape (n,). [m]"""
+    cutting = np.flatnonzero(~nominal.rapid)
+    height = nominal.position @ nominal.axis[0]
+    top = height[cutting].max() if len(cutting) else height.max()
+    return np.asarray(np.maximum(top - height, 0.0))
+
+
+table = IsfRegressionProcess

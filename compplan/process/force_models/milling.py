@@ -1,0 +1,80 @@
+"""Mean force of one revolution of an end mill of constant depth, width and cutting coefficients."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from compplan.io.tables import Array
+from compplan.toolpath.contact import PathForceTable, travel_across
+from compplan.toolpath.toolpath import Toolpath
+
+words = "mean force of an end mill of given depth and width"
+cites = "Y. Altintas: Manufacturing Automation, 2nd edition, Cambridge University Press, 2012"
+
+
+class MillingProcess(PathForceTable):
+    """Mean force of one revolution of an end mill with constant cutting coefficients, see `milling_wrench`.
+
+    Above stock_top_mm (z of the part) there is no force, and less of it where the tool is in by less than depth_mm.
+    """
+
+    model: Literal["milling"]
+    depth_mm: float = Field(gt=0.0)
+    width_mm: float = Field(gt=0.0)
+    diameter_mm: float = Field(gt=0.0)
+    spindle_rpm: float = Field(gt=0.0)
+    kc_N_mm2: float = Field(gt=0.0)
+    radial_ratio: float = Field(default=0.4, ge=0.0)
+    axial_ratio: float = 0.0
+    material_side: Literal["left", "right"] = "right"
+    stock_top_mm: float | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> MillingProcess:
+        if self.width_mm > self.diameter_mm:
+            raise ValueError(f"width_mm is {self.width_mm:g}, at most diameter_mm = {self.diameter_mm:g} is allowed")
+        return self
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return True
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench of `milling_wrench` at the feed across the tool axis."""
+        return milling_wrench(self, nominal.feed * travel_across(nominal))
+
+
+def milling_wrench(process: MillingProcess, feed: Array) -> Array:
+    """Return the mean wrench of one revolution of an end mill, path axes.
+
+    Valid for a spindle that turns clockwise seen from the spindle (M3) and many revolutions a waypoint. With the tooth
+    at angle psi from the travel towards the left, chip thickness h = f cos(psi) (f: feed a tooth) and constant
+    coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r + ka z) over the
+    engagement [Altintas2012], kt = kc, kr = radial_ratio kc, ka = axial_ratio kc (positive: towards the spindle).
+
+    Args:
+        process: Parameters; `material_side` right with M3 is climb milling.
+        feed: Feed. Shape (n,). [m/s]
+
+    Returns:
+        Shape (n, 6). [N, N m]
+
+    """
+    radius = 0.5 * process.diameter_mm
+    inner = float(np.arcsin(np.clip(process.width_mm / radius - 1.0, -1.0, 1.0)))
+    low, high = (-0.5 * np.pi, inner) if process.material_side == "right" else (-inner, 0.5 * np.pi)
+    cos_sin = 0.5 * (np.sin(high) ** 2 - np.sin(low) ** 2)
+    cos_cos = 0.5 * (high - low) + 0.25 * (np.sin(2.0 * high) - np.sin(2.0 * low))
+    cosine = np.sin(high) - np.sin(low)
+    kr = process.radial_ratio
+    shape = np.array([-cos_sin - kr * cos_cos, cos_cos - kr * cos_sin, process.axial_ratio * cosine, 0.0, 0.0,
+                      radius * 1e-3 * cosine])
+    feed_mm_rev = feed * 1e3 * 60.0 / process.spindle_rpm  # teeth times feed a tooth
+    return (process.kc_N_mm2 * process.depth_mm * feed_mm_rev / (2.0 * np.pi))[:, None] * shape
+
+
+table = MillingProcess

@@ -1,0 +1,294 @@
+"""The stock that is cut: a block or a closed mesh, seen along one direction as columns from a bottom to a top."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.io.meshes import load_mesh
+from compplan.io.origin import note_input
+from compplan.io.tables import Array
+
+#: Cells of the height map of a mesh at most, and columns across its smaller side.
+MESH_CELLS = 4_000_000
+#: Cells that triangles are brought into at a time.
+CELLS_AT_ONCE = 1_000_000
+#: Stock is not larger than this: a mesh of millimetres that was read in metres is. [m]
+LARGEST = 20.0
+#: Share of a mesh's volume by which its columns may differ before a note says so.
+HOLLOW = 0.02
+
+
+class StockColumns(Protocol):
+    """Stock seen along a direction: every column is solid from a bottom to a top."""
+
+    def interval(self, place: Array) -> tuple[Array, Array]:
+        """Return bottom and top of the columns at places across the direction; empty where top < bottom.
+
+        Args:
+            place: Shape (..., 2). [m]
+
+        Returns:
+            Two arrays of shape (...). [m]
+
+        """
+
+    def crest(self, place: Array) -> Array:
+        """Return heights that the columns at places do not exceed, cheaper than `interval`. (...) from (..., 2). [m]"""
+
+    def bounds(self) -> Array:
+        """Return the box around it, rows lowest and highest. Shape (2, 3). [m]"""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A box; its half spaces n x <= c are those of the frame that it is seen in.
+
+    Args:
+        normal: Shape (6, 3).
+        offset: Shape (6,). [m]
+        corners: Shape (8, 3). [m]
+
+    """
+
+    normal: Array
+    offset: Array
+    corners: Array
+
+    def interval(self, place: Array) -> tuple[Array, Array]:
+        """Return bottom and top of the columns, see `StockColumns`."""
+        low, high = np.full(place.shape[:-1], -np.inf), np.full(place.shape[:-1], np.inf)
+        beside = np.zeros(place.shape[:-1], dtype=bool)
+        for n, c in zip(self.normal, self.offset, strict=True):
+            left = c
+            for k in (0, 1):
+                left = left - n[k] * place[..., k] if n[k] else left
+            if n[2] > 1e-9:
+                high = np.minimum(high, left / n[2])
+            elif n[2] < -1e-9:
+                low = np.maximum(low, left / n[2])
+            else:
+                beside |= left < 0.0
+        high[beside] = -np.inf
+        return low, high
+
+    def crest(self, place: Array) -> Array:
+        """Return heights that the columns do not exceed, see `StockColumns`."""
+        return np.full(place.shape[:-1], self.corners[:, 2].max())
+
+    def bounds(self) -> Array:
+        """Return the box around it, see `StockColumns`."""
+        return np.stack([self.corners.min(axis=0), self.corners.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly.
+
+    Args:
+        origin: Place of the first cell's centre. Shape (2,). [m]
+        cell: Distance of columns, one or along each axis. [m]
+        low: Bottom of each column, +inf where there is none. Shape (a, b). [m]
+        high: Top of each column, -inf where there is none. Shape (a, b). [m]
+
+    """
+
+    origin: Array
+    cell: float | Array
+    low: Array
+    high: Array
+
+    def interval(self, place: Array) -> tuple[Array, Array]:
+        """Return bottom and top of the columns, see `StockColumns`."""
+        at = (place - self.origin) / self.cell
+        limit = np.array(self.high.shape)
+        first = np.clip(np.floor(at).astype(int), 0, limit - 2)
+        share = at - first
+        inside = ((at >= -0.5) & (at <= limit - 0.5)).all(axis=-1)
+        share = np.clip(share, 0.0, 1.0)
+        near = np.clip(np.rint(at).astype(int), 0, limit - 1)
+        found = []
+        for grid, none in ((self.low, np.inf), (self.high, -np.inf)):
+            nearest = grid[near[..., 0], near[..., 1]]
+            corner = [grid[first[..., 0] + i, first[..., 1] + j] for i in (0, 1) for j in (0, 1)]
+            weight = [(1 - share[..., 0]) * (1 - share[..., 1]), (1 - share[..., 0]) * share[..., 1],
+                      share[..., 0] * (1 - share[..., 1]), share[..., 0] * share[..., 1]]  # fmt: skip
+            whole = np.isfinite(corner).all(axis=0)
+            smooth = sum(w * np.where(np.isfinite(c), c, 0.0) for w, c in zip(weight, corner, strict=True))
+            found.append(np.where(inside, np.where(whole, smooth, nearest), none))
+        return found[0], found[1]
+
+    def crest(self, place: Array) -> Array:
+        """Return heights that the columns do not exceed, see `StockColumns`."""
+        at = np.floor((place - self.origin) / self.cell + 1.0).astype(int)
+        limit = np.array(self.high.shape)
+        inside = ((at >= 0) & (at <= limit)).all(axis=-1)
+        at = np.clip(at, 0, limit)
+        return np.where(inside, self._crests[at[..., 0], at[..., 1]], -np.inf)
+
+    @cached_property
+    def _crests(self) -> Array:
+        """The highest of the up to four columns around each cell between them. Shape (a + 1, b + 1). [m]"""
+        around = np.pad(self.high, 1, constant_values=-np.inf)
+        return np.asarray(np.max([around[:-1, :-1], around[1:, :-1], around[:-1, 1:], around[1:, 1:]], axis=0))
+
+    def bounds(self) -> Array:
+        """Return the box around it, see `StockColumns`."""
+        full = np.isfinite(self.high)
+        last = self.origin + self.cell * (np.array(self.high.shape) - 1)
+        return np.array([[*self.origin, self.low[full].min()], [*last, self.high[full].max()]])
+
+
+def build_block(low: Array, high: Array, R_view: Array) -> Block:
+    """Return a box of the part frame as it is seen along a direction.
+
+    Args:
+        low: Lowest corner, part frame. Shape (3,). [m]
+        high: Highest corner. Shape (3,). [m]
+        R_view: Axes of the view as columns, part frame; the third is the direction. Shape (3, 3).
+
+    """
+    normal = np.vstack([np.eye(3), -np.eye(3)])
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return Block(normal @ R_view, np.concatenate([high, -np.asarray(low)]), corners @ R_view)
+
+
+def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
+    """Read a closed mesh of the stock, in metres, part frame.
+
+    Raises:
+        InputError: If there is none, it cannot be read, or it is not closed.
+
+    """
+    if not file.is_file():
+        raise InputError(f"no file {file}", file=job, where=where)
+    mesh = load_mesh(file, unit)
+    note_input(file, file.read_bytes())
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    if not size <= LARGEST:
+        message = f"is {size:.4g} m large as a mesh in {unit}, at most {LARGEST:g} m is allowed: check the unit"
+        raise InputError(message, file=file)
+    mesh.merge_vertices()
+    if not mesh.is_watertight:
+        once = int((np.bincount(mesh.edges_unique_inverse) != 2).sum())
+        raise InputError(f"is an open mesh ({once} edges without a second triangle), it must be closed", file=file)
+    if mesh.volume < 0.0:  # its triangles look inwards
+        mesh.invert()
+    return mesh
+
+
+def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, str]:
+    """Return a closed mesh as columns along a direction, and a sentence where it has hollows that they fill.
+
+    Args:
+        mesh: The mesh, part frame. [m]
+        R_view: Axes of the view as columns, part frame. Shape (3, 3).
+        cell: Wanted distance of columns. [m]
+
+    """
+    corner = (np.asarray(mesh.vertices) @ R_view)[np.asarray(mesh.faces)]
+    low, high = corner.min(axis=(0, 1)), corner.max(axis=(0, 1))
+    cell = max(cell, float(np.sqrt(np.prod(high[:2] - low[:2]) / MESH_CELLS)))
+    shape = np.maximum(np.ceil((high[:2] - low[:2]) / cell).astype(int), 2)
+    origin = low[:2] + 0.5 * ((high[:2] - low[:2]) - (shape - 1) * cell)
+    tops, bottoms = np.full(shape, -np.inf), np.full(shape, np.inf)
+    at = (corner[:, :, :2] - origin) / cell
+    first = np.clip(np.ceil(at.min(axis=1) - 1e-9).astype(int), 0, shape)
+    after = np.clip(np.floor(at.max(axis=1) + 1e-9).astype(int) + 1, 0, shape)
+    for rows, low_cell, high_cell in _portion_boxes(first, after):
+        _raster(at[rows], corner[rows, :, 2], low_cell, high_cell, tops, bottoms)
+    full = np.isfinite(tops)
+    bottoms[~full] = np.inf
+    volume = float((tops - bottoms)[full].sum() * cell**2)
+    note = ""
+    if abs(volume / mesh.volume - 1.0) > HOLLOW:
+        held = f"{volume * 1e9:.4g} mm3, the stock's mesh {mesh.volume * 1e9:.4g} mm3"
+        note = f"StockColumns along the tool axis hold {held}: hollows and undercuts are taken for solid."
+    return HeightMap(origin, cell, bottoms, tops), note
+
+
+def _portion_boxes(
+    first: NDArray[np.int_], after: NDArray[np.int_]
+) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]]:
+    """Cut boxes of a grid into bands and yield them in portions of about CELLS_AT_ONCE cells.
+
+    Args:
+        first: First cell of each box. Shape (m, 2).
+        after: The cell after the last. Shape (m, 2).
+
+    Yields:
+        Which box each band belongs to, shape (b,), its first cell and the cell after its last, shape (b, 2).
+
+    """
+    size = np.maximum(after - first, 0)
+    band = np.maximum(CELLS_AT_ONCE // np.maximum(size[:, 1], 1), 1)
+    count = -(-size[:, 0] // band)
+    item = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
+    low, high = first[item], after[item]
+    low[:, 0] += number * band[item]
+    high[:, 0] = np.minimum(high[:, 0], low[:, 0] + band[item])
+    portion = np.cumsum(np.prod(high - low, axis=1)) // CELLS_AT_ONCE
+    for rows in np.split(np.arange(len(item)), np.flatnonzero(np.diff(portion)) + 1):
+        yield item[rows], low[rows], high[rows]
+
+
+def _raster(
+    at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array
+) -> None:
+    """Bring triangles into a height map: each column takes the highest and the lowest crossing.
+
+    Args:
+        at: Corners in cells of the grid. Shape (m, 3, 2).
+        z: Their heights. Shape (m, 3). [m]
+        first: First cell of each triangle that is looked at. Shape (m, 2).
+        after: The cell after the last. Shape (m, 2).
+        tops: Highest crossing so far, changed in place. Shape (a, b). [m]
+        bottoms: Lowest, changed in place. Shape (a, b). [m]
+
+    """
+    item, place = expand_boxes(first, after)
+    if not len(item):
+        return
+    a, b, c = at[item, 0], at[item, 1], at[item, 2]
+    area = _cross(b - a, c - a)
+    flat = np.abs(area) < 1e-12
+    area = np.where(flat, 1.0, area)
+    v, w = _cross(place - a, c - a) / area, _cross(b - a, place - a) / area
+    inside = ~flat & (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9)
+    item, place, v, w = item[inside], place[inside], v[inside], w[inside]
+    z = z[item]
+    height = z[:, 0] + v * (z[:, 1] - z[:, 0]) + w * (z[:, 2] - z[:, 0])
+    np.maximum.at(tops, (place[:, 0], place[:, 1]), height)
+    np.minimum.at(bottoms, (place[:, 0], place[:, 1]), height)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def expand_boxes(first: NDArray[np.int_], after: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """List the cells of boxes of a grid.
+
+    Args:
+        first: First cell of each box. Shape (m, 2).
+        after: The cell after the last. Shape (m, 2).
+
+    Returns:
+        Which box each cell belongs to, shape (c,), and the cell, shape (c, 2).
+
+    """
+    size = np.maximum(after - first, 0)
+    count = size[:, 0] * size[:, 1]
+    item = np.repeat(np.arange(len(first)), count)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    number = np.arange(count.sum()) - start[item]
+    width = np.maximum(size[item, 1], 1)
+    return item, np.column_stack([first[item, 0] + number // width, first[item, 1] + number % width])

@@ -1,0 +1,204 @@
+"""A robot's maps as a person wants them: computed over two planes and two joints, and summed up."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.identification import reduce_model
+from compplan.reporting.maps.maps import DeflectionMap, map_deflection
+from compplan.reporting.maps.reach import ELBOWS, make_plane, reach_plane, stand_of_arm, working_limits
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain
+from compplan.statics.ik import build_arm, middle_of_limits
+from compplan.statics.quality import DexterityMap, map_dexterity, natural_length, quality_of_poses
+
+REDUCTION = "400 random poses inside the limits, random forces of 1000 N with moments of 300 N m, 1 rad counts as 1 m"
+WRIST_FOR_QUALITY_DEG = 45.0
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """What is mapped.
+
+    Attributes:
+        posture: How the tool points: straight, down or outward.
+        wrench: Given wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
+        height: Height of the horizontal plane. [m]
+        azimuth: Direction of the vertical plane. [rad]
+        points: Grid points along each side.
+    """
+
+    posture: str = "down"
+    wrench: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1000.0, 0.0, 0.0, 0.0]))
+    height: float = 0.5
+    azimuth: float = 0.0
+    points: int = 100
+
+
+@dataclass(frozen=True)
+class RobotMaps:
+    """Maps of a robot.
+
+    Attributes:
+        robot: The robot.
+        settings: What was mapped.
+        planes: Deflection over the horizontal and the vertical plane.
+        quality: Inverse condition number at the postures of `planes`, by plane. Shape (b, a).
+        dexterity: Inverse condition number over joints two and three of the arm.
+        reduced: The reduced model that was compared with, or None.
+        reduced_note: Where it comes from.
+        reach: Greatest distance from axis 1, lowest and highest TCP. [m]
+        seconds: Time that the maps took, pictures apart. [s]
+    """
+
+    robot: Robot
+    settings: MapSettings
+    planes: dict[str, DeflectionMap]
+    quality: dict[str, Array]
+    dexterity: DexterityMap
+    reduced: Robot | None
+    reduced_note: str
+    reach: tuple[float, float, float]
+    seconds: float
+
+    def summary(self) -> dict[str, Any]:
+        """Sum the maps up, units in the keys."""
+        return {
+            "schema": 1,
+            "robot": self.robot.name,
+            "grade": self.robot.grade,
+            "posture": self.settings.posture,
+            "wrench": dict(zip(WRENCH_KEYS, self.settings.wrench.tolist(), strict=True)),
+            "poses": int(sum(m.chosen.size for m in self.planes.values())),
+            "map_time_s": round(self.seconds, 3),
+            "reach": {
+                "radius_mm": round(self.reach[0] * 1e3, 1),
+                "lowest_mm": round(self.reach[1] * 1e3, 1),
+                "highest_mm": round(self.reach[2] * 1e3, 1),
+            },
+            "reduced_model": self.reduced_note or None,
+            "characteristic_length_mm": round(self.dexterity.length * 1e3, 1),
+            "planes": {name: _sum_up(m, self.quality[name]) for name, m in self.planes.items()},
+        }
+
+    def lines(self) -> list[str]:
+        """Say the summary in lines for people."""
+        lines = []
+        for name, plane in self.summary()["planes"].items():
+            worst, under = plane["worst_unit_force_um_per_N"], plane["under_wrench_mm"]
+            lines.append(
+                f"{name:10s}  worst unit force: mean {worst['mean']:.2f}, max {worst['max']:.2f} um/N;  "
+                f"given wrench: mean {under['mean']:.2f}, max {under['max']:.2f} mm;  reached {plane['reached']:.0%}"
+            )
+        return lines
+
+
+WRENCH_KEYS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+
+
+def map_robot(robot: Robot, settings: MapSettings, reduced: Robot | None = None) -> RobotMaps:
+    """Map a robot over a horizontal and a vertical plane.
+
+    Args:
+        robot: The robot.
+        settings: What to map.
+        reduced: A reduced model to compare with; fitted if left out and the robot bends elsewhere than in its joints.
+
+    Raises:
+        InputError: If nothing bends in the robot, or it has fewer than six joints.
+    """
+    chain = build_chain(robot)
+    if not chain.compliance.any():
+        raise InputError(f"robot {robot.name!r} has no elasticity to map; identify it first (compplan identify)")
+    reduced, note = _choose_reduced(robot, reduced)
+    start = time.perf_counter()
+    arm = build_arm(robot)
+    radius, lowest, highest = working_limits(arm, settings.posture)
+    side, stand = np.linspace(-radius, radius, settings.points), stand_of_arm(arm)
+    outward, upward = np.linspace(0, radius, settings.points), np.linspace(lowest, highest, settings.points)
+    grids = {
+        "horizontal": make_plane("horizontal", stand[0] + side, stand[1] + side, settings.height),
+        "vertical": make_plane("vertical", outward, upward, settings.azimuth, stand),
+    }
+    planes = {
+        name: map_deflection(robot, reach_plane(arm, grid, settings.posture), settings.wrench, reduced)
+        for name, grid in grids.items()
+    }
+    first, second = int(arm.arm[1]), int(arm.arm[2])
+    length, dexterity = _map_joints(robot, chain, first, second)
+    quality = {name: _quality_over(chain, plane, length) for name, plane in planes.items()}
+    seconds = time.perf_counter() - start
+    reach = (radius, lowest, highest)
+    return RobotMaps(robot, settings, planes, quality, dexterity, reduced, note, reach, seconds)
+
+
+def _choose_reduced(robot: Robot, reduced: Robot | None) -> tuple[Robot | None, str]:
+    if reduced is not None:
+        if reduced.joint_names != robot.joint_names:
+            raise InputError(f"reduced model has joints {reduced.joint_names}, expected {robot.joint_names}")
+        return reduced, f"robot folder {reduced.name}"
+    if all(spring.axis == "own" for spring in robot.springs) and not robot.link_elasticities:
+        return None, ""
+    rng = np.random.default_rng(0)
+    lower, upper = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
+    q = rng.uniform(lower, upper, (400, robot.nq))
+    directions = rng.normal(size=(2, 400, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    return reduce_model(robot, q, np.hstack([1000 * directions[0], 300 * directions[1]])).robot, f"fitted: {REDUCTION}"
+
+
+def _map_joints(robot: Robot, chain: Any, first: int, second: int) -> tuple[float, DexterityMap]:
+    """Map the dexterity over the second and third joint of the arm."""
+    q = middle_of_limits(robot)
+    wrist = np.radians(WRIST_FOR_QUALITY_DEG)
+    q[second + 1 :] = np.clip(wrist, robot.lower[second + 1 :], robot.upper[second + 1 :])
+    lower, upper = np.maximum(robot.lower, -1.5 * np.pi), np.minimum(robot.upper, 1.5 * np.pi)
+    sides = [np.linspace(lower[j], upper[j], 90) for j in (first, second)]
+    length = natural_length(chain, (robot.lower, robot.upper))
+    return length, map_dexterity(chain, q, (first, second), sides[0], sides[1], length)
+
+
+def _quality_over(chain: Any, plane: DeflectionMap, length: float) -> Array:
+    value = np.full(plane.chosen.shape, np.nan)
+    reached = plane.best.reached
+    if reached.any():
+        value[reached] = quality_of_poses(chain, plane.best.q[reached], length)
+    return value
+
+
+def _sum_up(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
+    table: dict[str, Any] = {"reached": round(float(plane.best.reached.mean()), 4)}
+    table["worst_unit_force_um_per_N"] = _statistics(plane.best.worst * 1e6)
+    table["under_wrench_mm"] = _statistics(plane.best.under_wrench * 1e3)
+    if np.isfinite(plane.best.reduced_gap).any():
+        table["full_minus_reduced_um_per_N"] = _statistics(plane.best.reduced_gap * 1e6)
+    table["inverse_condition"] = _statistics(quality)
+    table["elbows"] = {
+        name: {
+            "reached": round(float(m.reached.mean()), 4),
+            "stiffer_at": round(float((plane.chosen == ELBOWS.index(name)).mean()), 4),
+            "worst_unit_force_um_per_N": _statistics(m.worst * 1e6),
+        }
+        for name, m in plane.elbows.items()
+    }
+    return table
+
+
+def _statistics(values: Array) -> dict[str, float | None]:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return {"min": None, "mean": None, "max": None}
+    return {key: float(f"{f(known):.5g}") for key, f in (("min", np.min), ("mean", np.mean), ("max", np.max))}
+
+
+ROWS = {
+    "worst_unit_force_um_per_N": "deflection under the worst unit force [µm/N]",
+    "under_wrench_mm": "deflection under the given wrench [mm]",
+    "full_minus_reduced_um_per_N": "full minus reduced model [µm/N]",
+    "inverse_condition": "dexterity 1/κ",
+}

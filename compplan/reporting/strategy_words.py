@@ -1,0 +1,21 @@
+"""Strategies in words, for charts, tables and sentences; the job and the result files call them by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from compplan.plan.strategies.online import ONLINE, PLAIN, STRATEGIES
+from compplan.reporting.style import AFTER, BEFORE, NEUTRAL
+
+
+def name_strategy(name: str) -> str:
+    """Name a strategy in a few words: those of its file, its name where that has none."""
+    if name == PLAIN:
+        return "optimised in the CAM posture"
+    module = STRATEGIES.get(name) or ONLINE.get(name)
+    return str(getattr(module, "words", name.replace("_", " ")))
+
+
+def colour_strategies(names: Iterable[str], best: str) -> list[str]:
+    """Return a colour a strategy: one for no correction, one for the best, grey for the others."""
+    return [AFTER if name == best else BEFORE if name == "none" else NEUTRAL for name in names]

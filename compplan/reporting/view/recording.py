@@ -1,0 +1,267 @@
+"""Read what a folder of results keeps for being looked at: cell.json with joints.csv and deviation.csv, or gap.csv."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.io.columns import FileColumn
+from compplan.io.tables import Table, read_table, read_text
+from compplan.robot import Array, Joint, Mimic
+
+#: How the loaded tip is told, in the order that it is offered; the last one has no direction.
+WAYS = ("uncorrected", "planned", "softer")
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSolid:
+    """A shape of the cell.
+
+    Attributes:
+        name: What it is: a link's name, part, fixture, tool or stock.
+        link: Link that carries it, "" where it stands still.
+        colour: Red, green, blue, opacity, from 0 to 1.
+        vertices: In the frame of its link, or the base. Shape (v, 3). [m]
+        faces: Shape (f, 3).
+    """
+
+    name: str
+    link: str
+    colour: tuple[float, float, float, float]
+    vertices: Array
+    faces: NDArray[np.int_]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewCell:
+    """What stands in the cell, and how the arm moves.
+
+    Attributes:
+        robot: Name of the robot.
+        grade: How far its figures can be trusted.
+        base: Link that stands still.
+        tcp: Frame of the tool centre point.
+        joints: From the base to the TCP.
+        solids: Shapes.
+        facts: What else cell.json says.
+    """
+
+    robot: str
+    grade: str
+    base: str
+    tcp: str
+    joints: tuple[Joint, ...]
+    solids: tuple[ViewSolid, ...]
+    facts: Mapping[str, Any]
+
+    @property
+    def actuated(self) -> tuple[Joint, ...]:
+        """Joints that are commanded, from the base; those that carry the part first, from the ground out."""
+        rank = {joint.child: k for k, joint in enumerate(self.joints)}
+        before = [joint for joint in self.joints[: rank.get(self.ground, -1) + 1] if joint.actuated]
+        rest = [joint for joint in self.joints[rank.get(self.ground, -1) + 1 :] if joint.actuated]
+        return (*before[::-1], *rest)
+
+    @property
+    def ground(self) -> str:
+        """Link that stands still where a positioner carries the part and the base, else ""."""
+        return str(self.facts.get("ground", ""))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRecording:
+    """A plan as its folder tells it; n rows of joints.csv, base frame.
+
+    Attributes:
+        cell: The cell.
+        name: Name of the job.
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        time: Shape (n,). [s]
+        q: Commanded joints. Shape (n, nq). [rad or m]
+        tip: Wanted tip. Shape (n, 3). [m]
+        wrench: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
+        move: "cut", "rapid", "approach" or "retract". Shape (n,).
+        deviation: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
+        promise: Distance that holds the true tip with 95 %, NaN where nothing is promised. Shape (n,). [m]
+    """
+
+    cell: ViewCell
+    name: str
+    tolerance: float
+    time: Array
+    q: Array
+    tip: Array
+    wrench: Array
+    move: NDArray[np.str_]
+    deviation: Mapping[str, Array]
+    promise: Array
+
+
+@dataclass(frozen=True, eq=False)
+class GapRecording:
+    """Measured poses of a diagnosis; n rows, base frame.
+
+    Attributes:
+        cell: The cell.
+        row: Row of the log. Shape (n,).
+        run: Its run. Shape (n,).
+        q: Joints. Shape (n, nq). [rad or m]
+        point: Measured point. Shape (n, 3). [m]
+        gap: Measured minus predicted, before and after the update. Shape (n, 3) each. [m]
+        cause: What explains most of the gap there. Shape (n,).
+        share: The share that it explains, from 0 to 1. Shape (n,).
+    """
+
+    cell: ViewCell
+    row: NDArray[np.int_]
+    run: NDArray[np.str_]
+    q: Array
+    point: Array
+    gap: Mapping[str, Array]
+    cause: NDArray[np.str_]
+    share: Array
+
+
+def read_recording(folder: Path) -> PlanRecording | GapRecording:
+    """Read a folder that `compplan plan` or `compplan diagnose` wrote.
+
+    Raises:
+        InputError: If it is none, or what it holds is not what it has to be.
+    """
+    if not folder.is_dir():
+        raise InputError("is no folder; name one that compplan plan or compplan diagnose wrote", file=folder)
+    if (folder / "gap.csv").is_file():
+        return read_gap(folder)
+    missing = [name for name in ("joints.csv", "deviation.csv", "cell.json") if not (folder / name).is_file()]
+    if missing:
+        message = f"holds no plan to show ({', '.join(missing)} not there); name a folder of compplan plan or diagnose"
+        raise InputError(f"{message}, or plan again", file=folder)
+    return read_plan(folder)
+
+
+def read_plan(folder: Path) -> PlanRecording:
+    """Read a plan."""
+    cell = read_cell(folder / "cell.json")
+    columns = [FileColumn("time", "time", True), *_joint_columns(cell)]
+    columns += [FileColumn(name, "length", True) for name in "xyz"]
+    columns += [FileColumn(name, required=True) for name in "ijk"]
+    columns += [FileColumn(name, "force", True) for name in ("fx", "fy", "fz")]
+    columns += [FileColumn(name, "moment", True) for name in ("mx", "my", "mz")] + [FileColumn("move", "text")]
+    table = read_table(folder / "joints.csv", columns)
+    n = len(table.values["time"])
+    names = [f"{way}_{axis}" for way in WAYS for axis in "xyz"]
+    told = read_table(
+        folder / "deviation.csv", [FileColumn(name, "length", True, missing=True) for name in (*names, "promise")]
+    )
+    if len(told.values["promise"]) != n:
+        message = f"has {len(told.values['promise'])} rows, joints.csv has {n}; plan again"
+        raise InputError(message, file=folder / "deviation.csv")
+    return PlanRecording(
+        cell=cell,
+        name=_read_name(folder / "plan.json"),
+        tolerance=1e-3 * float(cell.facts["tolerance_mm"]),
+        time=table.values["time"],
+        q=_joints_of(table, cell),
+        tip=_vectors(table, "{}"),
+        wrench=np.column_stack([table.values[name] for name in ("fx", "fy", "fz", "mx", "my", "mz")]),
+        move=np.asarray(table.text.get("move", np.full(n, "cut"))),
+        deviation={way: _fill(_vectors(told, way + "_{}")) for way in WAYS},
+        promise=told.values["promise"],
+    )
+
+
+def read_gap(folder: Path) -> GapRecording:
+    """Read the measured poses of a diagnosis."""
+    cell = read_cell(folder / "cell.json")
+    columns = [FileColumn("row", required=True), FileColumn("run", "text", True), *_joint_columns(cell)]
+    names = [f"{part}{axis}" for part in ("", "gap_", "left_") for axis in "xyz"]
+    columns += [FileColumn(name, "length", True, missing=True) for name in names]
+    columns += [FileColumn("explained_by", "text", True), FileColumn("explained_share", required=True)]
+    table = read_table(folder / "gap.csv", columns)
+    return GapRecording(
+        cell=cell,
+        row=table.values["row"].astype(int),
+        run=np.asarray(table.text["run"]),
+        q=_joints_of(table, cell),
+        point=_vectors(table, "{}"),
+        gap={"nominal model": _vectors(table, "gap_{}"), "updated model": _vectors(table, "left_{}")},
+        cause=np.asarray(table.text["explained_by"]),
+        share=table.values["explained_share"],
+    )
+
+
+def read_cell(file: Path) -> ViewCell:
+    """Read cell.json.
+
+    Raises:
+        InputError: If it is not what compplan writes.
+    """
+    try:
+        content = json.loads(read_text(file))
+        joints = tuple(_read_joint(entry) for entry in content["joints"])
+        solids = tuple(_read_solid(entry) for entry in content["shapes"])
+        links = {content["base"], "", *(joint.child for joint in joints)}
+        if not {solid.link for solid in solids} <= links or content["tcp"] not in links:
+            raise ValueError("a link that no joint moves")
+        return ViewCell(content["robot"], content["grade"], content["base"], content["tcp"], joints, solids, content)
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(f"is not what compplan writes ({error}); run the command again", file=file) from None
+
+
+def _read_joint(entry: Mapping[str, Any]) -> Joint:
+    mimic = entry["mimic"]
+    return Joint(
+        name=entry["name"],
+        kind=entry["kind"],
+        parent=entry["parent"],
+        child=entry["child"],
+        placement=np.array(entry["placement"], float).reshape(4, 4),
+        axis=np.array(entry["axis"], float).reshape(3),
+        mimic=None if mimic is None else Mimic(mimic["joint"], float(mimic["multiplier"]), float(mimic["offset"])),
+    )
+
+
+def _read_solid(entry: Mapping[str, Any]) -> ViewSolid:
+    red, green, blue, opacity = (float(value) for value in entry["colour"])
+    vertices = 1e-3 * np.array(entry["vertices_mm"], float).reshape(-1, 3)
+    faces = np.array(entry["faces"], int).reshape(-1, 3)
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise ValueError(f"faces of {entry['name']} name corners that are not there")
+    return ViewSolid(entry["name"], entry["link"], (red, green, blue, opacity), vertices, faces)
+
+
+def _read_name(file: Path) -> str:
+    try:
+        return str(json.loads(read_text(file))["name"])
+    except (InputError, ValueError, KeyError, TypeError):
+        return file.parent.name
+
+
+def _joint_columns(cell: ViewCell) -> list[FileColumn]:
+    kinds = ("length" if joint.kind == "prismatic" else "angle" for joint in cell.actuated)
+    return [FileColumn(f"q{number}", kind, True) for number, kind in enumerate(kinds, start=1)]
+
+
+def _joints_of(table: Table, cell: ViewCell) -> Array:
+    return np.column_stack([table.values[f"q{number + 1}"] for number in range(len(cell.actuated))])
+
+
+def _vectors(table: Table, pattern: str) -> Array:
+    return np.column_stack([table.values[pattern.format(axis)] for axis in "xyz"])
+
+
+def _fill(values: Array) -> Array:
+    """Interpolate between the rows that are known; ends stay unknown. Shape (n, 3)."""
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if not len(known):
+        return values
+    rows = np.arange(len(values))
+    columns = [np.interp(rows, known, values[known, k], left=np.nan, right=np.nan) for k in range(3)]
+    return np.column_stack(columns)

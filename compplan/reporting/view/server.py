@@ -1,0 +1,400 @@
+"""Show a scene in the browser with viser: solids, lines, sliders, clicks. What is shown is worked out in the scenes."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import InputError
+from compplan.reporting.provenance import GRADE_MEANING
+from compplan.reporting.view.gap_scene import GapScene
+from compplan.reporting.view.paint import Lines
+from compplan.reporting.view.panel import draw_colour_bar, draw_curve
+from compplan.reporting.view.plan_scene import PROMISE, PlanScene
+from compplan.reporting.view.recording import GapRecording, ViewCell, ViewSolid, read_recording
+from compplan.robot import Array
+
+HOST = "127.0.0.1"
+#: Distance from which everything is seen, in radii of the ball about it.
+FRAMED = 1.5
+#: How far the view is moved aside, for the panel covers its right, in the same radii.
+BESIDE_PANEL = 0.3
+#: Colour of the force arrow.
+DARK = np.full((1, 2, 3), 60, np.uint8)
+#: Half the width of the floor, the distance of its lines [m], and their grey.
+FLOOR, CELL, LIGHT = 3.0, 0.5, 208
+#: Pictures a second that are aimed at, and how often the panel is brought up to date while the arm moves. [1/s]
+PICTURES, PANEL = 30.0, 5.0
+#: Length of the longest force arrow, as a share of the arm's reach.
+FORCE_LENGTH = 0.12
+#: Worst places that are listed.
+WORST = 5
+
+
+def start_server(folder: Path, port: int) -> Any:
+    """Show a folder of results on loopback; return the viewer, which goes on until it is stopped.
+
+    Raises:
+        InputError: If viser is not installed, the folder holds nothing to show, or the port is taken.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise InputError("the viewer needs viser, which is not installed; pip install 'compplan[view]'") from None
+    recording = read_recording(folder)
+    check_port(port)
+    with redirect_stdout(StringIO()):  # it greets, whatever it is told
+        server = viser.ViserServer(host=HOST, port=port, verbose=False)
+    if isinstance(recording, GapRecording):
+        return GapViewer(server, GapScene(recording))
+    return PlanViewer(server, PlanScene(recording))
+
+
+def draw_floor() -> Lines:
+    """Draw the floor as lines, 0.5 m apart: a floor that is worked out for each pixel costs more than the arm."""
+    place = np.arange(-FLOOR, FLOOR + 1e-9, CELL)
+    along = np.stack([np.full_like(place, -FLOOR), np.full_like(place, FLOOR)], axis=1)
+    across, level = np.stack([place, place], axis=1), np.zeros_like(along)
+    ends = np.concatenate([np.stack([along, across, level], axis=2), np.stack([across, along, level], axis=2)])
+    return Lines(ends.astype(np.float32), np.full(ends.shape, LIGHT, np.uint8))
+
+
+def check_port(port: int) -> None:
+    """Refuse a port that is taken.
+
+    Raises:
+        InputError: If it is.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
+
+
+def stop_server(server: Any) -> None:
+    """Close a server, without its words."""
+    with redirect_stdout(StringIO()):
+        server.stop()
+
+
+class Stage:
+    """The cell on a server: its solids, moved with the links of the arm."""
+
+    def __init__(self, server: Any, cell: ViewCell) -> None:
+        self.server, self.cell = server, cell
+        server.scene.set_up_direction("+z")
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.add_line_segments("/floor", *draw_floor(), thickness=1.0, thickness_units="screen")
+        self.root, self.carried = "/part" if cell.ground else "", np.asarray(np.eye(4))
+        self.part = server.scene.add_frame("/part", show_axes=False) if cell.ground else None
+        links, add = {joint.child for joint in cell.joints} | {cell.base}, server.scene.add_frame
+        self.frames = {link: add(f"{self.root}/arm/{link}", show_axes=False) for link in sorted(links)}
+        for number, solid in enumerate(cell.solids):
+            self.add_solid(solid, number)
+
+    def add_solid(self, solid: ViewSolid, number: int) -> None:
+        """Add a shape to the link that carries it."""
+        name = self.root + (f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}")
+        red, green, blue, opacity = solid.colour
+        shade = (round(255 * red), round(255 * green), round(255 * blue))
+        self.server.scene.add_mesh_simple(
+            name, solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), color=shade,
+            opacity=None if opacity > 0.99 else opacity, flat_shading=True, side="double",
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
+    def paint(self, name: str, solid: ViewSolid, colours: Any) -> None:
+        """Show a shape that stands still with a colour a corner."""
+        import trimesh
+
+        mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
+        self.server.scene.add_mesh_trimesh(self.root + name, mesh, cast_shadow=False, receive_shadow=False)
+
+    def move(self, poses: dict[str, Array]) -> None:
+        """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
+        if self.part is not None:
+            self.carried = np.asarray(np.linalg.inv(poses[self.cell.ground]))
+            self.part.wxyz = Rotation.from_matrix(self.carried[:3, :3]).as_quat(scalar_first=True)
+            self.part.position = self.carried[:3, 3]
+        turns = Rotation.from_matrix(np.stack([poses[link][:3, :3] for link in self.frames])).as_quat(scalar_first=True)
+        for (link, frame), turn in zip(self.frames.items(), turns, strict=True):
+            frame.wxyz, frame.position = turn, poses[link][:3, 3]
+
+    def draw(self, name: str, lines: Lines, width: float) -> Any:
+        """Draw lines; width in pixels."""
+        return self.server.scene.add_line_segments(
+            self.root + name, lines.points, lines.colours, thickness=width, thickness_units="screen"
+        )
+
+    def stand(self, points: Array) -> Array:
+        """Return points of the base frame as the ground sees them now. Shape (n, 3). [m]."""
+        return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
+
+    def bound_arm(self, poses: dict[str, Array]) -> Array:
+        """Return the corners of the arm as it stands. Shape (k, 3). [m]."""
+        corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
+                   for solid in self.cell.solids if solid.link in poses]  # fmt: skip
+        return np.concatenate([*corners, np.zeros((1, 3))])
+
+    def look_at(self, points: Array, arm: Array) -> None:
+        """Frame the whole arm and the path, the path in front; offer to come nearer.
+
+        Args:
+            points: The path. Shape (n, 3). [m]
+            arm: Corners of the arm as it stands. Shape (k, 3). [m]
+        """
+        points, arm = self.stand(points), self.stand(arm)
+        everything = np.concatenate([arm, points])
+        low, high = everything.min(axis=0), everything.max(axis=0)
+        middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        out = np.append(points.mean(axis=0)[:2] - middle[:2], 0.0)
+        out /= max(float(np.linalg.norm(out)), 1e-9)
+        aside = out + 0.9 * np.array([out[1], -out[0], 0.0]) + np.array([0.0, 0.0, 0.55])
+        aside /= float(np.linalg.norm(aside))
+        right = np.cross(-aside, [0.0, 0.0, 1.0])
+        middle = middle + BESIDE_PANEL * radius * right / max(float(np.linalg.norm(right)), 1e-9)
+        centre = points.mean(axis=0)
+        near = 1.5 * float(np.ptp(points, axis=0).max()) + 0.05
+        self.views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + near * aside)}
+        self.server.initial_camera.position = tuple(self.views["whole arm"][1])
+        self.server.initial_camera.look_at = tuple(middle)
+        buttons = self.server.gui.add_button_group("look at", list(self.views))
+
+        @buttons.on_click
+        def _(event: Any) -> None:
+            if event.client is not None:
+                look, stand = self.views[buttons.value]
+                event.client.camera.position, event.client.camera.look_at = stand, look
+
+    def come_near(self, client: Any, point: Array) -> None:
+        """Bring the eyes of a client near to a point of the path."""
+        look, stand = self.views["path"]
+        client.camera.position, client.camera.look_at = self.stand(point) + 0.6 * (stand - look), self.stand(point)
+
+    def light_part(self, scene: PlanScene, way: str, under: str = "/cell") -> None:
+        """Colour the part by what the path beside it does."""
+        for solid in self.parts:
+            self.paint(f"{under}/{solid.name}", solid, scene.paint_solid(solid, way))
+
+    @property
+    def parts(self) -> list[ViewSolid]:
+        """What is cut."""
+        return [solid for solid in self.cell.solids if solid.name == "part"]
+
+
+class PlanViewer:
+    """A plan in the browser: the arm moves along the path in the time that the program takes."""
+
+    def __init__(self, server: Any, scene: PlanScene) -> None:
+        self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
+        self.row, self.lock, self.told = scene.start, threading.RLock(), 0.0
+        self.running = True
+        tip = scene.recording.tip
+        self.extent = max(float(np.ptp(tip, axis=0).max()), 0.05)
+        self._build_panel()
+        root, size = self.stage.root, 0.012 * self.extent + 0.001
+        self.marker = server.scene.add_icosphere(f"{root}/tip", radius=size, color=(29, 35, 41))
+        self.force = self.stage.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
+        self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
+        standing, cut = scene.pose_links(scene.start, self.chosen, 0.0), tip[scene.recording.move == "cut"]
+        self.stage.move(standing)
+        self.stage.look_at(cut, self.stage.bound_arm(standing))
+        above = np.array([*cut.mean(axis=0)[:2], cut[:, 2].max() + 0.6 * self.extent])
+        wide = 1e3 * float(np.ptp(cut, axis=0).max())
+        server.scene.add_label(f"{root}/size", f"cut, {wide:.3g} mm wide", position=above, anchor="bottom-center")
+        self.redraw()
+        self.show_row(self.row)
+        server.scene.on_pointer_event("click")(self._click)
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _build_panel(self) -> None:
+        gui, scene = self.server.gui, self.scene
+        names = list(scene.ways.values())
+        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, robot model "
+                         f"{GRADE_MEANING[scene.recording.cell.grade]}")  # fmt: skip
+        shown = next(way for way in ("uncorrected", PROMISE, "planned", "softer") if way in scene.ways)
+        self.way = gui.add_dropdown("show the tip", names, initial_value=scene.ways[shown])
+        self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1,
+                                      initial_value=int(scene.magnification(shown)))  # fmt: skip
+        self.bar = gui.add_html("")
+        self.play = gui.add_checkbox("play", initial_value=False)
+        self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
+        self.curve = gui.add_html("")
+        self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
+        with gui.add_folder("worst places, click to go there"):
+            self.worst = [gui.add_button("-") for _ in range(WORST)]
+        self.beside = gui.add_checkbox("without correction beside it", initial_value=False)
+        with gui.add_folder("this waypoint"):
+            self.text = gui.add_markdown("")
+        self.way.on_update(self._choose)
+        for control in (self.magnify, self.beside):
+            control.on_update(lambda _: self.redraw())
+        self.slider.on_update(self._slide)
+        for number, button in enumerate(self.worst):
+            button.on_click(lambda event, number=number: self._go(event, number))
+
+    def _choose(self, event: Any) -> None:
+        """Show another way of the tip, magnified so that it is seen."""
+        if event.client is not None:
+            self.magnify.value = int(self.scene.magnification(self.chosen))
+        self.redraw()
+
+    def _go(self, event: Any, number: int) -> None:
+        """Go to one of the worst places, and bring the eyes there."""
+        rows = self.scene.worst(self.chosen, WORST)
+        if number < len(rows):
+            self._stop_at(rows[number])
+            if event.client is not None:
+                self.stage.come_near(event.client, self.scene.recording.tip[rows[number]])
+
+    @property
+    def chosen(self) -> str:
+        """The way that is shown."""
+        return next(way for way, name in self.scene.ways.items() if name == self.way.value)
+
+    def redraw(self) -> None:
+        """Draw path, promise and part anew."""
+        with self.lock, self.server.atomic():
+            way, magnify = self.chosen, float(self.magnify.value)
+            self.stage.draw("/path", self.scene.draw_path(way, magnify), 6.0)
+            shown = way == PROMISE
+            rings = self.stage.draw("/promise", self.scene.draw_promise(magnify), 1.5) if shown else None
+            if rings is None:
+                self.server.scene.remove_by_name(f"{self.stage.root}/promise")
+            self.stage.light_part(self.scene, way)
+            self._draw_beside(magnify)
+            self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
+            rows = self.scene.worst(way, WORST)
+            for number, button in enumerate(self.worst):
+                button.visible = number < len(rows)
+                if number < len(rows):
+                    button.label = self.scene.name_row(rows[number], way)
+            self.show_row(self.row)
+
+    def _draw_beside(self, magnify: float) -> None:
+        """Draw path and part without the correction beside those that are shown, moved along y."""
+        scene = self.server.scene
+        scene.remove_by_name(f"{self.stage.root}/beside")
+        if not self.beside.value or "uncorrected" not in self.scene.ways:
+            return
+        tip = self.scene.recording.tip
+        across = np.concatenate([tip[:, 1], *(solid.vertices[:, 1] for solid in self.stage.parts)])
+        away = 1.1 * float(np.ptp(across)) + 0.05
+        scene.add_frame(f"{self.stage.root}/beside", show_axes=False, position=(0.0, away, 0.0))
+        self.stage.draw("/beside/wanted", self.scene.draw_wanted(), 1.5)
+        self.stage.draw("/beside/path", self.scene.draw_path("uncorrected", magnify), 4.0)
+        self.stage.light_part(self.scene, "uncorrected", "/beside")
+        top = np.array([*tip[:, :2].mean(axis=0), tip[:, 2].max() + 0.1 * self.extent])
+        scene.add_label(f"{self.stage.root}/beside/name", "without correction", position=top, anchor="bottom-center")
+
+    def show_row(self, row: int) -> None:
+        """Show the arm, the tip and the force at a row."""
+        with self.lock:
+            self.row = row
+            way, magnify = self.chosen, float(self.magnify.value)
+            with self.server.atomic():
+                self.stage.move(self.scene.pose_links(row, way, magnify))
+                tip = self.scene.place(way, magnify, row)
+                self.marker.position = tip
+                arrow = (tip + self.scene.force_arrow(row, FORCE_LENGTH * max(self.extent, 1.0))).astype(np.float32)
+                self.force.points = arrow[None]
+            if time.monotonic() - self.told > 1.0 / PANEL or not self.play.value:
+                self.told = time.monotonic()
+                self.text.content = self.scene.tell(row)
+                time_of = self.scene.recording.time
+                self.curve.content = draw_curve(time_of, self.scene.sizes[way], self.scene.recording.tolerance,
+                                                float(time_of[row]))  # fmt: skip
+
+    def _slide(self, event: Any) -> None:
+        if event.client is not None:  # a person moved it
+            self.show_row(int(self.slider.value))
+
+    def _click(self, event: Any) -> None:
+        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
+        turn, seen = self.stage.carried, (self.chosen, float(self.magnify.value))
+        self._stop_at(self.scene.pick((origin - turn[:3, 3]) @ turn[:3, :3], direction @ turn[:3, :3], *seen))
+
+    def _stop_at(self, row: int) -> None:
+        """Stop the arm at a row."""
+        self.play.value = False
+        self.slider.value = row
+        self.show_row(row)
+
+    def _run(self) -> None:
+        clock, shown = 0.0, time.monotonic()
+        while self.running:
+            time.sleep(1.0 / PICTURES)
+            now = time.monotonic()
+            if not self.play.value:
+                clock, shown = float(self.scene.recording.time[self.row]), now
+                continue
+            clock += (now - shown) * float(self.speed.value)
+            shown = now
+            if clock > self.scene.recording.time[-1]:
+                clock = 0.0
+            before = self.told
+            self.show_row(self.scene.find_row(clock))
+            if self.told != before:
+                self.slider.value = self.row
+
+    def stop(self) -> None:
+        """Close the server."""
+        self.running = False
+        stop_server(self.server)
+
+
+class GapViewer:
+    """Measured poses of a diagnosis in the browser."""
+
+    def __init__(self, server: Any, scene: GapScene) -> None:
+        self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
+        gui, self.pose = server.gui, 0
+        self.way = gui.add_dropdown("gap to the", list(scene.ways.values()))
+        most = max(10.0, 4.0 * scene.magnification)
+        first = min(scene.magnification, most)
+        self.magnify = gui.add_slider("arrows times", min=1, max=most, step=1, initial_value=first)
+        self.slider = gui.add_slider("pose", min=0, max=max(scene.count - 1, 1), step=1, initial_value=0)
+        legend = "<br>".join(f'<b style="color: {colour}">&#9632;</b> {name}' for name, colour in scene.legend.items())
+        gui.add_html(f'<div style="padding: 0 1em; font-size: 0.85em">Explained most by<br>{legend}</div>')
+        self.text = gui.add_markdown("")
+        for control in (self.way, self.magnify):
+            control.on_update(lambda _: self.redraw())
+        self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
+        points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
+        self.stage.look_at(points, self.stage.bound_arm(scene.pose_links(0)))
+        self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=(29, 35, 41))
+        self.redraw()
+        self.show_pose(0)
+        server.scene.on_pointer_event("click")(self._click)
+
+    def redraw(self) -> None:
+        """Draw the arrows anew."""
+        way = next(way for way, name in self.scene.ways.items() if name == self.way.value)
+        self.stage.draw("/arrows", self.scene.draw_arrows(way, float(self.magnify.value)), 3.0)
+
+    def show_pose(self, pose: int) -> None:
+        """Show the arm at a pose, and what is known of it."""
+        self.pose = pose
+        with self.server.atomic():
+            self.stage.move(self.scene.pose_links(pose))
+            self.marker.position = np.nan_to_num(self.scene.recording.point[pose])
+        self.text.content = self.scene.tell(pose)
+
+    def _click(self, event: Any) -> None:
+        pose = self.scene.pick(np.array(event.ray_origin, float), np.array(event.ray_direction, float))
+        self.slider.value = pose
+        self.show_pose(pose)
+
+    def stop(self) -> None:
+        """Close the server."""
+        stop_server(self.server)

@@ -1,0 +1,80 @@
+"""What `compplan calibration` writes: a folder with a controller's geometry, or a controller's file from a folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.controllers.writers.counting import load_controller
+from compplan.errors import InputError
+from compplan.io.origin import describe_origin
+from compplan.io.tables import read_text, write_json, write_text
+from compplan.io.transaction import check_file, replace_folder
+from compplan.robot import Array, Robot
+from compplan.robot.calibration import FORMATS, OwnFile, find_format
+from compplan.robot.calibration.geometry import turn_zeros
+from compplan.robot.folder import write_robot_folder
+from compplan.simulation.calibration_loss import POSES, judge_losses
+
+
+def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:
+    """Read a controller's calibration; write DIR/robot and calibration.json, and return what that holds.
+
+    Raises:
+        InputError: If the file is none that is known, is faulty, or is of another robot; nothing is written then.
+    """
+    text = read_text(file)
+    form = find_format(text, file)
+    zero, _ = _find_zeros(nominal)
+    robot = turn_zeros(form.read(text, file, turn_zeros(nominal, zero)), -zero)
+    robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
+    summary = {"schema": 1, "robot": nominal.name, "format": form.name, "made_by": describe_origin()}
+    with replace_folder(folder, "calibration") as part:
+        write_robot_folder(robot, part / "robot")
+        write_json(part / "calibration.json", summary)
+    return summary
+
+
+def write_controller_file(
+    robot: Robot, nominal: Robot, controller: str, file: Path, own: Path | None = None
+) -> dict[str, Any]:
+    """Write a controller's calibration from a measured robot folder; return what it loses.
+
+    Args:
+        robot: The robot as measured.
+        nominal: The robot of this type as it ships.
+        controller: Name of the format.
+        file: The file to write.
+        own: The file that the controller has now, for formats that change it.
+
+    Raises:
+        InputError: If the controller's format is not written, or the robots are of other kinds.
+    """
+    write = FORMATS[controller].write
+    if write is None:
+        written = [name for name, form in FORMATS.items() if form.write is not None]
+        raise InputError(f"--controller {controller} is read only, choose from {written}")
+    if robot.joint_names != nominal.joint_names:
+        raise InputError(f"robot {robot.name!r} has other joints than {nominal.name!r}, expected a folder made from it")
+    check_file(file)
+    zero, sense = _find_zeros(nominal)
+    have = None if own is None else OwnFile(read_text(own), own, sense)
+    text, held = write(turn_zeros(robot, zero), turn_zeros(nominal, zero), have)
+    form = FORMATS[controller]
+    losses, left = judge_losses(robot, turn_zeros(held, -zero), nominal, form.lacks)
+    rows = [{"what": loss.what, "rms_mm": float(f"{loss.rms * 1e3:.4g}")} for loss in losses]
+    write_text(file, text)
+    return {
+        "schema": 1, "robot": robot.name, "format": controller, "poses": POSES, "lost": rows,
+        "left_rms_mm": float(f"{left * 1e3:.4g}"), "advice": form.advice, "made_by": describe_origin(),
+    }  # fmt: skip
+
+
+def _find_zeros(nominal: Robot) -> tuple[Array, Array]:
+    """Return the joints where the controller shows zero [rad or m], and how it counts each, 1 or -1. Shapes (n,)."""
+    counting = load_controller(nominal)
+    zero = np.linalg.solve(counting.matrix, -counting.zero)
+    return np.where(nominal.prismatic, zero * 1e-3, np.radians(zero)), np.sign(np.diag(counting.matrix))

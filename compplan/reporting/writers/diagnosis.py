@@ -1,0 +1,74 @@
+"""What `compplan diagnose` writes: diagnosis.json, report.html and the updated robot folders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from compplan.diagnosis import Diagnosis
+from compplan.diagnosis.answer.assessment import Assessment, assess_diagnosis
+from compplan.diagnosis.answer.next_measurement import propose_measurements
+from compplan.diagnosis.answer.where import Split, split_diagnosis
+from compplan.io.origin import describe_origin
+from compplan.io.tables import write_json
+from compplan.io.transaction import replace_folder
+from compplan.measurement.registration import write_registration
+from compplan.reporting.diagnosis_page import write_diagnosis_page
+from compplan.reporting.writers.cell import write_gap
+from compplan.robot.folder import write_robot_folder
+
+
+def deliver_diagnosis(
+    diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None
+) -> tuple[dict[str, Any], Assessment]:
+    """Ask where the gap lies, what the folders are worth and what to measure next; write all of it.
+
+    Args:
+        diagnosis: The diagnosis.
+        out: The folder.
+        progress: Told what is being done.
+
+    Returns:
+        What diagnosis.json holds, and what the folders are worth.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    progress("where")
+    split = split_diagnosis(diagnosis)
+    progress("accuracy")
+    assessment = assess_diagnosis(diagnosis)
+    progress("what to measure next")
+    extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)}
+    table = {**diagnosis.to_table(extra), "log_notes": list(diagnosis.fit.problem.campaign.notes)}
+    progress("report")
+    return write_diagnosis(diagnosis, split, assessment, table, out), assessment
+
+
+def write_diagnosis(
+    diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
+) -> dict[str, Any]:
+    """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds.
+
+    Args:
+        diagnosis: The diagnosis.
+        split: Where the gap lies.
+        assessment: What it is worth to the one who calibrates.
+        table: What `Diagnosis.to_table` gave.
+        out: The folder.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    table = {**table, "made_by": describe_origin()}
+    with replace_folder(out, "diagnose") as part:
+        for number, delivery in enumerate(diagnosis.deliveries):
+            folder = part / delivery.folder(number)
+            write_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
+            if delivery.state.registration is not None:
+                write_registration(delivery.state.registration, folder / "registration.toml")
+        write_diagnosis_page(diagnosis, part / "report.html", split, assessment, table)
+        write_gap(diagnosis, split.shares, part)
+        write_json(part / "diagnosis.json", table, indent=2)
+    return table

@@ -1,0 +1,397 @@
+"""Write what was planned: plan.json, joints.csv, native programs, the page; compare.json. All files, or none.
+
+A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.writers import Program
+from compplan.controllers.writers.fit import LINE
+from compplan.controllers.writers.post import Post
+from compplan.controllers.writers.program import Pieces
+from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
+from compplan.io.tables import write_json, write_table
+from compplan.io.transaction import list_files, replace_folder
+from compplan.job.job import Job
+from compplan.plan.compare import Comparison, summarise_comparison
+from compplan.plan.executed import bound_zones, describe_unfollowed
+from compplan.plan.result import Plan, replace_said, summarise_plan
+from compplan.reporting.writers.cell import write_plan_cell
+from compplan.robot import Array
+from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.events import ENDING, Event, find_halts
+from compplan.toolpath.toolpath import WRENCH_HEADERS
+
+
+def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
+    """Write a plan: plan.json, joints.csv, report.html, what `compplan view` needs, the native programs of its job.
+
+    Args:
+        plan: The plan.
+        folder: Folder to write to; made if needed.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
+
+    """
+    return deliver_plan(plan, folder)[1]
+
+
+def deliver_plan(plan: Plan, folder: str | Path) -> tuple[Plan, list[Path]]:
+    """Write a plan as `write_plan` does, read back what was written, and return the plan with what that says."""
+    with replace_folder(folder, "plan") as part:
+        plan = write_moves(plan, part)[0]
+        write_beside(plan, part)
+        names = list_files(part)
+    return plan, [Path(folder) / name for name in names]
+
+
+def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
+    """Write programs and joints.csv of a plan into a folder that is there, and read them back.
+
+    Returns:
+        The plan with what its files say, and the programs.
+
+    """
+    programs = write_programs(plan, part)
+    write_joints(plan, part / "joints.csv")
+    before = plan.status
+    plan = read_back(plan, part)
+    if plan.status != before:  # the heads of the programs say so
+        for file in programs:
+            file.unlink(missing_ok=True)
+        programs = write_programs(plan, part)
+    return plan, programs
+
+
+def write_beside(plan: Plan, part: Path) -> None:
+    """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
+    from compplan.reporting.plan_page import write_plan_page
+    from compplan.reporting.posture_map import extra_axis_sections
+
+    write_plan_cell(plan, part, choose_rows(plan))
+    write_plan_page(plan, part / "report.html", extra_axis_sections(plan))
+    write_json(part / "plan.json", summarise_plan(plan), indent=2)
+
+
+def read_back(plan: Plan, folder: Path) -> Plan:
+    """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
+    from compplan.simulation.delivered import vote_on_delivery
+    from compplan.simulation.joint_table import Commanded
+
+    job, robot = plan.job, plan.robot.folder
+    if job is None or robot is None or job.mounted is not None:
+        return plan
+    way, back, n = plan.approach, plan.retract, len(plan.task)
+    first, last = len(way.q), len(way.q) + n
+    time = _list_times(plan)
+    ahead, behind = (_find_rows(part.key_q, part.q) for part in (way, back))
+    rows = np.r_[ahead, first + np.arange(n), last + behind]
+    feed = np.r_[np.zeros(first), np.where(plan.task.nominal.rapid, 0.0, plan.command_feed), np.zeros(len(back.q))]
+    q = np.vstack([way.q, plan.q, back.q])
+    stands = _find_stands(plan, len(ahead), len(behind))
+    free = np.r_[np.zeros(len(ahead), bool), plan.task.lead, np.zeros(len(behind), bool)]
+    position, axis = place_rows(plan)
+    tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
+    coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
+    sent = np.vstack([way.q, plan.sent, back.q])
+    stops = STOPPING.intersection(job.output.programs)
+    may_stop = mark_corner_stops(make_program(plan), job.output.programs) if stops else np.zeros(len(rows), bool)
+    table = choose_rows(plan)
+    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent)
+    vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
+    if not vote.breaches and not vote.notes:
+        return plan
+    return replace_said(plan, (*plan.notes, *vote.notes), (*plan.breaches, *vote.breaches))
+
+
+def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
+    """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves.
+
+    That is where the cut begins after an approach, where something happens, and where the plan rests.
+
+    Args:
+        plan: The plan.
+        before: Rows of the approach.
+        after: Rows of the retract.
+
+    """
+    n = len(plan.task)
+    stands = np.zeros(before + n + after, bool)
+    if plan.task.rests is not None:
+        stands[before : before + n] = plan.task.rests
+    stands[before] |= before > 0
+    stands[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
+    return stands
+
+
+def _find_rows(some: Array, among: Array) -> NDArray[np.int_]:
+    """Return the rows at which some postures stand, in order; the last that fits each."""
+    found, left = [], len(among)
+    for posture in some[::-1]:
+        fits = np.flatnonzero(np.abs(among[:left] - posture).max(axis=1) < 1e-12)
+        left = int(fits[-1]) if len(fits) else max(left - 1, 0)
+        found.append(left)
+    return np.array(found[::-1], int)
+
+
+def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
+    """Return wanted tip (n, 3) [m] and tool axis (n, 3) of the rows of joints.csv.
+
+    On the way to the path and back nothing but the joints is wanted: the rows say where they hold the loaded tool.
+    """
+    task, parts = plan.task, []
+    for way in (plan.approach, plan.retract):
+        if len(way.q):
+            held = attain_pose(task.chain, way.q, way.wrench, slope=False)
+            parts.append((held.position, -held.rotation[:, :, 2]))
+        else:
+            parts.append((np.zeros((0, 3)), np.zeros((0, 3))))
+    position = np.vstack([parts[0][0], task.position if wanted is None else wanted, parts[1][0]])
+    return position, np.vstack([parts[0][1], task.nominal.axis, parts[1][1]])
+
+
+def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
+    """Write a comparison: compare.json and report.html.
+
+    Args:
+        comparison: The comparison.
+        folder: Folder to write to; made if needed.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+
+    """
+    from compplan.reporting.compare_page import write_compare_page
+
+    with replace_folder(folder, "compare") as part:
+        write_compare_page(comparison, part / "report.html")
+        write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
+        names = list_files(part)
+    return [Path(folder) / name for name in names]
+
+
+def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
+    """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move.
+
+    The wrench is the one that the job's [process] predicts, whatever measured parts said of it: a shop that knows how
+    far its force is from that goes on from there.
+
+    Args:
+        plan: The plan.
+        path: The file.
+        wanted: Where the path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
+    """
+    robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
+    time, kept = _list_times(plan), choose_rows(plan)
+    q = np.vstack([before.q, plan.q, after.q])
+    position, axis = place_rows(plan, wanted)
+    wrench = predict_rows(plan)
+    stays = np.where(task.leaving, "retract", "approach")
+    move = np.where(task.nominal.rapid, "rapid", np.where(task.lead, stays, "cut"))
+    columns: dict[str, object] = {"time_s": time}
+    columns |= robot.joint_columns(q)
+    columns |= {f"{name}_mm": position[:, k] * 1e3 for k, name in enumerate("xyz")}
+    columns |= {name: axis[:, k] for k, name in enumerate("ijk")}
+    columns |= {name: wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
+    columns["move"] = np.array(["approach"] * len(before.q) + move.tolist() + ["retract"] * len(after.q))
+    write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=10)
+
+
+def predict_rows(plan: Plan) -> Array:
+    """Return the wrench that [process] predicts at every row of joints.csv, base axes. Shape (n, 6). [N, N m]"""
+    task = plan.task
+    wrench = np.vstack([plan.approach.wrench, task.wrench, plan.retract.wrench])
+    if task.law is None or task.law.learned is None:
+        return wrench
+    return task.law.learned.undo(wrench, task.law.T_base_part[:3, :3])
+
+
+def _list_times(plan: Plan) -> Array:
+    """Return the time of every row: the way there, the path, the way back. [s]."""
+    before, after = plan.approach, plan.retract
+    start = float(before.gap.sum())
+    end = start + float(plan.timing.time[-1])
+    return np.r_[np.r_[0.0, np.cumsum(before.gap)][:-1], start + plan.timing.time, end + np.cumsum(after.gap)]
+
+
+def choose_rows(plan: Plan) -> NDArray[np.bool_]:
+    """Tell the rows that joints.csv holds: no two are nearer in time than a cycle of the controller.
+
+    Ends of cuts and rapid moves, rests and events stay; of others that come too soon the later ones are left out.
+    """
+    from compplan.controllers.writers.counting import load_motion
+
+    time, cycle = _list_times(plan), load_motion(plan.robot)[0].cycle * (1.0 - 1e-9)
+    if np.diff(time).min(initial=np.inf) >= cycle:
+        return np.ones(len(time), bool)
+    first, n = len(plan.approach.q), len(plan.task)
+    rapid = np.r_[plan.task.nominal.rapid, True]
+    stay = np.zeros(len(time), bool)
+    stay[[0, -1, first]] = True
+    stay[first : first + n] |= rapid[:-1] | rapid[1:]
+    if plan.task.rests is not None:
+        stay[first : first + n] |= plan.task.rests
+    stay[[first + event.place for event in plan.task.nominal.events if event.place >= 0]] = True
+    kept: list[int] = []
+    for row in range(len(time)):
+        if kept and time[row] - time[kept[-1]] < cycle:
+            if not stay[row]:
+                continue
+            if not stay[kept[-1]]:
+                kept.pop()
+        kept.append(row)
+    chosen = np.zeros(len(time), bool)
+    chosen[kept] = True
+    return chosen
+
+
+def write_programs(plan: Plan, folder: Path) -> list[Path]:
+    """Write the native programs that the job asks for, approach and retract included."""
+    from compplan.controllers.writers import write_program
+
+    if plan.job is None or not plan.job.output.programs:
+        return []
+    program, output, files = make_program(plan), plan.job.output, []
+    for language in output.programs:
+        header, footer = (_read_lines(plan.job, table.get(language)) for table in (output.header, output.footer))
+        own = replace(program, header=header, footer=footer, post=make_post(plan.job, language))
+        files += write_program(own, language, folder, most=output.max_points_per_file, any_brand=output.any_brand)
+    return files
+
+
+def make_post(job: Job, language: str) -> Post:
+    """Return how a job wants the programs of a language written around their moves."""
+    output, cell = job.output, job.output.cell
+    template = output.templates.get(language)
+    main = None if output.main is None else "_".join(filter(None, [output.main, job.label]))
+    own = None if template is None else job.folder / template
+    return Post(own, cell.tool, cell.base, cell.overwrite, main, cell.positioner)
+
+
+def _read_lines(job: Job, name: str | None) -> tuple[str, ...]:
+    from compplan.controllers.writers.text import read_code
+
+    return () if name is None else read_code(job.folder / name)
+
+
+def note_programs(plan: Plan) -> Plan:
+    """Return a plan whose notes say what has to be known of its native programs."""
+    from compplan.controllers.writers import describe_program
+
+    if plan.job is None or not plan.job.output.programs:
+        return plan
+    program = make_program(plan)
+    posts = {language: make_post(plan.job, language) for language in plan.job.output.programs}
+    notes = [note for key, post in posts.items() for note in describe_program(replace(program, post=post), key)]
+    notes += [note] if plan.executed is not None and (note := plan.executed.say()) else []
+    notes += describe_unfollowed(plan.job.output, carries=bool(plan.task.robot.carrying))
+    return replace_said(plan, (*plan.notes, *notes))
+
+
+def make_program(plan: Plan) -> Program:
+    """Return what native programs are written from, approach and retract included."""
+    from compplan.controllers.writers import build_program
+    from compplan.controllers.writers.counting import load_motion
+
+    above, below = plan.approach.key_q, plan.retract.key_q
+    before, after = len(above), len(below)
+    rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
+    exact = np.zeros(len(rapid), dtype=bool)
+    exact[before] = before > 0  # the tool stands where the cut begins
+    if plan.task.rests is not None:
+        exact[before : before + len(plan.task)] |= plan.task.rests
+    free = np.r_[np.zeros(before, bool), plan.task.lead, np.zeros(after, bool)]
+    feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
+    start = float(plan.approach.key_gap.sum())
+    down = np.r_[0.0, np.cumsum(plan.approach.key_gap)][:before]
+    up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
+    time = np.r_[down, start + plan.timing.time, up]
+    program = build_program(
+        plan.robot,
+        np.vstack([above, plan.sent, below]),
+        feed,
+        rapid,
+        name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
+        time=time,
+        comments=_head(plan),
+        part=None if plan.job is None else plan.job.T_base_part,
+        exact=exact,
+        events=place_events(plan.task.nominal.events, before, len(plan.task), after),
+        wiring=None if plan.job is None else plan.job.output.io.wiring,
+    )
+    if plan.job is None:
+        return program
+    output, motion = plan.job.output, load_motion(plan.robot)[0]
+    coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
+    zones = bound_zones(plan.task, motion)
+    zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
+    drawn, lines = (
+        None if marks is None else np.r_[np.zeros(before, int), marks, np.zeros(after, int)]
+        for marks in (plan.task.nominal.arc, plan.task.nominal.line)
+    )
+    return replace(
+        program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=coarser, cycle=motion.cycle, free=free,
+        form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
+        pieces=_shift_pieces(plan, before, after), **zones,
+    )  # fmt: skip
+
+
+def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
+    """Return the moves that were fitted where the executed path was judged, at the rows of the whole program."""
+    if plan.executed is None or plan.executed.pieces is None:
+        return {}
+    ends, kind = plan.executed.pieces
+    last = before + len(plan.task)
+    whole = np.r_[np.arange(before), ends + before, last + np.arange(after)]
+    kinds = np.r_[np.full(before, LINE), np.where(kind >= 0, kind + before, kind), np.full(after, LINE)]
+    return {(True, False): (whole, kinds)}
+
+
+def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
+    """Return the events of a path at the rows of its program, which begins with the approach.
+
+    Args:
+        events: The events.
+        before: Rows of the approach.
+        count: Rows of the path. What ends something at the last of them waits until the tool is retracted.
+        after: Rows of the retract.
+
+    """
+    rows = [
+        -1 if event.place < 0 else event.place + before + after * (event.place == count - 1 and event.kind in ENDING)
+        for event in events
+    ]
+    in_order = np.maximum.accumulate(rows).tolist() if rows else []
+    return [replace(event, place=row) for event, row in zip(events, in_order, strict=True)]
+
+
+def _head(plan: Plan) -> list[str]:
+    lines = [
+        f"compplan: {plan.name}",
+        f"robot {plan.robot.name}, robot model: {plan.robot.grade}, strategy {plan.strategy}",
+    ]
+    if plan.executed is not None and plan.executed.leads:
+        lines.append("joints lead by the lag of the drives, as compplan trace identified it")
+    return [*lines, *head_of_status(plan), *plan.verdict.head]
+
+
+def head_of_status(plan: Plan) -> list[str]:
+    """Return the line that warns of a plan that is not solved."""
+    if plan.status == "solved":
+        return []
+    word = "INFEASIBLE" if plan.status == "infeasible" else "NOT CONFIRMED"
+    return [f"{word}: the best compromise, not a program to run"]

@@ -1,0 +1,193 @@
+"""From a CAM file to native programs in one call, without a job file: what `compplan post` and `cp.post` do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from compplan.errors import InputError
+from compplan.io.tomlfile import read_named_table, read_toml
+from compplan.job.job import Job, check_job
+from compplan.job.operations import split_job
+from compplan.plan.operations import worst_status
+from compplan.plan.plan import plan_job
+from compplan.plan.result import Plan
+from compplan.reporting.writers.operations import deliver_operations
+from compplan.reporting.writers.plan import deliver_plan, note_programs
+
+#: A table of a job: its keys, or a TOML file that holds them (alone, or as a job).
+Table = Mapping[str, Any] | str | Path
+#: What stands in for a force model where none is given.
+NO_FORCE = {"model": "constant", "force_N": [0.0, 0.0, 0.0]}
+
+
+@dataclass(frozen=True)
+class Posted:
+    """What came of a CAM file.
+
+    Attributes:
+        plans: One plan an operation (a tool); one in all where the file calls one tool.
+        folder: Where everything was written.
+        files: The files written.
+
+    """
+
+    plans: tuple[Plan, ...]
+    folder: Path
+    files: tuple[Path, ...]
+
+    @property
+    def status(self) -> str:
+        """Tell "solved", "infeasible" or "not_confirmed": the worst of the plans."""
+        return worst_status(self.plans)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What has to be known of the plans, one sentence each."""
+        return tuple(dict.fromkeys(note for plan in self.plans for note in plan.notes))
+
+
+def post(
+    camfile: str | Path, *, robot: str | Path, part: Table | Sequence[float], program: str | Sequence[str],
+    tool: Table | None = None, tools: Table | Sequence[Mapping[str, Any]] | None = None, process: Table | None = None,
+    cam: Table | None = None, plan: Table | None = None, output: Table | None = None, out: str | Path | None = None,
+) -> Posted:  # fmt: skip
+    """Read a CAM file, plan it and write its programs: one plan and program for each tool that it calls.
+
+    Example:
+        >>> done = post("part.nc", robot="kuka_kr240", part=[1800, 0, 700], program="krl",
+        ...             tool={"frame": "pendant", "position_mm": [0, 0, 250]})  # doctest: +SKIP
+
+    Args:
+        camfile: The CAM file.
+        robot: A folder in robots/ or a path.
+        part: Part frame seen from the robot base: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
+        program: Language, or languages.
+        tool: [tool]; left out: the robot folder's TCP.
+        tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
+        process: [process]; left out: no force is predicted.
+        cam: [cam]: how the file is read.
+        plan: [plan]: strategy, tolerance, posture.
+        output: [output]: signals (io), header, footer.
+        out: Folder to write to; left out: CAMFILE_program beside the file.
+
+    Raises:
+        InputError: If something is not what it has to be; nothing is written then.
+
+    """
+    folder = Path(out) if out is not None else Path(camfile).with_name(f"{Path(camfile).stem}_program")
+    job = make_post_job(
+        camfile, robot=robot, part=part, program=program, tool=tool, tools=tools, process=process, cam=cam, plan=plan,
+        output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
+    )  # fmt: skip
+    jobs = split_job(job)
+    plans = tuple(note_programs(plan_job(one)) for one in jobs)
+    if len(plans) == 1:
+        done, files = deliver_plan(plans[0], folder)
+        return Posted((done,), folder, tuple(files))
+    read, files = deliver_operations(plans, folder, job.name)
+    return Posted(tuple(read), folder, tuple(files))
+
+
+def make_post_job(
+    camfile: str | Path, *, robot: str | Path, part: Table | Sequence[float], program: str | Sequence[str],
+    tool: Table | None, tools: Table | Sequence[Mapping[str, Any]] | None, process: Table | None, cam: Table | None,
+    plan: Table | None, output: Table | None, stands_in: Path,
+) -> Job:  # fmt: skip
+    """Make the job that a call of `post` stands for; arguments as there.
+
+    Args:
+        camfile: The CAM file.
+        robot: The robot.
+        part: The part frame.
+        program: Languages.
+        tool: [tool].
+        tools: Several tools.
+        process: [process].
+        cam: [cam].
+        plan: [plan].
+        output: [output].
+        stands_in: The job file that nobody wrote; paths count from its folder.
+
+    Raises:
+        InputError: If a table is not what it has to be.
+
+    """
+    languages = [program] if isinstance(program, str) else list(program)
+    data: dict[str, Any] = {
+        "schema": 1,
+        "name": Path(camfile).stem,
+        "robot": str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot),
+        "toolpath": str(Path(camfile).absolute()),
+        "part": read_part(part),
+        "process": dict(NO_FORCE),
+    }
+    for name, table in (("tool", tool), ("process", process), ("cam", cam), ("plan", plan), ("output", output)):
+        if table is not None:
+            data[name] = read_table_of_job(name, table)
+    data["output"] = {**data.get("output", {}), "programs": [language.lower() for language in languages]}
+    if tools is not None:
+        key, value = read_tools(tools)
+        data[key] = value
+    return check_job(data, stands_in)
+
+
+def read_part(part: Table | Sequence[float]) -> dict[str, Any]:
+    """Return [part] from three or six numbers, a table, or a file.
+
+    Raises:
+        InputError: If it is none of them.
+
+    """
+    if isinstance(part, Mapping | str | Path):
+        return read_table_of_job("part", part)
+    numbers = [float(value) for value in part]
+    if len(numbers) not in (3, 6):
+        raise InputError(f"part has {len(numbers)} numbers, expected X Y Z in mm, or six with a rotation vector in deg")
+    return {"position_mm": numbers[:3], **({"rotation_deg": numbers[3:]} if numbers[3:] else {})}
+
+
+def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:
+    """Return the key and the value in a job of several tools: [[tool]] from a list or a TOML file, else [tools].
+
+    Raises:
+        InputError: If a TOML file has neither.
+
+    """
+    if isinstance(tools, Mapping):
+        return "tools", dict(tools)
+    if not isinstance(tools, str | Path):
+        return "tool", [dict(entry) for entry in tools]
+    if Path(tools).suffix.lower() != ".toml":
+        return "tools", {"file": str(Path(tools).absolute())}
+    data = read_toml(tools)
+    if isinstance(data.get("tool"), list):
+        return "tool", data["tool"]
+    if isinstance(data.get("tools"), dict):
+        table = data["tools"]
+        return "tools", {**table, "file": str((Path(tools).parent / str(table.get("file", ""))).absolute())}
+    raise InputError("has neither [[tool]] nor [tools]", file=tools)
+
+
+def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
+    """Return a table of a job: as it is given, or from a TOML file, alone or in the job that it stands in.
+
+    Raises:
+        InputError: If the file is not what it has to be.
+
+    """
+    if isinstance(table, Mapping):
+        return dict(table)
+    found = read_named_table(table, name)[0]
+    if "file" in found:
+        found = {**found, "file": str((Path(table).parent / str(found["file"])).absolute())}
+    for key in ("header", "footer"):
+        if name == "output" and isinstance(found.get(key), dict):
+            lines = {
+                language: str((Path(table).parent / file).resolve()) if isinstance(file, str) else file
+                for language, file in found[key].items()
+            }
+            found = {**found, key: lines}
+    return found

@@ -1,0 +1,132 @@
+"""What a timed motion puts on the springs, by a second engine: Pinocchio's recursive Newton-Euler, read a second time.
+
+It shares neither differences in time nor masses with the planner's (`compplan.simulation.vibration`): positions are
+followed by parabolas through three rows, and the forces at the joints carry the stiff arm along [Featherstone2008].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from compplan.robot import Array
+from compplan.simulation.judge import Judge
+
+#: Times at which a window is looked up.
+WEIGHED = 64
+
+
+def find_inside(time: Array, moving: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return the rows inside a cut to which and from which the tool takes its time. Shape (k,).
+
+    Args:
+        time: Rising. Shape (n,). [s]
+        moving: Whether the move that ends at each row cuts. Shape (n,).
+
+    """
+    step = np.diff(time)
+    return 1 + np.flatnonzero(moving[1:-1] & moving[2:] & (np.minimum(step[:-1], step[1:]) > 1e-6))
+
+
+def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Return velocities and accelerations at rows, of the parabola through each row and its neighbours. Shapes (k, nq).
+
+    Args:
+        q: Joint positions. Shape (n, nq). [rad or m]
+        time: Rising. Shape (n,). [s]
+        rows: Rows with a neighbour on either side. Shape (k,).
+
+    """
+    a, b = (time[rows] - time[rows - 1])[:, None], (time[rows + 1] - time[rows])[:, None]
+    a, b = np.maximum(a, 1e-12), np.maximum(b, 1e-12)
+    back, ahead = q[rows - 1] - q[rows], q[rows + 1] - q[rows]
+    # q(t) = q + v t + w t^2 / 2 through t = -a and t = b
+    change = 2.0 * (back * b + ahead * a) / (a * b * (a + b))
+    velocity = ahead / b - 0.5 * change * b
+    return velocity, change
+
+
+def load_springs(
+    judge: Judge, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
+    among: NDArray[np.int_] | None = None,
+) -> Array:  # fmt: skip
+    """Return what the inertia of a timed motion puts on each elastic coordinate; nothing at rest. Shape (n, s).
+
+    Args:
+        judge: The robot with all its masses and no weight.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        time: Shape (n,). [s]
+        moving: Whether the move that ends at each row cuts. Shape (n,).
+        rests: Whether the tool stands still at each row. Shape (n,).
+        among: Rows that are looked at; all if left out.
+
+    """
+    found = np.zeros((len(q), len(judge.elastic)))
+    if not sum(inertia.mass for inertia in judge.model.inertias) > 0 or not len(judge.elastic):
+        return found
+    rows = find_inside(time, moving)
+    rows = rows[~rests[rows]]
+    if among is not None:
+        rows = np.intersect1d(rows, among)
+    velocity, change = fit_parabolas(q, time, rows)
+    data = judge.model.createData()
+    for row, rate, rise in zip(rows, velocity @ judge.commanded.T, change @ judge.commanded.T, strict=True):
+        if rise.any() or rate.any():
+            forces = pin.rnea(judge.model, data, judge.commanded @ q[row] + judge.shift, rate, rise)
+            found[row] = -forces[judge.elastic]
+    return found
+
+
+def average_loads(loads: Array, time: Array, runs: list[tuple[int, int]], window: float) -> Array:
+    """Return the part of loads that an arm can follow: weighted means over a window of time. Shape (n, s). [N m or N]
+
+    The weight falls from the middle of the window to its ends, looked up at some times in it; beyond the ends of a run
+    loads count as their mirror image, turned about. What is left out swings the arm; it is part of the band.
+
+    Args:
+        loads: Shape (n, s). [N m or N]
+        time: Rising. Shape (n,). [s]
+        runs: First and last row of every run from rest to rest.
+        window: Length of the window, 0 for none. [s]
+
+    """
+    found, half = np.zeros(loads.shape), 0.5 * window
+    share = (np.arange(WEIGHED) + 0.5) / WEIGHED * 2.0 - 1.0
+    weight = (1.0 - np.abs(share)) / (1.0 - np.abs(share)).sum()
+    for first, last in runs:
+        run = slice(first, last + 1)
+        clock, own = time[run] - time[first], loads[run]
+        if half <= 0.0 or len(own) < 3 or clock[-1] <= 0.0:
+            found[run] = own
+            continue
+        own = np.vstack([0.0 * own[:1], own[1:-1], 0.0 * own[:1]])
+        for offset, part in zip(share * min(half, clock[-1]), weight, strict=True):
+            at = clock + offset
+            side = np.where((at < 0.0) | (at > clock[-1]), -part, part)
+            back = np.where(at < 0.0, -at, np.where(at > clock[-1], 2.0 * clock[-1] - at, at))
+            row = np.clip(np.searchsorted(clock, back, side="right"), 1, len(clock) - 1)
+            past = (back - clock[row - 1]) / np.maximum(clock[row] - clock[row - 1], 1e-12)
+            found[run] += (side * (1.0 - past))[:, None] * own[row - 1] + (side * past)[:, None] * own[row]
+    return found
+
+
+def shift_tip(judge: Judge, q: Array, loads: Array) -> Array:
+    """Return how far loads on the elastic coordinates move the tip, to first order. Shape (k, 3). [m]."""
+    data, found = judge.model.createData(), np.empty((len(q), 3))
+    world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for k, (pose, load) in enumerate(zip(q, loads, strict=True)):
+        columns = pin.computeFrameJacobian(judge.model, data, judge.commanded @ pose + judge.shift, judge.tcp, world)
+        found[k] = columns[:3, judge.elastic] @ (judge.compliance @ load)
+    return found
+
+
+def stand_stiff(judge: Judge, q: Array) -> tuple[Array, Array]:
+    """Return where the unloaded, stiff arm holds the tool: position (n, 3) [m] and rotation (n, 3, 3)."""
+    model, data = judge.model, judge.model.createData()
+    position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    for k, coordinates in enumerate(q @ judge.commanded.T + judge.shift):
+        pin.forwardKinematics(model, data, coordinates)
+        place = pin.updateFramePlacement(model, data, judge.tcp)
+        position[k], rotation[k] = place.translation, place.rotation
+    return position, rotation

@@ -1,0 +1,92 @@
+"""Prediction: what the instrument should see if the robot folder, effects included, were the whole truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.effects import apply_effects, robot_effects
+from compplan.effects.scene import Attained, attain_scene, stage_scene
+from compplan.io.columns import to_unit
+from compplan.io.tables import write_table
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.registration import (
+    Registration,
+    campaign_gap,
+    fitted_parts,
+    match_targets,
+    stated_registration,
+)
+from compplan.robot import Array, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the instrument should see; n rows, those without joints NaN.
+
+    Attributes:
+        position: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
+        rotation: Orientation. Shape (n, 3, 3).
+        attained: Everything that the scene came to.
+        registration: Frames used, or None.
+        gap: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
+
+    """
+
+    position: Array
+    rotation: Array
+    attained: Attained
+    registration: Registration | None
+    gap: Array
+
+
+def predict_campaign(
+    robot: Robot, campaign: Campaign, *, register: Sequence[str] = (), registration: Registration | None = None,
+    later: bool = True,
+) -> Prediction:  # fmt: skip
+    """Predict every row of a campaign from a robot, its effects included.
+
+    Args:
+        robot: The robot.
+        campaign: The rows. Measured positions are used for the registration only.
+        register: Which of "base" and "tool" to fit to the campaign, everything else fixed.
+        registration: Frames to use where none are fitted.
+        later: Whether the effects' shifts happened before this campaign; otherwise at their rows.
+
+    """
+    effects = robot_effects(robot)
+    scene = apply_effects(stage_scene(robot, campaign, later=later), effects)
+    attained = attain_scene(scene)
+    start = stated_registration(campaign) if registration is None else match_targets(registration, campaign)
+    parts = fitted_parts(campaign, register)
+    if parts:
+        kept = None if register else start
+        registration = fit_registration(campaign, attained.position, attained.rotation, parts, start=kept)
+    else:
+        registration = start
+    if registration is not None:
+        attained = attain_scene(replace(scene, registration=registration))
+    known = np.asarray(np.isfinite(campaign.q).all(axis=1), bool)
+    position = np.where(known[:, None], attained.position, np.nan)
+    rotation = np.where(known[:, None, None], attained.rotation, np.nan)
+    gap = campaign_gap(campaign, position, registration)
+    if campaign.sights is not None and registration is not None:
+        own = (position - registration.base[:3, 3]) @ registration.base[:3, :3]
+        position = np.where(campaign.sights.seen[:, None], own, position)
+    return Prediction(position, rotation, attained, registration, gap)
+
+
+def write_prediction(prediction: Prediction, file: str | Path) -> None:
+    """Write x_mm y_mm z_mm rx_deg ry_deg rz_deg of every row."""
+    position = to_unit(prediction.position, "x_mm")
+    known = np.isfinite(prediction.rotation).all((1, 2))
+    vector = np.full_like(position, np.nan)
+    vector[known] = np.rad2deg(Rotation.from_matrix(prediction.rotation[known]).as_rotvec())
+    columns = {f"{axis}_mm": position[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"r{axis}_deg": vector[:, k] for k, axis in enumerate("xyz")}
+    write_table(file, columns)

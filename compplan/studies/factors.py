@@ -1,0 +1,164 @@
+"""The factors of a study: which coordinate of a sample's point stands for what, and how the points are chosen.
+
+A sample is a point of the unit cube. Most coordinates become one number (a compliance factor, a zero, a force level);
+some become the seed of a noise along the path. Everything random about a sample follows from its point.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from compplan.effects.scene import spring_coordinates
+from compplan.job.noise import NoiseTable
+from compplan.robot import Array, Robot
+from compplan.studies.posterior import count_coordinates
+
+Sequence = Literal["sobol", "latin_hypercube"]
+#: Parts of one sample that have a scatter of their own: measured ones and the one that is judged.
+PARTS = 3
+#: Coordinates of a placement: three translations, three rotations.
+TWIST = 6
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The coordinates of a sample's point.
+
+    Attributes:
+        columns: By factor, the columns of the point that belong to it.
+        groups: By group of the sensitivity analysis, its factors.
+
+    """
+
+    columns: Mapping[str, slice]
+    groups: Mapping[str, tuple[str, ...]]
+
+    @property
+    def size(self) -> int:
+        """Count the coordinates."""
+        return max(part.stop for part in self.columns.values())
+
+    def group_names(self) -> list[str]:
+        """Name the group of every coordinate. Length `size`."""
+        names = [""] * self.size
+        for group, factors in self.groups.items():
+            for factor in factors:
+                for column in range(self.columns[factor].start, self.columns[factor].stop):
+                    names[column] = group
+        return names
+
+
+def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
+    """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
+    nq = robot.nq
+    sizes = {
+        "gear_compliance": sum(1 for spring in robot.springs if spring.actuator),
+        "link_compliance": len(link_blocks(robot)),
+        "joint_zero": nq,
+        "geometry": TWIST * (nq + 1),
+        "tool_frame": 3,
+        "part_frame": TWIST,
+        "temperature": 1,
+        "backlash": nq,
+        "gear_error": 2 * nq,
+        "wrench_level": 1,
+        "wrench_direction": 3,
+        "wrench_path": 1,
+        "encoders": 1,
+        "repeatability": 3 * PARTS,
+        "force_bias": 7,
+        "force_noise": 1,
+        "tracker": 1,
+        "effects": len(noise.effects),
+        "posterior": count_coordinates(robot) if noise.robot == "posterior" else 0,
+    }
+    starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
+    columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
+    groups = {
+        "joint_compliance": (noise.joint_compliance, ("gear_compliance",)),
+        "link_compliance": (noise.link_compliance, ("link_compliance",)),
+        "joint_zero": (noise.joint_zero_deg, ("joint_zero",)),
+        "geometry": (max(noise.geometry_mm, noise.geometry_deg), ("geometry",)),
+        "frames": (max(noise.tool_frame_mm, noise.part_frame_mm, noise.part_frame_deg), ("tool_frame", "part_frame")),
+        "temperature": (noise.temperature_K, ("temperature",)),
+        "drive": (max(noise.backlash_deg, noise.gear_error_deg), ("backlash", "gear_error")),
+        "wrench_level": (noise.wrench_level, ("wrench_level",)),
+        "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
+        "wrench_path": (noise.wrench_path, ("wrench_path",)),
+        "encoders": (max(noise.motor_encoder_deg, noise.link_encoder_deg), ("encoders",)),
+        "repeatability": (1.0 if noise.repeatability_mm is None else noise.repeatability_mm, ("repeatability",)),
+        "force_sensor": (
+            max(noise.force_noise_N, noise.moment_noise_Nm, noise.force_bias_N, noise.moment_bias_Nm, noise.force_gain),
+            ("force_bias", "force_noise"),
+        ),
+        "tracker": (max(noise.tracker_mm, noise.tracker_mm_per_m), ("tracker",)),
+        "effects": (float(len(noise.effects)), ("effects",)),
+        "robot": (1.0, ("posterior",)),
+    }
+    kept = {
+        name: factors
+        for name, (level, factors) in groups.items()
+        if level > 0.0 and sum(sizes[factor] for factor in factors) > 0
+    }
+    return Factors(columns, kept)
+
+
+def link_blocks(robot: Robot) -> list[list[int]]:
+    """Group the elastic coordinates beside the gears that vary together: a spring by itself, a link's six as one."""
+    coordinates = spring_coordinates(robot)
+    alone = [[c] for c, spring in zip(coordinates, robot.springs, strict=True) if not spring.actuator]
+    rest = sorted(set(range(len(coordinates) + 6 * len(robot.link_elasticities))) - set(coordinates))
+    return alone + [rest[start : start + 6] for start in range(0, len(rest), 6)]
+
+
+def draw_points(
+    factors: Factors, seed: int, replicates: int, samples: range, *, sequence: Sequence = "sobol", total: int = 0
+) -> Array:
+    """Draw the points of some samples; sample i is point i // replicates of replicate i % replicates.
+
+    The replicates are scrambled independently, so that their scatter gives honest intervals [Owen1995]. A Sobol
+    sequence can be continued; a Latin hypercube is made for `total` samples.
+
+    Args:
+        factors: The coordinates.
+        seed: Seed of the study.
+        replicates: Number of independent replicates.
+        samples: Which samples, a contiguous range.
+        sequence: How the points of a replicate are spread.
+        total: Number of samples of the study (Latin hypercube).
+
+    Returns:
+        Points strictly inside the unit cube. Shape (len(samples), size).
+
+    """
+    points = np.empty((len(samples), factors.size))
+    for replicate in range(replicates):
+        rows = [i for i in samples if i % replicates == replicate]
+        if not rows:
+            continue
+        first, count = rows[0] // replicates, len(rows)
+        rng = np.random.default_rng(np.random.SeedSequence([seed, replicate]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # no power of two: balanced less, not wrong
+            if sequence == "sobol":
+                engine = qmc.Sobol(factors.size, scramble=True, rng=rng)
+                if first:
+                    engine.fast_forward(first)
+                drawn = engine.random(count)
+            else:
+                every = (total - replicate + replicates - 1) // replicates
+                drawn = qmc.LatinHypercube(factors.size, rng=rng).random(every)[first : first + count]
+        points[np.array(rows) - samples.start] = drawn
+    return np.clip(points, 1e-12, 1.0 - 1e-12)
+
+
+def to_normal(points: Array) -> Array:
+    """Turn uniform coordinates into standard normal ones."""
+    return np.asarray(ndtri(points))

@@ -1,0 +1,137 @@
+"""From a job to its Monte Carlo study; the samples are on disk as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from compplan.errors import InputError
+from compplan.io.origin import note_seed
+from compplan.job.job import Job
+from compplan.plan.plan import PlanOptions, build_task, prepare_job
+from compplan.plan.strategies.online import PLAIN
+from compplan.plan.task import PlanTask
+from compplan.robot import Robot
+from compplan.studies.curves import ErrorCurves, trace_model_error
+from compplan.studies.encoder_table import EncoderTable, tabulate_encoders
+from compplan.studies.runner import Run, Settings, run_study
+from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
+from compplan.studies.storage import discard_chunks
+from compplan.studies.study import MOST_WAYPOINTS, Study, prepare_study
+from compplan.studies.summary import summarise_run
+from compplan.studies.workforce import Workforce
+from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.slopes import read_force_spread
+
+SAMPLES = "samples"
+
+
+@dataclass(frozen=True)
+class JobStudy:
+    """A study of a job with everything that its report shows.
+
+    Attributes:
+        job: The job.
+        run: The samples.
+        sensitivity: Total Sobol indices, or None.
+        curves: Deviation against model error.
+        encoders: What each encoder strategy leaves under loads of all directions, or None without two encoders.
+        summary: Content of montecarlo.json.
+
+    """
+
+    job: Job
+    run: Run
+    sensitivity: Sensitivity | None
+    curves: ErrorCurves
+    encoders: EncoderTable | None
+    summary: dict[str, Any]
+
+
+def study_job(
+    job: Job,
+    settings: Settings,
+    folder: Path,
+    *,
+    strategies: Sequence[str] = (),
+    most_waypoints: int = MOST_WAYPOINTS,
+    sensitivity: bool = True,
+    discard: bool = False,
+    workforce: Workforce | None = None,
+    announce: Callable[[str], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> JobStudy:
+    """Study a job; samples go to a folder in the output folder as they come.
+
+    Args:
+        job: The job.
+        settings: How it is sampled.
+        folder: Folder to write to.
+        strategies: Names of the strategies; all that the robot can carry out if empty.
+        most_waypoints: A longer path is thinned evenly to this many waypoints.
+        sensitivity: Whether total Sobol indices are measured.
+        discard: Whether finished samples of another study in the folder are taken away first.
+        workforce: Who computes.
+        announce: Called with what is done next.
+        progress: Called with the name of a stage, samples done and samples wanted.
+
+    Returns:
+        The study, as `compplan.reporting.writers.montecarlo` writes it.
+
+    Raises:
+        InputError: If the job is not what it has to be, or the folder cannot be written.
+
+    """
+    say = announce or (lambda text: None)
+    note_seed("samples", settings.seed)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, expected a folder to write to", file=folder)
+    workforce = workforce or Workforce()
+    workforce.check()
+    study, main = _prepare(job, strategies, most_waypoints, say)
+
+    def tell(stage: str) -> Callable[[int, int], None] | None:
+        return None if progress is None else lambda done, total: progress(stage, done, total)
+
+    say("samples")
+    store = folder / SAMPLES
+    if discard:
+        discard_chunks(store)
+    run = run_study(study, settings, folder=store, workforce=workforce, progress=tell("samples"))
+    indices = None
+    if sensitivity:
+        say("sensitivity")
+        indices = measure_sensitivity(
+            study, settings.seed, folder=store / "sensitivity", workforce=workforce, progress=tell("sensitivity")
+        )
+    say("summary")
+    summary = summarise_run(run, indices, name=job.name or job.file.stem, main=main)
+    return JobStudy(job, run, indices, trace_model_error(study), tabulate_encoders(study.task), summary)
+
+
+def _prepare(
+    job: Job, strategies: Sequence[str], most_waypoints: int, say: Callable[[str], None]
+) -> tuple[Study, str]:
+    """Find the posture and let every strategy command the path; the study, and the job's own strategy."""
+    say("posture")
+    robot, nominal, options = prepare_job(job)
+    robot = replace(robot, uncertainty=known_uncertainty(robot, job)) if job.touched_off else robot
+    task = build_task(robot, nominal, options, file=job.file)
+    plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
+    study = prepare_study(
+        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, force=read_force_spread(job),
+        announce=say,
+    )
+    return study, options.strategy
+
+
+def _plain_task(robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask | None:
+    """Build the task at one configuration with the tool held as the job points it; None where that misses waypoints."""
+    try:
+        task = build_task(robot, nominal, replace(options, posture=None))
+    except InputError:
+        return None
+    return None if task.missed.any() else task

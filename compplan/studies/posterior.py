@@ -1,0 +1,201 @@
+"""Robots of a study that are drawn from what is known of the robot: [noise] robot = "posterior".
+
+A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
+one coordinate for each cause with rivals picks by their weights; and one of what no parameter explains. Compliances of
+driven springs, zeros, lost motion and gear waves act where the samples have them,
+so that encoders see them; everything else moves the tip to first order. Where a measured part taught force and robot
+together, level and turns of the force go with the parameters, as in the promise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+from scipy.special import ndtr
+
+from compplan.effects import transmission_error
+from compplan.effects.scene import own_springs
+from compplan.errors import InputError
+from compplan.job.noise import OF_ROBOT, NoiseTable
+from compplan.plan.task import PlanTask
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+from compplan.toolpath.toolpath import interpolate
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.slopes import ForceSpread, measure_slopes, pick_rows, stage_path, tie_force
+from compplan.uncertainty.vary import group_rivals
+
+#: Smooth errors along the path that stand for what is unexplained, and waypoints that tell them.
+MODES, STATIONS = 12, 200
+#: A spring keeps at least this share of its compliance.
+LEAST = 0.02
+
+
+class ArmParameter(NamedTuple):
+    """A parameter that acts inside the arm.
+
+    Attributes:
+        row: Its row among the parameters.
+        kind: "factor", "zero" or "drive".
+        place: Elastic coordinate, or joint.
+        shape: What one unit of it is: 1 / compliance, 1, or the motion of the drive along the path, shape (n,).
+    """
+
+    row: int
+    kind: str
+    place: int
+    shape: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RobotPosterior:
+    """What is known of a robot, ready for samples.
+
+    Attributes:
+        root: Parameters per normal coordinate, then per rival explanation that holds. Shape (p, r + rivals). [SI]
+        parts: Parameters that act inside the arm; the others move the tip.
+        rivals: For each cause, the numbers of its rivals and the weights of each and of the folder's, last.
+        tie: How level and turns go with the parameters and what of them is apart (`tie_force`); None: all is apart.
+        force: What measured parts said of the force where it goes with the robot, or None.
+    """
+
+    root: Array
+    parts: tuple[ArmParameter, ...]
+    rivals: list[tuple[list[int], Array]]
+    tie: tuple[Array, Array] | None = None
+    force: ForceSpread | None = None
+
+    def push(self, z: Array, shares: Array) -> Array:
+        """Return level and turns of the force in their deviations, of settled coordinates and own ones. (4, b)."""
+        if self.tie is None:
+            return shares
+        tied, apart = self.tie
+        return np.asarray(tied @ z[: tied.shape[1]] + apart @ shares)
+
+    def settle(self, z: Array) -> Array:
+        """Turn the coordinate of each cause into which rival holds, 1 for that one; b samples.
+
+        Args:
+            z: Normal coordinates: r of the parameters, one a cause, those of what is unexplained. Shape (m, b).
+
+        Returns:
+            The same with one row a rival in place of one a cause.
+        """
+        count = sum(len(own) for own, _ in self.rivals)
+        r = self.root.shape[1] - count
+        holds = np.zeros((count, z.shape[1]))
+        for (own, weights), level in zip(self.rivals, ndtr(z[r : r + len(self.rivals)]), strict=True):
+            # the folder's own explanation first: it is what holds at the mean of all coordinates
+            edges = weights[-1] + np.r_[0.0, np.cumsum(weights[:-1])]
+            for number, low, high in zip(own, edges, edges[1:], strict=False):
+                holds[number] = (level > low) & ((level <= high) | (number == own[-1]))
+        return np.concatenate([z[:r], holds, z[r + len(self.rivals) :]])
+
+    def draw(self, z: Array, factor: Array, zero: Array, drive: Array) -> None:
+        """Add parameters of b samples to factors (s, b), zeros (nq, b) and drives (nq, b, n). z: settled, (m, b)."""
+        values = self.root @ z[: self.root.shape[1]]
+        for part in self.parts:
+            if part.kind == "factor":
+                factor[part.place] = np.maximum(factor[part.place] + part.shape * values[part.row], LEAST)
+            elif part.kind == "zero":
+                zero[part.place] += values[part.row]
+            else:
+                drive[part.place] += values[part.row][:, None] * part.shape
+
+
+def count_coordinates(robot: Robot) -> int:
+    """Count the coordinates of a draw: parameters, causes with rivals, three times MODES for what is unexplained."""
+    known = known_uncertainty(robot)
+    return known.split_rivals()[0].shape[1] + len(group_rivals(known)) + 3 * MODES
+
+
+def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
+    """Leave to the posterior what it knows; the same table where robots are drawn by [noise] itself.
+
+    Raises:
+        InputError: If the job also states a spread that the posterior has.
+    """
+    if noise.robot != "posterior":
+        return noise
+    stated = [key for key in OF_ROBOT if key in noise.model_fields_set]
+    if stated:
+        message = f"{stated[0]} is stated, and robot = \"posterior\" takes it from the robot folder; leave one out"
+        raise InputError(message, where="noise")
+    told = known_uncertainty(robot).repeatability or 0.0
+    return noise.model_copy(update={**dict.fromkeys(OF_ROBOT, 0.0), "repeatability_mm": told * 1e3})
+
+
+def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
+    """Take level and direction of the force from what measured parts said of them together with the robot."""
+    if noise.robot != "posterior" or force is None or not len(force.robot):
+        return noise
+    spread = {"wrench_level": force.level, "wrench_direction_deg": float(np.degrees(force.direction))}
+    return noise.model_copy(update=spread)
+
+
+def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
+    """Find where the parameters of a task's robot act.
+
+    Args:
+        task: The task.
+        travel: Direction of travel of each joint. Shape (nq, n).
+        force: How surely the force is known, where measured parts said it, or None.
+    """
+    known = known_uncertainty(task.robot)
+    found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_rivals(known))
+    if force is None or not len(force.robot) or known.rivals:
+        return found
+    return replace(found, tie=tie_force(known, force), force=force)
+
+
+def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
+    """Return the motion of the tip per settled coordinate: parameters that act outside the arm, and smooth errors.
+
+    Shape (n, 3) each. [m]
+    """
+    inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
+    rows = pick_rows(np.ones(len(task), bool), STATIONS)
+    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    slopes = measure_slopes(scene, known.unknowns, rows)
+    slopes[:, :, sorted(inside)] = 0.0
+    found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ _list_columns(known), 2, 0)]
+    apart = cdist(task.position[rows], task.position[rows]) / known.scale
+    value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    smooth = np.zeros((len(rows), MODES))
+    most = min(MODES, len(rows))
+    smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
+    return found + [_spread(rows, np.outer(mode, axis), len(task)) for mode in smooth.T for axis in np.eye(3)]
+
+
+def _list_columns(known: Uncertainty) -> Array:
+    """Return what each normal coordinate and each rival makes of the parameters. Shape (p, r + rivals). [SI]"""
+    root, shifts = known.split_rivals()
+    return np.concatenate([root, shifts.T], axis=1)
+
+
+def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmParameter, ...]:
+    robot, parts, first = task.robot, [], 0
+    own, names = own_springs(robot), [joint.name for joint in robot.actuated]
+    for unknown in known.unknowns:
+        joint = names.index(unknown.joint) if unknown.joint in names else -1
+        one = np.ones(1)
+        if unknown.effect == "joint_stiffness" and joint in own:
+            parts.append(ArmParameter(first, "factor", own[joint].coordinate, one / own[joint].compliance))
+        elif unknown.effect == "joint_offset":
+            parts.append(ArmParameter(first, "zero", joint, one))
+        elif unknown.effect == "backlash":
+            parts.append(ArmParameter(first, "drive", joint, -0.5 * travel[joint]))
+        elif unknown.effect == transmission_error.name and "cycles_per_turn" in unknown.fixed:
+            shape = transmission_error.waves(task.q_start[:, joint], unknown.fixed["cycles_per_turn"], False)
+            parts += [ArmParameter(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
+        first += len(unknown.keys)
+    return tuple(parts)
+
+
+def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
+    """Interpolate a motion of the tip between the rows that were looked at. Shape (k, 3) -> (n, 3)."""
+    return interpolate(np.arange(n), rows, values)

@@ -1,0 +1,118 @@
+"""Which uncertainty matters: total Sobol indices of each strategy's rms deviation, by group of factors.
+
+A total index is the share of the variance that would be left if everything but the group were known [Homma1996];
+SciPy makes the points and the estimates [Saltelli2010]. The path is thinned for this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import bootstrap, qmc, sobol_indices
+
+from compplan.robot import Array
+from compplan.studies.runner import chunk_size, judge_chunks
+from compplan.studies.study import Study, thin_study
+from compplan.studies.workforce import Workforce
+
+#: Waypoints that the analysis looks at.
+WAYPOINTS = 300
+#: Base points of the design; the analysis takes (groups + 2) times as many samples.
+BASE = 128
+#: Resamples of the base points for an interval.
+RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Total Sobol indices.
+
+    Attributes:
+        groups: Names of the groups.
+        total: By strategy, the total index of each group. Shape (groups,) each.
+        half_width: By strategy, half the 95 % interval of each (bootstrap). Shape (groups,) each.
+        samples: Number of samples behind them.
+        waypoints: Number of waypoints that they look at.
+
+    """
+
+    groups: tuple[str, ...]
+    total: dict[str, Array]
+    half_width: dict[str, Array]
+    samples: int
+    waypoints: int
+
+
+def measure_sensitivity(
+    study: Study,
+    seed: int,
+    *,
+    base: int = BASE,
+    folder: Path | None = None,
+    workforce: Workforce | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Sensitivity | None:
+    """Measure total Sobol indices by group; None where nothing is uncertain.
+
+    Args:
+        study: The study.
+        seed: Seed of the design.
+        base: Base points, a power of two.
+        folder: Folder for the chunks, or None.
+        workforce: Who computes.
+        progress: Called with samples done and wanted.
+
+    """
+    thin = thin_study(study, WAYPOINTS)
+    factors = thin.surroundings.factors
+    if len(factors.groups) < 2:
+        return None
+    names = factors.group_names()
+    groups = tuple(dict.fromkeys(name for name in names if name))
+    points = design_points(np.array(names, dtype=object), groups, base, seed)
+    size = chunk_size(thin)
+    chunks = [range(a, min(a + size, len(points))) for a in range(0, len(points), size)]
+    about: dict[str, object] = {"sensitivity": base, "design": "A, B, AB by group", "seed": seed, "chunk": size}
+    done, _, _ = judge_chunks(
+        thin, chunks, lambda n: points[chunks[n].start : chunks[n].stop],
+        about=about, folder=folder, workforce=workforce, progress=progress,
+    )  # fmt: skip
+    rms = np.concatenate([done[n].rms for n in range(len(chunks))])
+    total, half = estimate_totals(rms.T.reshape(len(study.strategies), len(groups) + 2, base), seed)
+    totals = dict(zip(study.strategies, total, strict=True))
+    return Sensitivity(groups, totals, dict(zip(study.strategies, half, strict=True)), len(points), len(thin.task))
+
+
+def design_points(names: Array, groups: tuple[str, ...], base: int, seed: int) -> Array:
+    """Return the base points A and B, and A with one group's columns of B for every group. Shape (.., factors)."""
+    free = np.flatnonzero([bool(name) for name in names])
+    drawn = qmc.Sobol(2 * len(free), scramble=True, rng=np.random.default_rng(seed)).random(base)
+    a, b = np.full((2, base, len(names)), 0.5)
+    a[:, free], b[:, free] = np.clip(np.split(drawn, 2, axis=1), 1e-12, 1.0 - 1e-12)
+    return np.concatenate([a, b, *(np.where(names == group, b, a) for group in groups)])
+
+
+def estimate_totals(values: Array, seed: int) -> tuple[Array, Array]:
+    """Return total indices and half their 95 % intervals (bootstrap over base points). Shape (strategies, groups).
+
+    Args:
+        values: What the study gave at A, B, and A with one group of B. Shape (strategies, groups + 2, base).
+        seed: Seed of the resamples.
+
+    """
+    shape = (values.shape[0], values.shape[1] - 2)
+
+    def estimate(rows: Any) -> Array:
+        a, b, *mixed = np.moveaxis(values[..., rows], 1, 0)
+        result = sobol_indices(func={"f_A": a, "f_B": b, "f_AB": np.stack(mixed)}, n=len(rows))
+        return np.asarray(result.total_order, float).reshape(shape)
+
+    rows = np.arange(values.shape[2])
+    spread = bootstrap(
+        (rows,), estimate, n_resamples=RESAMPLES, vectorized=False, method="basic", rng=np.random.default_rng(seed)
+    )
+    return estimate(rows), 1.96 * np.nan_to_num(spread.standard_error)

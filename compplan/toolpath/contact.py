@@ -1,0 +1,171 @@
+"""When and along which axes a process acts: contact, the length cut so far, path axes and tool axes.
+
+The path frame stands at the tool tip: z is the tool axis (tip to spindle), x the direction of travel across it, and
+y = z x x, the left-hand side for somebody who looks down the tool axis along the travel.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from compplan.errors import InputError
+from compplan.io.tables import Array
+from compplan.io.tomlfile import StrictTable
+from compplan.toolpath.toolpath import Toolpath
+
+#: Axes that a wrench is given in.
+Frame = Literal["part", "base", "tool", "path"]
+#: Share of a move that goes along the tool axis, from which on it lifts the tool off.
+STEEP = 0.71
+#: Share of a move that goes across the tool axis, from which on it has a direction of travel.
+ASIDE = 1e-6
+#: Sine of the angle between the tool axis and x of the TCP frame below which they are one direction.
+SIDE = float(np.sin(np.radians(1.0)))
+
+
+class ForceTable(StrictTable):
+    """Keys of every force model: the name that a job gives it."""
+
+    model: str
+
+
+class ContactTable(ForceTable):
+    """Keys of every model that switches on at contact and off in rapid moves.
+
+    ramp_mm is the length over which the wrench grows from 0 after contact, ramp_out_mm that over which it falls to 0
+    before the tool leaves.
+    """
+
+    ramp_mm: float = Field(default=0.0, ge=0.0)
+    ramp_out_mm: float = Field(default=0.0, ge=0.0)
+
+
+class PathForceTable(ContactTable):
+    """Keys of every model whose wrench stands in path axes and follows from the path alone."""
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the force depends on the feed that is driven."""
+        return False
+
+    def wrench_along(self, nominal: Toolpath) -> Array:
+        """Return the wrench on the tool at every waypoint, path axes, contact aside. Shape (n, 6). [N, N m]"""
+        raise NotImplementedError
+
+    def describe(self, nominal: Toolpath) -> list[str]:
+        """Say where its numbers come from and what was assumed, one sentence each."""
+        return []
+
+
+def path_axes(nominal: Toolpath) -> Array:
+    """Return the axes of the path frame at every waypoint as columns; a plunge keeps the x of its neighbours.
+
+    Shape (n, 3, 3).
+    """
+    travel = _travel(nominal)
+    across = travel - np.sum(travel * nominal.axis, axis=1, keepdims=True) * nominal.axis
+    known = np.linalg.norm(across, axis=1) > ASIDE
+    cutting = known & ~nominal.rapid
+    chosen = cutting if cutting.any() else known
+    if not chosen.any():
+        return tool_axes(nominal, None) * np.array([1.0, -1.0, -1.0])
+    x = across[last_set(chosen)]
+    x = x - np.sum(x * nominal.axis, axis=1, keepdims=True) * nominal.axis
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(nominal.axis, x), nominal.axis], axis=2)
+
+
+def travel_across(nominal: Toolpath) -> Array:
+    """Return which share of each move goes across the tool axis: 1 in a plane, 0 in a plunge or a lift. Shape (n,)."""
+    return np.asarray(np.linalg.norm(np.cross(_travel(nominal), nominal.axis), axis=1))
+
+
+def lifts(nominal: Toolpath) -> NDArray[np.bool_]:
+    """Tell which moves lift the tool off, more along its axis than across it. Shape (n,)."""
+    travel = _travel(nominal)
+    rise = np.einsum("ni,ni->n", travel, nominal.axis)
+    return np.asarray(rise > STEEP * np.linalg.norm(travel, axis=1))
+
+
+def last_set(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return of every row the last one up to it whose flag is set, the first set one before that. Shape (n,)."""
+    rows = np.flatnonzero(flags) if flags.any() else np.zeros(1, dtype=int)
+    return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
+
+
+def _travel(nominal: Toolpath) -> Array:
+    """Return the direction of the move that ends at each waypoint, 0 at rest. Shape (n, 3)."""
+    steps = np.diff(nominal.position, axis=0)
+    travel = np.vstack([steps[:1], steps])
+    return np.asarray(travel / np.maximum(np.linalg.norm(travel, axis=1, keepdims=True), 1e-300))
+
+
+def tool_axes(nominal: Toolpath, tool_x: Array | None) -> Array:
+    """Return the axes of the TCP frame as columns: z out of the tool, x as near to `tool_x` as that allows.
+
+    Shape (n, 3, 3).
+    """
+    wanted = np.array([1.0, 0.0, 0.0]) if tool_x is None else np.asarray(tool_x, dtype=np.float64)
+    z = -nominal.axis
+    x = wanted - (z @ wanted)[:, None] * z
+    spare = np.array([0.0, 1.0, 0.0]) - z[:, 1:2] * z
+    x = np.where(np.linalg.norm(x, axis=1, keepdims=True) > 1e-6, x, spare)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def check_tool_x(nominal: Toolpath, tool_x: Array, file: Path | None = None) -> None:
+    """Refuse an x of the TCP frame that points along the tool axis: a tool that may not rotate cannot have it.
+
+    Args:
+        nominal: The path, base frame.
+        tool_x: Where x of the TCP frame points, base axes. Shape (3,).
+        file: File to name in messages.
+
+    Raises:
+        InputError: If x points along the tool axis at a waypoint.
+
+    """
+    wanted = tool_x / np.linalg.norm(tool_x)
+    along = np.flatnonzero(np.linalg.norm(np.cross(nominal.axis, wanted), axis=1) < SIDE)
+    if len(along):
+        message = (
+            f"points along the tool axis at {len(along)} of {len(nominal)} waypoints, the first is {along[0]}: x of "
+            "the TCP frame cannot; name a direction across the axis, or let rotate_about_tool_axis be true"
+        )
+        raise InputError(message, file=file, where="plan.tool_x" if file else None)
+
+
+def contact_share(nominal: Toolpath, ramp: float, ramp_out: float = 0.0) -> Array:
+    """Return the share of the wrench that acts: 0 in rapid moves, growing after contact, falling before leaving.
+
+    Args:
+        nominal: The toolpath.
+        ramp: Length over which the wrench grows after contact. [m]
+        ramp_out: Length over which it falls before the tool leaves. [m]
+
+    Returns:
+        Share between 0 and 1. Shape (n,).
+
+    """
+    length, n = nominal.arc_length, len(nominal)
+    share = np.where(nominal.rapid, 0.0, 1.0)
+    index = np.arange(n)
+    # contact: the last waypoint that was reached in a rapid move, or the first waypoint; leaving: the end of the cut
+    contact = np.maximum.accumulate(np.where(nominal.rapid, index, 0))
+    after = np.minimum.accumulate(np.where(nominal.rapid, index, n)[::-1])[::-1]
+    if ramp > 0.0:
+        share *= np.clip((length - length[contact]) / ramp, 0.0, 1.0)
+    if ramp_out > 0.0:
+        share *= np.clip((length[np.minimum(after, n) - 1] - length) / ramp_out, 0.0, 1.0)
+    return share
+
+
+def cutting_progress(nominal: Toolpath) -> Array:
+    """Return the length cut so far at every waypoint, rapid moves not counted. Shape (n,) [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])

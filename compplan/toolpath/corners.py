@@ -1,0 +1,160 @@
+"""Corners of a toolpath, rounded within a tolerance, so that the tool need not rest there.
+
+Before a corner the tool runs out, behind it it starts, both at once: at share u of a rounding that begins a before a
+corner C and ends a behind it,
+
+    x(u) = p(-a (1 - u)^n) + p(a u^n) - C,
+
+p the path by its length from the corner. With n = 2 that is a parabola between straight moves, which bends the least.
+With n = 4 and u even in time the tool slows down and starts as a run that is smoothed does (`compplan.plan.profile`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.io.tables import Array
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath
+
+#: Turns of the travel below this are no corners. [rad]
+CORNER = float(np.radians(8.0))
+#: A corner turns this much more than its neighbours; a sampled curve does not.
+SHARPER = 3.0
+#: Powers of a rounding: one that the feed is kept along, and one that the tool slows down on.
+KEPT, SLOWED = 2, 4
+#: Points on a rounded corner, by its power; share of the way to the next corner that its roundings may take.
+ROUND_POINTS, SHARE = {KEPT: 7, SLOWED: 17}, 0.45
+#: Share of the tolerance that is taken beside an arc, and the turn of one. [1, rad]
+BESIDE_ARC, BEND = 0.95, 1e-4
+
+
+def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> Toolpath:
+    """Round the corners of the cut within a tolerance of the path.
+
+    A corner turns the travel by more than a few degrees and much more than its neighbours do. The rounding of one of
+    turn phi passes it at 2 a sin(phi / 2) / 2^n; a is measured along the path, chords of arcs that it spans are left
+    out. The tool axis turns as the path does. Points crowd towards the corner, so that interpolation between them does
+    not swing out.
+
+    Args:
+        toolpath: The toolpath.
+        tolerance: Greatest distance from the path. [m]
+        power: n, KEPT or SLOWED.
+
+    """
+    corners, turn = find_corners(toolpath)
+    if tolerance <= 0 or not len(corners):
+        return toolpath
+    along = np.r_[0.0, np.cumsum(toolpath.steps)]
+    reach = _reach_corners(toolpath, corners, along, turn, 2.0 ** (power - 1) * tolerance / np.sin(0.5 * turn[corners]))
+    grid = np.linspace(0.0, 1.0, ROUND_POINTS[power])
+    before, behind = (1.0 - grid) ** power, grid**power
+    places: list[Array] = []
+    lengths = np.maximum.accumulate(along + 1e-15 * np.arange(len(along)))
+    kept = np.ones(len(toolpath), bool)
+    for i, a in zip(corners.tolist(), reach.tolist(), strict=True):
+        near = np.arange(*np.searchsorted(along, [along[i] - a, along[i] + a]))
+        kept[near[np.abs(along[near] - along[i]) < a * (1.0 - 1e-9)]] = False
+        places.append(np.interp(along[i] + a * (behind - before), lengths, np.arange(len(along))))
+        for side, end in ((-1, along[i - 1]), (1, along[i + 1])):
+            far = np.array(_crowd(a, SHARE * abs(float(end - along[i]))))
+            places.append(np.interp(along[i] + side * far, lengths, np.arange(len(along))))
+    every = np.unique(np.concatenate([np.flatnonzero(kept), *places]))
+    divided = divide_toolpath(toolpath, every)
+    position, axis, moved = divided.position.copy(), divided.axis.copy(), np.zeros(len(every))
+    for k, i in enumerate(corners.tolist()):
+        own = np.searchsorted(every, places[3 * k])
+        for values, old in ((position, toolpath.position), (axis, toolpath.axis)):
+            sides = (along[i] - reach[k] * before, along[i] + reach[k] * behind)
+            parts = (np.stack([np.interp(side, lengths, column) for column in old.T], axis=1) for side in sides)
+            values[own] = sum(parts) - old[i]
+        moved[own[1:-1]] = np.linalg.norm((position - divided.position)[own[1:-1]], axis=1)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    notes = (*divided.notes, _describe(len(corners), float(moved.max())))
+    arc = None if divided.arc is None else np.where((moved > 0.0) | (np.r_[0.0, moved[:-1]] > 0.0), 0, divided.arc)
+    return replace(divided, position=position, axis=axis, rounded=moved, notes=notes, arc=arc)
+
+
+def _reach_corners(
+    toolpath: Toolpath, corners: NDArray[np.int_], along: Array, turn: Array, wanted: Array
+) -> Array:
+    """Return how far before and behind each corner its rounding begins, other corners and ends of cuts left alone."""
+    rapid, n = toolpath.rapid, len(toolpath)
+    fixed = np.zeros(n, bool)
+    fixed[[0, -1]] = True
+    fixed |= rapid | np.r_[rapid[1:], True]
+    fixed[[event.place for event in toolpath.events if 0 <= event.place < n]] = True
+    stops, marks = along[fixed], along[corners]
+    every = np.unique(np.r_[stops, marks])
+    at = np.searchsorted(every, marks)
+    room = np.minimum(marks - every[np.maximum(at - 1, 0)], every[np.minimum(at + 1, len(every) - 1)] - marks)
+    bends = along[(turn > BEND) & ~np.isin(np.arange(n), corners)]
+    curved = np.searchsorted(bends, marks + wanted) > np.searchsorted(bends, marks - wanted, side="right")
+    return np.asarray(np.minimum(np.where(curved, BESIDE_ARC, 1.0) * wanted, SHARE * room))
+
+
+def _describe(count: int, most: float) -> str:
+    corners = "1 corner of the cut is" if count == 1 else f"{count} corners of the cut are"
+    return (
+        f"{corners} rounded, by {1e3 * most:.3g} mm at most, so that the tool does not rest there: "
+        "feed.corner_tolerance_mm says by how much, 0 lets it rest."
+    )
+
+
+def find_corners(toolpath: Toolpath) -> tuple[NDArray[np.int_], Array]:
+    """Find the corners of the cut; also return the turn of the travel at every waypoint, shape (n,) [rad]."""
+    steps = np.diff(toolpath.position, axis=0)
+    length = np.linalg.norm(steps, axis=1, keepdims=True)
+    travel = steps / np.maximum(length, 1e-12)
+    turn = np.zeros(len(toolpath))
+    turn[1:-1] = np.arccos(np.clip(np.einsum("ni,ni->n", travel[:-1], travel[1:]), -1.0, 1.0))
+    cut = np.zeros(len(toolpath), bool)
+    cut[1:-1] = ~toolpath.rapid[1:-1] & ~toolpath.rapid[2:]
+    moves = np.minimum(length[:-1, 0], length[1:, 0])
+    cut[1:-1] &= moves > 1e-9
+    around = np.zeros(len(toolpath))
+    around[1:-1] = np.minimum(turn[:-2], turn[2:])
+    sharp = cut & (turn > CORNER) & (turn > SHARPER * around) & (turn < np.pi - CORNER)
+    return np.flatnonzero(sharp), turn
+
+
+def find_roundings(toolpath: Toolpath) -> list[tuple[int, int]]:
+    """List first and last waypoint of every rounded corner."""
+    if toolpath.rounded is None:
+        return []
+    edges = np.diff(np.r_[0, (toolpath.rounded > 0.0).astype(int), 0])
+    return list(zip((np.flatnonzero(edges == 1) - 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def find_shares(position: Array) -> tuple[Array, float]:
+    """Find the shares u of waypoints on a rounding of power SLOWED, and a as a share of its length.
+
+    Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of travel.
+
+    Args:
+        position: Waypoints from its first to its last. Shape (k, 3). [m]
+
+    Returns:
+        Shape (k,), and a number.
+
+    """
+    steps = np.diff(position, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    along = np.r_[0.0, np.cumsum(length)]
+    cosine = float(steps[0] @ steps[-1] / max(length[0] * length[-1], 1e-24))
+    u = np.linspace(0.0, 1.0, 201)
+    rate = np.sqrt(np.maximum((1 - u) ** 6 + u**6 + 2 * cosine * ((1 - u) * u) ** 3, 1e-12))
+    whole = np.r_[0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(u))]
+    return np.interp(along / along[-1], whole / whole[-1], u), float(0.25 / whole[-1])
+
+
+def _crowd(nearest: float, farthest: float) -> list[float]:
+    """Return distances from just beyond a rounding outwards, each twice the one before."""
+    distances, distance = [], 1.6 * nearest
+    while distance < farthest:
+        distances.append(distance)
+        distance *= 2.0
+    return distances

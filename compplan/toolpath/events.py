@@ -1,0 +1,117 @@
+"""What a CAM file asks of the machine beside motion: spindle, coolant, tools, dwells, stops, outputs, comments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.io.tables import Array
+
+#: Kinds of events, and what each says.
+KINDS = {
+    "spindle_cw": "the spindle turns clockwise", "spindle_ccw": "the spindle turns counter-clockwise",
+    "spindle_off": "the spindle stops", "coolant": "flood coolant on", "mist": "mist coolant on",
+    "coolant_off": "coolant off", "tool": "another tool", "dwell": "wait", "stop": "program stop",
+    "optional_stop": "optional stop", "output": "a signal of the source program is set",
+    "call": "a program of the source is called", "comment": "a comment",
+}  # fmt: skip
+#: Events that end something: they wait until everything at their place is done.
+ENDING = frozenset({"spindle_off", "coolant_off"})
+#: Events that the tool need not stand still for.
+PASSING = frozenset({"comment"})
+
+
+@dataclass(frozen=True)
+class Event:
+    """Hold an event; events at one place happen in their order.
+
+    Args:
+        place: Waypoint after which it happens; -1: before the first move.
+        kind: One of `KINDS`.
+        value: Speed [1/min], time [s], number of the tool, state of a signal (0 or 1).
+        text: Comment, name of a tool, signal or program.
+
+    """
+
+    place: int
+    kind: str
+    value: float = 0.0
+    text: str = ""
+
+    def describe(self) -> str:
+        """Return what happens, for people."""
+        speed = f" at {self.value:g} 1/min" if self.value > 0.0 else ""
+        return {
+            "spindle_cw": f"spindle clockwise{speed}", "spindle_ccw": f"spindle counter-clockwise{speed}",
+            "spindle_off": "spindle off", "coolant": "coolant on", "mist": "mist on", "coolant_off": "coolant off",
+            "tool": f"tool {self.text or f'T{self.value:g}'}", "dwell": f"wait {self.value:g} s",
+            "stop": self.text or "program stop", "optional_stop": "optional stop", "comment": self.text,
+            "output": f"signal {self.text} {'on' if self.value else 'off'}", "call": f"source program: {self.text}",
+        }[self.kind]  # fmt: skip
+
+
+def move_events(events: Sequence[Event], places: Array) -> tuple[Event, ...]:
+    """Return events of a path at the places of another one that is made from it.
+
+    What begins something happens as soon as its place is reached, what ends something when the place is left.
+
+    Args:
+        events: The events.
+        places: Old waypoint numbers of the new waypoints, fractional on a move, never falling. Shape (m,).
+
+    """
+    if not events:
+        return ()
+    old = np.array([event.place for event in events], dtype=float)
+    reached = np.searchsorted(places, old - 1e-6)
+    left = np.searchsorted(places, old + 1e-6, side="right") - 1
+    ending = np.array([event.kind in ENDING for event in events])
+    new = np.where(old < 0, -1, np.where(ending, np.maximum(left, reached), reached))
+    new = np.maximum.accumulate(np.minimum(new, len(places) - 1))
+    return tuple(replace(event, place=int(place)) for event, place in zip(events, new.tolist(), strict=True))
+
+
+def find_halts(events: Sequence[Event]) -> list[int]:
+    """Return the waypoints at which the tool stands still for an event, -1 left out."""
+    return sorted({event.place for event in events if event.place >= 0 and event.kind not in PASSING})
+
+
+def guard_cuts(events: Sequence[Event], cut: Array) -> tuple[tuple[Event, ...], int]:
+    """Put a stop before every cut that a file makes with a spindle that stands still, though it turns it elsewhere.
+
+    A tool change leaves the spindle standing. Files that never turn a spindle are left as they are.
+
+    Args:
+        events: The events, in order.
+        cut: Which moves cut; the move of row i ends at waypoint i. Shape (n,).
+
+    Returns:
+        The events, and how many stops were put in.
+
+    """
+    if not any(event.kind in ("spindle_cw", "spindle_ccw") for event in events):
+        return tuple(events), 0
+    rows = np.flatnonzero(cut)
+    guarded: list[Event] = []
+    turning, place, added = False, -1, 0
+
+    def check(until: int) -> None:
+        nonlocal turning, added
+        first = np.searchsorted(rows, place, side="right")
+        if not turning and first < len(rows) and rows[first] <= until:
+            text = "the file cuts from here with the spindle stopped: start it"
+            guarded.append(Event(int(rows[first]) - 1, "stop", 0.0, text))
+            added, turning = added + 1, True  # once: the operator has answered for what follows
+
+    for event in events:
+        check(event.place)
+        place = max(place, event.place)
+        guarded.append(event)
+        if event.kind in ("spindle_cw", "spindle_ccw"):
+            turning = True
+        elif event.kind in ("spindle_off", "tool"):
+            turning = False
+    check(len(cut))
+    return tuple(guarded), added

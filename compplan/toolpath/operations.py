@@ -1,0 +1,107 @@
+"""What a CAM file does with one tool after the other: an operation is what is cut between two tool changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.toolpath.events import Event
+from compplan.toolpath.toolpath import Toolpath
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One stretch of a file that one tool cuts.
+
+    Attributes:
+        number: T number of the tool; 0 where the file cuts before it calls a tool, or calls it by name.
+        name: Name of the tool, where the file calls it by name, else "".
+        toolpath: What the tool does, its own change the first event.
+
+    """
+
+    number: int
+    name: str
+    toolpath: Toolpath
+
+    @property
+    def tool(self) -> str:
+        """What the file calls the tool: T3, or its name."""
+        return repr(self.name) if self.name else f"T{self.number}"
+
+
+def split_operations(toolpath: Toolpath) -> tuple[Operation, ...]:
+    """Divide a toolpath at its tool changes; what one tool does in a row stays whole, calls that cut nothing go.
+
+    A path of one tool is returned as it is.
+    """
+    changes = [k for k, event in enumerate(toolpath.events) if event.kind == "tool"]
+    cuts = np.flatnonzero(~toolpath.rapid[1:]) + 1
+    edges = [0, *changes, len(toolpath.events)]
+    rows = [-1, *[toolpath.events[k].place for k in changes], len(toolpath) - 1]
+    pieces: list[tuple[tuple[int, str], int, int, list[Event]]] = []  # tool, row before, last row, events
+    for k in range(len(edges) - 1):
+        first, last = rows[k], rows[k + 1]
+        if not ((cuts > first) & (cuts <= last)).any():
+            continue
+        called = toolpath.events[edges[k]] if k else None
+        tool = (0, "") if called is None else (int(called.value), called.text)
+        events = list(toolpath.events[edges[k] if pieces else 0 : edges[k + 1]])
+        if pieces and pieces[-1][0] == tool:
+            before = pieces.pop()
+            first, events = before[1], [*before[3], *events]
+        pieces.append((tool, first, last, events))
+    if len(pieces) <= 1:
+        tool = pieces[0][0] if pieces else (0, "")
+        return (Operation(*tool, toolpath),)
+    return tuple(
+        Operation(*tool, _cut_out(toolpath, first, last, stop_all(events, last)))
+        for tool, first, last, events in pieces
+    )
+
+
+def stop_all(events: Sequence[Event], last: int) -> list[Event]:
+    """Return events that end with spindle and coolant off, as a tool change leaves them."""
+    turning = cooling = False
+    for event in events:
+        turning = event.kind in ("spindle_cw", "spindle_ccw") or (turning and event.kind != "spindle_off")
+        cooling = event.kind in ("coolant", "mist") or (cooling and event.kind != "coolant_off")
+    off = [Event(last, "spindle_off")] if turning else []
+    return [*events, *off, *([Event(last, "coolant_off")] if cooling else [])]
+
+
+def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]) -> Toolpath:
+    """Return the rows after one row up to another. A cut that begins at once begins where the tool stood before."""
+    begin = before + 1 if before < 0 or toolpath.rapid[before + 1] else before
+    rows = slice(begin, last + 1)
+    rapid = toolpath.rapid[rows].copy()
+    rapid[0] = True
+    feed = toolpath.feed[rows].copy()
+    feed[0] = 0.0
+    placed = tuple(
+        replace(event, place=-1 if event.place <= before else min(event.place, last) - begin) for event in events
+    )
+    wrench = None if toolpath.wrench is None else toolpath.wrench[rows]
+    return Toolpath(
+        toolpath.position[rows], toolpath.axis[rows], feed, rapid, wrench, toolpath.frame, toolpath.source,
+        toolpath.notes, placed, arc=None if toolpath.arc is None else toolpath.arc[rows],
+        line=None if toolpath.line is None else toolpath.line[rows],
+    )  # fmt: skip
+
+
+def select_operation(toolpath: Toolpath, number: int) -> Toolpath:
+    """Return one operation of a toolpath, counted from 1.
+
+    Raises:
+        InputError: If there are not as many.
+
+    """
+    found = split_operations(toolpath)
+    if number > len(found):
+        tools = ", ".join(operation.tool for operation in found)
+        message = f"operation {number} is asked for, the file has {len(found)} (tools {tools})"
+        raise InputError(message, file=toolpath.source or None)
+    return found[number - 1].toolpath

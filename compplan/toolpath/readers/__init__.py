@@ -1,0 +1,133 @@
+"""Readers of CAM files, one file a language: they give the toolpath in the part frame, and the facts about the file.
+
+Each reader offers `name`, the `suffixes` of its files, `recognise(text)`, and `read(text, file, options) -> CamFile`.
+`recognise` gets the head of a file and says how surely it is of that language: 0 (or False) not, 1 (True) it may be,
+2 it has marks that no other language has (BEGIN PGM, %_N_NAME_MPF). The suffix only decides between equals.
+A new reader is one new file and one line in `READERS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from compplan.errors import InputError
+from compplan.io.plugins import Registry
+from compplan.toolpath.readers.lines import read_bounded
+from compplan.toolpath.readers.machines import use_machine
+from compplan.toolpath.readers.moves import CamFacts, CamFile
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.toolpath import Toolpath
+
+#: Letters of the head of a file by which its language is known.
+HEAD_LETTERS = 100_000
+
+
+class CamReader(Protocol):
+    """What the file of a reader offers."""
+
+    name: str
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Endings of its files."""
+        ...
+
+    def recognise(self, text: str) -> int:
+        """Tell how surely a text is of this language: 0, 1 or 2."""
+        ...
+
+    def read(self, text: str, file: Path, options: CamTable) -> CamFile:
+        """Read a text of this language."""
+        ...
+
+
+_OWN = ("gcode", "apt", "krl", "rapid", "heidenhain", "sinumerik")
+#: Every reader, by the name of its language, which is that of its module.
+READERS: Registry[CamReader] = Registry[CamReader](_OWN, __name__).install("readers").load_installed()
+
+__all__ = ["READERS", "CamFacts", "CamFile", "CamTable", "find_reader", "list_suffixes", "read_cam", "refuse_idle"]
+
+
+def list_suffixes() -> list[str]:
+    """List the suffixes of CAM files that are known."""
+    return [suffix for reader in READERS.values() for suffix in reader.suffixes]
+
+
+def find_reader(path: Path, text: str) -> CamReader | None:
+    """Return the reader of a file: that whose language the text is most surely in, its suffix between equals.
+
+    Args:
+        path: The file; a text that no reader recognises goes to the reader of its suffix.
+        text: What stands in it.
+
+    """
+    head, suffix = text[:HEAD_LETTERS], path.suffix.lower()
+    ranks = {name: (int(reader.recognise(head)), suffix in reader.suffixes) for name, reader in READERS.items()}
+    best = max(ranks, key=lambda name: ranks[name])
+    return READERS[best] if any(ranks[best]) else None
+
+
+def read_cam(path: str | Path, options: CamTable | None = None) -> CamFile:
+    """Read a CAM file.
+
+    Args:
+        path: The file; its text says what language it is in, and its suffix where the text leaves it open.
+        options: What the file does not say by itself.
+
+    Raises:
+        InputError: With file and line, if the file is not what it has to be.
+
+    """
+    path = Path(path)
+    text = read_bounded(path)
+    reader = find_reader(path, text)
+    if reader is None:
+        known = " ".join((".csv", *list_suffixes()))
+        raise InputError(f"unknown kind of toolpath file '{path.suffix}', choose from {known}", file=path)
+    options = use_machine(options or CamTable(), path)
+    file: CamFile = reader.read(text, path, options)
+    if options.feed_mm_s is not None:
+        file = set_missing_feed(file, options.feed_mm_s)
+    notes = file.facts.notes
+    if options.strict and notes:
+        message = f"{len(notes)} notes, strict allows none; the first: {notes[0]}"
+        raise InputError(message, file=path)
+    return file
+
+
+def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
+    """Give a feed to the cutting moves for which a file states none, or 0; a note says how many.
+
+    Args:
+        file: The file.
+        feed_mm_s: The feed. [mm/s]
+
+    """
+    path = file.toolpath
+    bare = ~path.rapid & (path.feed == 0.0)
+    bare[:1] = False
+    if not bare.any():
+        return file
+    note = f"{int(bare.sum())} cutting moves have no feed in the file: {feed_mm_s:g} mm/s is taken (feed_mm_s)"
+    told = (*path.notes, f"{Path(file.facts.file).name}, {note}.")
+    toolpath = replace(path, feed=np.where(bare, feed_mm_s * 1e-3, path.feed), notes=told)
+    return replace(file, toolpath=toolpath, facts=replace(file.facts, notes=(*file.facts.notes, note)))
+
+
+def refuse_idle(cam: CamFile) -> Toolpath:
+    """Return the toolpath of a file that cuts something.
+
+    Raises:
+        InputError: If it holds drilling alone, or nothing to cut.
+
+    """
+    if cam.facts.cutting_moves or cam.facts.rotary_only_moves or cam.toolpath.cutting_length > 0.0:
+        return cam.toolpath
+    if cam.facts.cycles:
+        message = f"drilling only, {cam.facts.cycles} holes and no other cut; the option cycles = expand cuts them"
+        raise InputError(message, file=cam.facts.file)
+    raise InputError("nothing to cut: no move with feed in this file", file=cam.facts.file)

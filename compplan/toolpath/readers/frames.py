@@ -1,0 +1,174 @@
+"""Frames of a CNC program: where its coordinates stand in the part. Millimetres; plain numbers, one point at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from compplan.toolpath.readers.arcs import Arc, Point, combine, cross, dot
+
+Rows = tuple[Point, Point, Point]
+UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+NOWHERE: Point = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Hold an affine map: p_part = rows p + origin; rows is a rotation, mirrored or not, times a scale.
+
+    `invert`, `scale` and `mirrored` are those of a similarity, whose scale is one; `undo` takes a scale for each axis.
+
+    Args:
+        rows: Rows of the matrix.
+        origin: Where the frame's own origin stands. [mm]
+
+    """
+
+    rows: Rows = UNIT
+    origin: Point = NOWHERE
+
+    @property
+    def plain(self) -> bool:
+        """Whether the frame is shifted at most."""
+        return self.rows is UNIT or self.rows == UNIT
+
+    def apply(self, point: Point) -> Point:
+        """Return where a point of the frame stands."""
+        x, y, z = self.origin
+        if self.rows is UNIT:
+            return point[0] + x, point[1] + y, point[2] + z
+        a, b, c = self.rows
+        return dot(a, point) + x, dot(b, point) + y, dot(c, point) + z
+
+    def turn(self, vector: Point) -> Point:
+        """Return a vector of the frame."""
+        a, b, c = self.rows
+        return dot(a, vector), dot(b, vector), dot(c, vector)
+
+    def then(self, other: Frame) -> Frame:
+        """Return the frame that stands at `other` in this one."""
+        columns = tuple(zip(*other.rows, strict=True))
+        rows = tuple(tuple(dot(row, column) for column in columns) for row in self.rows)  # type: ignore[arg-type]
+        return Frame(UNIT if rows == UNIT else rows, self.apply(other.origin))  # type: ignore[arg-type]
+
+    def invert(self) -> Frame:
+        """Return the frame of the part as seen from this one."""
+        if self.rows is UNIT:
+            return Frame(UNIT, (-self.origin[0], -self.origin[1], -self.origin[2]))
+        square = dot(self.rows[0], self.rows[0])
+        rows = tuple(tuple(self.rows[j][i] / square for j in range(3)) for i in range(3))
+        back = Frame(rows)  # type: ignore[arg-type]
+        x, y, z = back.turn(self.origin)
+        return Frame(back.rows, (-x, -y, -z))
+
+    def undo(self, point: Point) -> Point:
+        """Return the point of the frame that stands here; its axes may be scaled apart from each other."""
+        return as_point(np.linalg.solve(np.array(self.rows), np.subtract(point, self.origin)))
+
+    def measure_scale(self) -> float | None:
+        """Return by what lengths grow, negative where it mirrors; None where not all directions grow alike."""
+        gram = np.array(self.rows) @ np.array(self.rows).T
+        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-9, atol=1e-12):
+            return None
+        return math.copysign(math.sqrt(gram[0, 0]), float(np.linalg.det(np.array(self.rows))))
+
+    def place_arc(self, arc: Arc) -> Arc | None:
+        """Return what becomes of an arc; None where it would be one of an ellipse."""
+        scale = self.measure_scale()
+        if scale is None:
+            return None
+        size, sense = abs(scale), math.copysign(1.0, scale)
+        return replace(
+            arc, centre=self.apply(arc.centre), first=combine(1.0 / size, self.turn(arc.first), 0.0, arc.first),
+            normal=combine(1.0 / size, self.turn(arc.normal), 0.0, arc.normal), radius=arc.radius * size,
+            end_radius=arc.end_radius * size, sweep=arc.sweep * sense, rise=arc.rise * size,
+        )  # fmt: skip
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the frame is left-handed."""
+        return dot(cross(self.rows[0], self.rows[1]), self.rows[2]) < 0.0
+
+    @property
+    def scale(self) -> float:
+        """How long a unit of the frame is."""
+        return math.sqrt(dot(self.rows[0], self.rows[0]))
+
+
+def shift(x: float, y: float, z: float) -> Frame:
+    """Return a frame that is shifted."""
+    return Frame(UNIT, (x, y, z))
+
+
+def rotate(axis: int, degrees: float) -> Frame:
+    """Return a frame that is turned about X, Y or Z (0, 1, 2) by the right hand; quarter turns are exact."""
+    quarter = round(degrees / 90.0)
+    if degrees == 90.0 * quarter:
+        sine, cosine = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))[quarter % 4]
+    else:
+        sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    one, other = (axis + 1) % 3, (axis + 2) % 3
+    rows = [list(row) for row in UNIT]
+    rows[one][one] = rows[other][other] = cosine
+    rows[one][other], rows[other][one] = -sine, sine
+    return Frame(tuple(tuple(row) for row in rows))  # type: ignore[arg-type]
+
+
+def stretch(x: float, y: float, z: float) -> Frame:
+    """Return a frame whose axes are mirrored or scaled by these factors, of one size."""
+    return Frame(((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)))
+
+
+def stand_on(first: Point, normal: Point) -> Frame:
+    """Return the frame whose z points along a normal and whose x as far as it can along a direction.
+
+    Raises:
+        ValueError: If the two are parallel, or one is nothing.
+
+    """
+    length = math.hypot(*normal)
+    if length < 1e-9:
+        raise ValueError("the normal of the plane has no direction")
+    z = normal[0] / length, normal[1] / length, normal[2] / length
+    y = cross(z, first)
+    size = math.hypot(*y)
+    if size < 1e-9 * max(1.0, math.hypot(*first)):
+        raise ValueError("normal and base vector of the plane are parallel")
+    y = y[0] / size, y[1] / size, y[2] / size
+    x = cross(y, z)
+    return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
+
+
+def as_point(numbers: Sequence[float] | np.ndarray) -> Point:
+    """Return three numbers as a point, without negative zeros."""
+    return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0, float(numbers[2]) + 0.0
+
+
+def turn_about(centre: Point, turn: Rotation) -> Frame:
+    """Return a rotation about a point [mm]."""
+    matrix = turn.as_matrix()
+    rows = as_point(matrix[0]), as_point(matrix[1]), as_point(matrix[2])
+    return Frame(rows, combine(1.0, centre, -1.0, as_point(matrix @ np.array(centre))))
+
+
+def scale_about(centre: Point, scales: Point) -> Frame:
+    """Return a scaling of each axis about a point [mm]; negative scales mirror."""
+    rows = (scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])
+    return Frame(rows, as_point([centre[axis] * (1.0 - scales[axis]) for axis in range(3)]))
+
+
+def tilt_plane(origin: Point, turn: Rotation, zero: Point) -> Frame:
+    """Return a tilted work plane: its coordinates count from `origin`, which itself counts from the program's zero.
+
+    Args:
+        origin: Origin of the plane. [mm]
+        turn: Rotation of its axes, as seen from the part.
+        zero: Where the program's zero stands. [mm]
+
+    """
+    turned = turn_about(zero, turn)
+    return replace(turned, origin=combine(1.0, turned.origin, 1.0, origin))

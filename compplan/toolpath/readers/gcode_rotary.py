@@ -1,0 +1,152 @@
+"""Rotary axes of a milling machine: what A B C turn (head, table, or both), and where that puts tool and part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from compplan.toolpath.readers.arcs import Point, combine, dot
+from compplan.toolpath.readers.frames import UNIT, Frame
+from compplan.toolpath.readers.options import CamTable
+
+UP: Point = (0.0, 0.0, 1.0)
+#: Sets of letters whose order on a machine goes without saying: a table's C sits on its tilt, a head's tilt on its C.
+TILTS = frozenset("AB")
+
+
+class RotaryError(ValueError):
+    """Tell what is not known of the machine that turns A B C."""
+
+
+@dataclass(frozen=True)
+class RotaryMachine:
+    """Hold the rotary axes of a machine.
+
+    Args:
+        head: Letters and senses of the axes that turn the tool, the one that carries the others first.
+        table: ... of the axes that turn the part; positive turns the part by the right hand where the sense is 1.
+        centre: Where the first axis of the table passes, in the part frame with all axes at 0. [mm]
+        offset: From the first axis of the table to the second. [mm]
+        pivot: Distance from the tip of the tool to where the axes of the head meet. [mm]
+
+    """
+
+    head: tuple[tuple[str, float], ...] = ()
+    table: tuple[tuple[str, float], ...] = ()
+    centre: Point | None = None
+    offset: Point = (0.0, 0.0, 0.0)
+    pivot: float | None = None
+
+    def point_tool(self, angles: Mapping[str, float]) -> Point:
+        """Return the tool axis in the part frame.
+
+        axis = T^-1 H z, with the head H = R1 R2 and the table T = R1 R2, each the axis that carries the other first.
+
+        Args:
+            angles: Of the axes. [deg]
+
+        """
+        axis = UP
+        for letter, sense in self.head[::-1]:
+            axis = _turn(letter, sense * angles.get(letter, 0.0), axis)
+        for letter, sense in self.table:
+            axis = _turn(letter, -sense * angles.get(letter, 0.0), axis)
+        return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
+
+    def place(self, angles: Mapping[str, float]) -> Frame:
+        """Return where X Y Z stand in the part frame that are positions of the machine (no control of the tip).
+
+        Args:
+            angles: Of the axes. [deg]
+
+        Raises:
+            RotaryError: If pivot or centre are needed and not known.
+
+        """
+        placed = Frame()
+        if any(angles.get(letter) for letter, _ in self.head):
+            if self.pivot is None:
+                raise RotaryError("pivot_mm = the distance from the tool tip to where the rotary axes meet")
+            swing = combine(1.0, UP, -1.0, RotaryMachine(self.head).point_tool(angles))
+            placed = Frame(origin=combine(self.pivot, swing, 0.0, swing))
+        if any(angles.get(letter) for letter, _ in self.table):
+            if self.centre is None:
+                raise RotaryError("rotary_centre_mm = [x, y, z] of the first table axis as seen from the part zero")
+            centre = self.centre
+            for letter, sense in self.table:
+                angle = -sense * angles.get(letter, 0.0)
+                columns = [_turn(letter, angle, unit) for unit in UNIT]
+                rows = tuple((columns[0][row], columns[1][row], columns[2][row]) for row in range(3))
+                turned = tuple(dot(row, centre) for row in rows)
+                step = (centre[0] - turned[0], centre[1] - turned[1], centre[2] - turned[2])
+                placed = Frame((rows[0], rows[1], rows[2]), step).then(placed)
+                centre = combine(1.0, centre, 1.0, self.offset)
+        return placed
+
+
+def _turn(letter: str, angle: float, vector: Point) -> Point:
+    """Return a vector turned about the axis of a rotary letter by the right hand; angle in degrees."""
+    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
+    x, y, z = vector
+    if letter == "A":
+        return x, cosine * y - sine * z, sine * y + cosine * z
+    if letter == "B":
+        return cosine * x + sine * z, y, cosine * z - sine * x
+    return cosine * x - sine * y, sine * x + cosine * y, z
+
+
+def order_axes(kind: str, letters: Iterable[str], stated: Iterable[str] | None) -> tuple[list[str], list[str]]:
+    """Return the axes of head and table, each with its sign, the one that carries the other first.
+
+    Args:
+        kind: "head", "table" or "head_table".
+        letters: Letters that the file turns.
+        stated: Order as the user states it; the first axis is the head's in a head_table.
+
+    Raises:
+        RotaryError: If the order is not known.
+
+    """
+    used = sorted(set(letters))
+    if stated is not None:
+        order = list(stated)
+        missing = [letter for letter in used if letter not in {axis[-1] for axis in order}]
+        if missing:
+            raise RotaryError(f"rotary_axes with {missing[0]}, which the file turns")
+    elif set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used):
+        example = "C" if kind == "table" else "B"
+        raise RotaryError(f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first')
+    else:
+        order = used if kind != "head" else used[::-1]
+    if kind == "head":
+        return order, []
+    if kind == "table":
+        return [], order
+    if len(order) == 1:
+        raise RotaryError('rotary = "head" or "table": one axis alone is not both')
+    return order[:1], order[1:]
+
+
+def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
+    """Return the machine that the user states.
+
+    Args:
+        options: Its kind, axes and distances.
+        letters: Letters that the file turns.
+
+    Raises:
+        RotaryError: If the order of the axes is not known.
+
+    """
+    try:
+        head, table = order_axes(options.rotary or "", letters, options.rotary_axes)
+    except RotaryError as fault:
+        used = ", ".join(sorted(letters))
+        raise RotaryError(f"of rotary axes {used}, which carries the other is not known; state {fault}") from None
+    signed = [tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in axes) for axes in (head, table)]
+    centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
+    return RotaryMachine(
+        signed[0], signed[1], None if centre is None else (centre[0], centre[1], centre[2]),
+        (offset[0], offset[1], offset[2]), options.pivot_mm,
+    )  # fmt: skip

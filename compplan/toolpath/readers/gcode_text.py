@@ -1,0 +1,257 @@
+"""The lines of a G-code file: headers, marks, vendor words, subprograms; their words go to the reader of blocks."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+
+from compplan.toolpath.readers.gcode_flow import DEEPEST, HEAD, MOST_CALLS, GcodeFlowReader
+from compplan.toolpath.readers.gcode_machine import owns_words
+from compplan.toolpath.readers.gcode_state import AXES, State
+from compplan.toolpath.readers.gcode_vendor import (
+    CALL,
+    COORDINATE,
+    GEOMETRY,
+    HARMLESS,
+    IDENTIFIER,
+    SHIFT,
+    SIEMENS,
+    TEXT,
+    drop_harmless,
+    find_geometry,
+)
+from compplan.toolpath.readers.gcode_words import (
+    BLOCK,
+    CONTROL,
+    CONVERSATIONAL,
+    NAME_LINE,
+    SKIP_MARK,
+    SKIP_WITHIN,
+    TIP_CONTROL,
+    UNSIGNED_EXPONENT,
+    check_words,
+    split_words,
+    strip_comments,
+)
+from compplan.toolpath.readers.lines import read_bounded, split_lines
+from compplan.toolpath.readers.moves import MoveLog
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.plain import PLAIN_CODE
+
+Words = list[tuple[str, float]]
+#: A line that an M code owns, its text included.
+OWNER_LINE = re.compile(r"(?:N\d+\s*)?M0*(\d+(?:\.\d+)?)(?=[\sA-Z]|$)(?!.*\bG\d)")
+#: Home of a printer: bare letters name axes (G28 X Y) or ways to do it (G28 W); all axes are elsewhere after it.
+BARE_HOME = re.compile(r"(?:N\d+\s*)?G28(?:\s+[A-Z]\d?)+\s*")
+#: Macro variables and control of the flow (Fanuc).
+MACRO = re.compile(
+    r"#\s*[\d#<\[]|(?<![A-Z_])[A-Z,]\s*[-+]?\s*\[|"
+    r"^(?:N\s*\d+\s*)?(?:IF\s*\[|WHILE\s*\[|GOTO\s*\d|DO\s*[1-9]\s*$|END\s*[1-9]\s*$)"
+)
+TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
+MOTION = re.compile(r"(?<![A-Z0-9])G0*[0-3](?![\d.])")
+
+
+class TextReader(GcodeFlowReader):
+    """Read the lines of a program."""
+
+    def __init__(self, file: Path, options: CamTable, state: State) -> None:
+        super().__init__(file)
+        self.options, self.state = options, state
+        self.log = MoveLog(options.chord_tolerance_mm, self)
+        self.begun = self.steady = False
+        self.siemens = file.suffix.lower() in (".mpf", ".spf")
+
+    @abstractmethod
+    def is_steady(self) -> bool:
+        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+
+    @abstractmethod
+    def cut_plain(self, found: re.Match[str]) -> bool:
+        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
+
+    @abstractmethod
+    def run_block(self, words: Words) -> bool:
+        """Carry out one block; return whether the program ends."""
+
+    @abstractmethod
+    def finish(self) -> None:
+        """Refuse what is left open at the end of the program."""
+
+    def run(self, lines: Sequence[str]) -> None:
+        """Read every line up to the end of the program."""
+        self._run_lines(lines, 0, self._find_programs(lines))
+        self.finish()
+        if not self.state.unit_stated:
+            unit = self.options.unit or "mm"
+            self.log.note(f"no unit is stated (G20, G21): {unit} is assumed", 1)
+
+    def _run_line(self, raw: str) -> bool:
+        """Carry out one line; return whether the program ends."""
+        if self.steady and (found := PLAIN_CODE.fullmatch(raw)) and self.cut_plain(found):
+            return False
+        ended = self._run_any(raw)
+        self.steady = self.is_steady()
+        return ended
+
+    def _run_any(self, raw: str) -> bool:
+        """Carry out a line of any kind; return whether the program ends."""
+        try:
+            line, comments = strip_comments(raw)
+        except ValueError as fault:
+            raise self.error(str(fault)) from None
+        for comment in comments:
+            self.log.happen("comment", self.line, text=comment)
+        if not line:
+            return False
+        if len(line) > 200:
+            line = " ".join(line.split())
+        if line[0] in "%<:O" and NAME_LINE.fullmatch(line):
+            self.siemens = self.siemens or line.startswith("%_N_")
+            return line[0] == "%" and (self.state.moved or (self.begun and line.startswith("%_N_")))
+        if "/" in line:
+            line = self._drop_marks(line)
+        words, rest = split_words(line)
+        if rest and (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
+            self.log.note(f"M{owner.group(1)} is not read", self.line)
+            self.log.happen("comment", self.line, text=f"M{owner.group(1)} of the CAM file")
+            return False
+        if rest and BARE_HOME.fullmatch(line):
+            words, rest = [("G", 28.0)], ""
+        if rest and not self.siemens and MACRO.search(line):
+            spelled = self.run_macro(line)
+            if spelled is None:
+                return False
+            line = spelled
+            words, rest = split_words(line)
+        if (rest or (words and words[0][0] in "LN")) and self._call(line):
+            return False
+        named = TOOL_NAME.search(raw) if '"' in raw else None
+        if rest:
+            explained = self._explain(re.sub(r"^N\d+\s*", "", line), raw)
+            if explained is None:
+                return False
+            words = explained
+        elif "E" in line and UNSIGNED_EXPONENT.search(line):
+            raise self.error(f"number {line[:40]!r} may be read in two ways, write it without an exponent")
+        fault_text = check_words(words)
+        if fault_text:
+            raise self.error(fault_text)
+        if named:
+            self.state.tool_name = named.group(1)
+        self.begun = self.begun or any(letter not in "NO" for letter, _ in words)
+        return self.run_block(words)
+
+    def _drop_marks(self, line: str) -> str:
+        """Return a line without the marks of blocks that an operator may skip."""
+        marked = SKIP_WITHIN.sub(" ", SKIP_MARK.sub(r"\1", line, count=1) if SKIP_MARK.match(line) else line)
+        if marked != line:
+            self.log.note("blocks marked with / are read", self.line)
+        return marked.strip()
+
+    def _explain(self, line: str, raw: str) -> Words | None:
+        """Deal with a line that holds more than words; return the words to be read, None where there are none."""
+        if CONVERSATIONAL.match(line):
+            raise self.error(f"conversational block {line[:40]!r}; post-process the program to ISO G-code (G0 to G3)")
+        if CONTROL.match(line):
+            raise self.error(f"program control {line[:40]!r} is not read; write the program out in the CAM system")
+        if line == "RET":
+            return [("M", 17.0)]
+        self.siemens = self.siemens or SIEMENS.search(line) is not None
+        if SHIFT.match(line):
+            self._shift(line)
+            return None
+        if line.startswith("MSG") and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
+            self.log.happen("comment", self.line, text=told.group(1))
+            return None
+        geometry = find_geometry(line, raw)
+        if geometry:
+            raise self.error(f"{geometry} is not read and changes the path or its frame; post-process without it")
+        if TIP_CONTROL.search(line):
+            self.state.tip_control = True
+        if re.search(r"\bSUPA\b", line):
+            words = self._read_past(re.sub(r"\bSUPA\b", " ", line).strip())
+            return [*(words or []), ("G", 153.0)]
+        if not self.begun and not BLOCK.match(line) and not IDENTIFIER.match(line):
+            self.log.note(f"text before the first block is not read: {line[:20]!r}", self.line)
+            return None
+        return self._read_past(line)
+
+    def _read_past(self, line: str) -> Words | None:
+        """Read past the words of a line that say nothing of the path."""
+        if re.search(r"#|\bR\d+\s*=|=\s*[A-Z(]|(?<![A-Z\d])[A-Z]\s*=?\s*\[", line):
+            raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out")
+        if re.search(r"[\d.]O", line):
+            raise self.error(f"letter O stands in or beside a number in {line[:40]!r}, expected digits")
+        if re.search(r"(?<![A-Z0-9])[ABC][2-7]\s*=", line):
+            raise self.error(f"orientation {line[:40]!r} is not read, expected A3= B3= C3= or rotary axes A B C")
+        bare, known, unknown = drop_harmless(line)
+        if unknown:
+            word = unknown[0][:20]
+            plain = unknown[0] in TEXT or not (self.begun or self.siemens)
+            rest_of_line = IDENTIFIER.sub(" ", bare)
+            if not plain and (self.siemens or COORDINATE.search(rest_of_line) or MOTION.search(rest_of_line)):
+                raise self.error(f"word {word} is not read and may move the tool; post-process without it")
+            self.log.note(f"vendor word {word} is not read", self.line)
+            return None
+        for word in known:
+            self.log.note(f"vendor word {word[:20]} is not read", self.line)
+        words, rest = split_words(bare.replace('"', " "))
+        rest = re.sub(r"\bT\s*=?(?=\s|$)", "", rest).strip() if '"' in bare else rest
+        if not rest:
+            return words
+        if set(rest) <= set("*%,:$!") or re.fullmatch(r"[DEHLNOPQST]", rest):
+            self.log.note(f"character {rest[0]!r} is not read", self.line)
+            return words
+        if "[" in rest:
+            raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out")
+        raise self.error(f"cannot read {rest[:40]!r}, expected words such as X12.5")
+
+    def _shift(self, line: str) -> None:
+        """Shift the program's origin (TRANS in place of, ATRANS on top of what shifts it)."""
+        found = SHIFT.match(line)
+        assert found is not None
+        numbers = dict(split_words(found.group(2))[0])
+        state = self.state
+        old = [value / state.scale for value in state.shift] if found.group(1) == "ATRANS" else [0.0, 0.0, 0.0]
+        state.set_shift({axis: old[axis] + numbers.get(AXES[axis], 0.0) for axis in range(3)})
+
+    def _find_programs(self, lines: Sequence[str]) -> int:
+        """Find the subprograms that stand in the file, after %_N_NAME_SPF or O1000; return where the first one ends."""
+        heads = [index for index, line in enumerate(lines) if line.startswith("%_N_")]
+        for index, stop in zip(heads, [*heads[1:], len(lines)], strict=False):
+            found = re.match(r"%_N_(\w+)_SPF", lines[index].upper())
+            if found:
+                self.programs[found.group(1)] = (lines, index + 1, stop, self.file)
+        numbers = [(index, found.group(1)) for index, line in enumerate(lines)
+                   if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
+        for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
+            self.programs.setdefault(number, (lines, index + 1, stop, self.file))
+        return numbers[1][0] if len(numbers) > 1 else len(lines)
+
+    def _call(self, line: str) -> bool:
+        """Carry out a call of a subprogram (L100 P3, or its name); return whether the line is one."""
+        found = CALL.match(line)
+        if not found:
+            return False
+        called, times = found.group(1), int(found.group(2) or 1)
+        known = called in HARMLESS or called in TEXT or GEOMETRY.fullmatch(called)
+        if called not in self.programs and not known:
+            for candidate in (f"{called}.SPF", f"{called}.spf", f"{called.lower()}.spf"):
+                beside = self.file.with_name(candidate)
+                if beside.is_file():
+                    found_lines = split_lines(read_bounded(beside))
+                    self.programs[called] = (found_lines, 0, len(found_lines), beside)
+                    break
+        if called not in self.programs:
+            if re.fullmatch(r"L\d+", called):
+                where = f"neither %_N_{called}_SPF in this file nor {called}.SPF beside it is there"
+                raise self.error(f"subprogram call {called} is not read: {where}")
+            return False
+        if times > MOST_CALLS or self.depth >= DEEPEST:
+            raise self.error(f"subprogram {called} is called {times} times at depth {self.depth + 1}, allowed are "
+                             f"{MOST_CALLS} times and a depth of {DEEPEST}")  # fmt: skip
+        self._run_program(self.programs[called], times)
+        return True

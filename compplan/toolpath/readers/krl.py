@@ -1,0 +1,327 @@
+"""KUKA KRL programs (.src, with positions in the .dat beside them): LIN, CIRC, SPLINE and PTP in a base frame."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+
+from compplan.io.tables import Array
+from compplan.toolpath.readers.krl_flow import ProgramReader
+from compplan.toolpath.readers.krl_words import (
+    AGGREGATE,
+    ANGLES,
+    ASKED,
+    ASSIGN,
+    AXES,
+    BAS,
+    CALL,
+    CLOSES,
+    ENDING,
+    EXTERNAL,
+    ITEM,
+    MOTION,
+    OPENS,
+    OUTPUT,
+    PLACE,
+    SILENT,
+    WAITS,
+    read_pose,
+)
+from compplan.toolpath.readers.lines import count_lines
+from compplan.toolpath.readers.moves import FARTHEST, CamFile
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.robot_moves import NUMBER, RobotMoves, split_fields
+
+name = "krl"
+suffixes = (".src", ".sub")
+
+
+def recognise(text: str) -> bool:
+    """Tell whether a text of unknown suffix is KRL."""
+    head = r"^[ \t]*(&ACCESS|(GLOBAL )?DEF +\w+ *\([^()\r\n]*\)[ \t]*(;.*)?\r?$)"
+    return re.search(head, text, re.MULTILINE | re.IGNORECASE) is not None
+
+
+def read(text: str, file: Path, options: CamTable) -> CamFile:
+    """Read a KRL program: the first one of the file, with those that it calls in the file or beside it.
+
+    The path stands in the base that is in force at the first position. PTP moves are rapid.
+
+    Args:
+        text: The program.
+        file: Its file, for messages; NAME.dat beside it holds positions.
+        options: What the program does not say by itself.
+
+    Raises:
+        InputError: With file and line, if a move stands in a loop or a branch, is relative, or goes nowhere known.
+
+    """
+    reader = _KrlReader(file, options)
+    reader.run(text)
+    return reader.moves.log.finish(file, "krl", "mm", count_lines(text))
+
+
+class _KrlReader(ProgramReader):
+    """Follow a program statement by statement."""
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        super().__init__(file)
+        self.options = options
+        self.moves = RobotMoves(options)
+        self.moves.log.reader = self
+        self.feed = 0.0
+        self.own: float | None = None
+        self.frames: dict[str, Array] = {"$NULLFRAME": np.eye(4)}
+        self.base: Array | None = None
+        self.base_name = ""
+        self.placed = False
+        self.positions: dict[str, str] = {}
+        self.last: dict[str, float] = {}
+        self.spline: list[Array] | None = None
+        self.called = ""
+
+    def carry_out(self, statement: str) -> None:
+        if OPENS.match(statement):
+            self.blocks += 1
+        elif CLOSES.match(statement):
+            self.blocks = max(0, self.blocks - 1)
+        elif re.match(r"GOTO\b", statement):
+            raise self.error("GOTO is not read; write the moves out in a row")
+        elif re.match(r"ASY?S?PTP\b|ASYPTP\b", statement):
+            raise self.error("ASYPTP (external axes on their own) is not read; write positions with E1 .. E6")
+        elif MOTION.match(statement) and not re.match(r"\w+\s*(=|\()", statement):
+            if self.blocks:
+                raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+            self._move(statement)
+        elif BAS.match(statement):
+            self._set_up(*BAS.match(statement).groups())  # type: ignore[union-attr]
+        elif self._switch(statement) or self.assign(statement) or SILENT.match(statement) or statement.endswith(":"):
+            pass
+        elif CALL.match(statement):
+            self.call(statement)
+        else:
+            self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
+
+    def tell(self, raw: str) -> None:
+        """Keep a comment; folds are the editor's."""
+        text = raw.partition(";")[2].strip() if ";" in raw else ""
+        if text and not re.match(r"(END)?FOLD\b|%\{", text, re.IGNORECASE):
+            self.moves.log.happen("comment", self.line, text=text)
+
+    def _switch(self, statement: str) -> bool:
+        """Carry out a statement that waits, stops or sets a signal; return whether it is one."""
+        log, output, waits = self.moves.log, OUTPUT.match(statement), WAITS.match(statement)
+        if self.blocks and (output or waits or ASKED.match(statement) or statement == "HALT"):
+            log.happen("call", self.line, text=f"in a loop or a branch: {statement}")
+        elif output:
+            log.happen("output", self.line, value=float(output.group(2) == "TRUE"), text=output.group(1))
+        elif waits:
+            log.happen("dwell", self.line, value=max(float(waits.group(1)), 0.0))
+        elif statement == "HALT":
+            log.happen("stop", self.line)
+        elif ASKED.match(statement):
+            log.happen("call", self.line, text=statement)
+        else:
+            return False
+        return True
+
+    def assign(self, statement: str) -> bool:
+        """Carry out an assignment; return whether it is one."""
+        found = ASSIGN.match(statement)
+        if not found or MOTION.match(statement):
+            return False
+        target, value = found.groups()
+        target = target.replace(" ", "")
+        whole, _, part = target.partition(".")
+        if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
+            self._set_system(target, statement, value)
+        elif whole in ("$BASE", "$TOOL"):
+            raise self.error(f"a part of {whole} is set ({statement[:30]}); write the whole frame")
+        elif whole in self.positions or whole in self.frames:
+            self._set_position(whole, part, value)
+        elif target.startswith("BASE_DATA[") and not self.blocks:
+            self.frames[target] = self._frame(value)
+        elif AGGREGATE.match(value) and not target.startswith("$") and not self.blocks:
+            self.positions[target] = value
+        return True
+
+    def _set_position(self, name: str, part: str, value: str) -> None:
+        """Give a position or a frame that is known another value, or forget it where the value is not known."""
+        position, frame = self.positions.pop(name, None), self.frames.pop(name, None)
+        if self.blocks:
+            return
+        if position is not None and not part and (AGGREGATE.match(value) or value in self.positions):
+            self.positions[name] = self.positions.get(value, value)
+        elif frame is not None and not part and (AGGREGATE.match(value) or value in self.frames):
+            self.frames[name] = self.frames[value] if value in self.frames else self._frame(value)
+        elif position is not None and part and re.fullmatch(NUMBER, value):
+            numbers = {**self._numbers(position), part: float(value)}
+            self.positions[name] = "{" + ",".join(f"{key} {number!r}" for key, number in numbers.items()) + "}"
+
+    def _set_system(self, target: str, statement: str, value: str) -> None:
+        if self.blocks and target != "$TOOL":
+            raise self.error(f"{target} is set in a loop or a branch; write the program out")
+        if target == "$BASE":
+            self._use_base(value.strip())
+        elif target == "$TOOL" and self.moves.pose is not None:
+            self.moves.note_tool(self.line)
+        elif target == "$IPO_MODE" and "TCP" in value:
+            raise self.error("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
+        elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
+            speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", statement)
+            if not speed and self.options.feed_mm_s is None:
+                raise self.error(f"{statement[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
+            self.feed = float(speed.group(1)) * 1e3 if speed else 0.0
+
+    def _set_up(self, word: str, value: str) -> None:
+        """Carry out BAS(#word, value)."""
+        if word == "VEL_CP":
+            if not re.fullmatch(NUMBER, value.strip()):
+                raise self.error(f"speed {value!r} is no number")
+            self.feed = float(value) * 1e3
+        elif word == "BASE":
+            self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
+        elif word == "TOOL" and self.moves.pose is not None:
+            self.moves.note_tool(self.line)
+
+    def _use_base(self, value: str) -> None:
+        """Put a base in force; the path stays in the one that was in force at its first position."""
+        known = self._frame(value) if value.startswith("{") else self.frames.get(value)
+        if not self.placed:
+            self.base, self.base_name = known, value
+            return
+        if known is None and self.base is None and value == self.base_name:
+            return
+        if known is None or self.base is None:
+            before = self.base_name or "the one before"
+            raise self.error(f"base changes from {before} to {value}, and their places are not both known")
+        self.moves.frame = self.moves.frame @ np.linalg.inv(self.base) @ known
+        self.base, self.base_name, self.last = known, value, {}
+
+    def _frame(self, value: str) -> Array:
+        numbers = self._numbers(value)
+        return read_pose({**dict.fromkeys((*PLACE, *ANGLES), 0.0), **numbers})
+
+    def _numbers(self, text: str) -> dict[str, float]:
+        """Return the numbers of {X 1,Y 2,..}."""
+        found = AGGREGATE.match(text.strip())
+        if not found:
+            raise self.error(f"position {text.strip()[:30]!r} is not read, expected {{X 1,Y 2,Z 3,A 0,B 0,C 0}}")
+        inside, place = found.group(1).strip(), 0
+        numbers: dict[str, float] = {}
+        while place < len(inside):
+            item = ITEM.match(inside, place)
+            if not item or item.group(1) in numbers:
+                text = inside[place : place + 20].strip()
+                raise self.error(f"position {text!r} is not read, expected numbers by name, each once")
+            numbers[item.group(1)] = 0.0 if item.group(2).startswith("'") else float(item.group(2))
+            if not abs(numbers[item.group(1)]) < FARTHEST:
+                raise self.error(f"coordinate {item.group(0).strip(' ,')}, less than {FARTHEST:g} is allowed")
+            place = item.end()
+        return numbers
+
+    def _target(self, text: str) -> dict[str, float]:
+        """Return the numbers of a position: written out, or declared by name."""
+        text = text.strip()
+        if text.startswith("{"):
+            end = text.find("}") + 1
+            position = text
+        else:
+            word = re.match(r"\$?[A-Z]\w*(\[\d+\])?", text)
+            if not word or word.group(0) not in self.positions:
+                raise self.error(f"position {text[:24]!r} is not known here or in the .dat file")
+            end, position = word.end(), self.positions[word.group(0)]
+        if not ENDING.match(text, end):
+            raise self.error(f"{text[end : end + 24].strip()!r} after a position is not read, expected C_DIS and such")
+        return self._numbers(position)
+
+    def _read_with(self, extra: str) -> None:
+        """Read what holds for one move (WITH): its speed; frames and modes are refused."""
+        self.own = None
+        for item in split_fields(extra, "{", "}"):
+            if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
+                raise self.error(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
+            if "$VEL" not in item or "CP" not in item:
+                continue
+            speed = re.search(rf"CP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", item)
+            if speed:
+                self.own = float(speed.group(1)) * 1e3
+            else:
+                raise self.error(f"{item.strip()[:40]!r} sets no speed in m/s")
+
+    def _pose(self, numbers: dict[str, float]) -> Array:
+        """Return a pose; coordinates that are not named stay."""
+        turned = {key: abs(value - self.last.get(key, value)) for key, value in numbers.items() if key in EXTERNAL}
+        if max(turned.values(), default=0.0) > 1e-6:
+            self.moves.log.note("external axes move: the path is taken in the base as it is written", self.line)
+        full = {**self.last, **numbers}
+        missing = [key for key in (*PLACE, *ANGLES) if key not in full]
+        if missing:
+            raise self.error(f"position without {' '.join(missing)}, which nothing before it states")
+        self.last, self.placed = full, True
+        return read_pose(full)
+
+    def _move(self, statement: str) -> None:
+        statement, _, extra = statement.partition(" WITH ")
+        kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
+        if extra and kind == "SPL":
+            raise self.error("SPL with data of its own (WITH) is not read; give them to the SPLINE")
+        if self.spline is None:
+            self._read_with(extra)
+        if kind.endswith("_REL"):
+            raise self.error(f"{kind} (relative moves) is not read; write absolute positions")
+        if kind == "SPLINE":
+            self.spline = []
+            return
+        if kind == "ENDSPLINE":
+            poses, self.spline = self.spline, None
+            if poses:
+                self.moves.spline(poses, self._speed(), self.line)
+            return
+        if self.spline is not None and kind != "SPL":
+            raise self.error(f"{kind} within SPLINE is not read, only SPL is")
+        parts = split_fields(rest, "{", "}")
+        named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
+        if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
+            note = f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file"
+            self.moves.log.note(note, self.line)
+            self.moves.lose()
+            return
+        numbers = self._target(parts[0])
+        if kind in ("PTP", "SPTP"):
+            self._joint(numbers)
+        elif kind in ("LIN", "SLIN"):
+            self.moves.straight(self._pose(numbers), self._speed(), self.line)
+        elif kind == "SPL":
+            if self.spline is None:
+                raise self.error("SPL outside of SPLINE is not read")
+            self.spline.append(self._pose(numbers))
+        else:
+            self._circle(numbers, parts[1:])
+
+    def _joint(self, numbers: dict[str, float]) -> None:
+        if numbers.keys() & set(AXES):
+            self.moves.lose_joint_move(self.line)
+        else:
+            self.moves.rapid(self._pose(numbers), self.line)
+
+    def _circle(self, via: dict[str, float], parts: list[str]) -> None:
+        if not parts:
+            raise self.error("circle has no end position")
+        middle = np.array([{**self.last, **via}.get(key, math.nan) for key in PLACE])
+        if np.isnan(middle).any():
+            raise self.error("circle has no middle position")
+        words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
+        angle = math.radians(float(words.group(1))) if words else None
+        self.moves.circle(middle, self._pose(self._target(parts[0])), self._speed(), self.line, angle=angle)
+
+    def _speed(self) -> float:
+        feed = self.feed if self.own is None else self.own
+        if feed <= 0.0:
+            where = f", {self.called} may set it" if self.called else ""
+            note = f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)"
+            self.moves.log.note(note, self.line)
+        return feed

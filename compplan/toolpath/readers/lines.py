@@ -1,0 +1,58 @@
+"""The text of a CAM file and its lines, bounded: no file can take all memory or time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from compplan.errors import InputError
+from compplan.io.tables import read_text
+
+#: Greatest size of a CAM file. [bytes]
+MOST_BYTES = 128 * 2**20
+#: Greatest number of lines in a CAM file.
+MOST_LINES = 3_000_000
+#: Greatest length of a line; G-code blocks end at 256 characters on most controllers.
+LONGEST_LINE = 10_000
+
+
+def read_bounded(path: Path) -> str:
+    """Return the text of a CAM file.
+
+    Raises:
+        InputError: If it cannot be read, is no text, or is larger than any program.
+
+    """
+    if path.is_file() and path.stat().st_size > MOST_BYTES:
+        size = path.stat().st_size / 2**20
+        raise InputError(f"holds {size:.0f} MB, CAM files of at most {MOST_BYTES >> 20} MB are read", file=path)
+    text = read_text(path)
+    zero = text.find("\0")
+    if zero >= 0:
+        raise InputError("is a binary file, expected text", file=path, where=text.count("\n", 0, zero) + 1)
+    count = count_lines(text)
+    if count > MOST_LINES:
+        raise InputError(f"has {count} lines, at most {MOST_LINES} are read", file=path)
+    lines = split_lines(text)
+    if max(map(len, lines), default=0) <= LONGEST_LINE:
+        return text
+    for number, line in enumerate(lines, start=1):
+        if len(line) > LONGEST_LINE:
+            message = f"line of {len(line)} characters, at most {LONGEST_LINE} are read"
+            raise InputError(message, file=path, where=number)
+    return text
+
+
+def count_lines(text: str) -> int:
+    """Return the number of lines."""
+    ends = text.count("\n") + text.count("\r") - text.count("\r\n")
+    return ends + (not text.endswith(("\n", "\r")) and bool(text))
+
+
+def split_lines(text: str) -> list[str]:
+    """Return the lines: they end with CR, LF or both, and with nothing else (no form feed, no U+0085, no U+2028)."""
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = text.split("\n")
+    if not lines[-1]:
+        lines.pop()
+    return lines

@@ -1,0 +1,323 @@
+"""What a CAM file makes the tool do: the moves as they are read, and the facts about them. Millimetres throughout."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.io.tables import Array
+from compplan.toolpath.events import Event, guard_cuts
+from compplan.toolpath.readers.arcs import Arc, Point, combine, count_chords, sample_arcs
+from compplan.toolpath.toolpath import Toolpath
+
+#: Greatest number of waypoints that a file may make, chords of arcs counted.
+MOST_WAYPOINTS = 2_000_000
+#: Greatest coordinate that is taken for true: a hundred kilometres. [mm]
+FARTHEST = 1e8
+#: Moves shorter than this do not count as moves. [mm]
+STILL = 1e-9
+#: Greatest number of events, and of comments, that a file may have.
+MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
+#: Letters of a comment that are kept.
+LONGEST_TEXT = 200
+#: Greatest radius of an arc: a kilometre. [mm]
+LARGEST_RADIUS = 1e6
+#: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none, line.
+WIDTH = 10
+COUNTERS = (
+    "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
+    "cycles",
+)
+
+
+@dataclass(frozen=True)
+class CamFacts:
+    """Hold the facts about a CAM file.
+
+    A cutting move is one block with feed that moves the tip; lengths of arcs are exact, not those of their chords.
+
+    Args:
+        file: The file.
+        kind: Language of the file: the name of its reader.
+        unit: "mm", "inch", "mm, inch" where the file changes, or "not stated".
+        lines: Number of lines.
+        cutting_moves: Number of cutting moves.
+        cutting_length_mm: Their length.
+        box_mm: Smallest and greatest x, y, z over them, or None without any.
+        rapid_moves: Number of rapid moves.
+        arcs: Number of arcs among the cutting moves.
+        full_circles: Full circles among them.
+        helical_arcs: Arcs with a pitch among them.
+        arc_length_mm: Length of the arcs.
+        unmoved_blocks: Blocks with feed that move nothing.
+        rotary_only_moves: Blocks with feed that turn the tool axis and leave the tip.
+        cycles: Canned or drilling cycles, holes counted.
+        waypoints: Rows of the toolpath.
+        events: Events beside motion (spindle, coolant, tools, dwells, stops, signals), comments not counted.
+        notes: What was assumed or read past, with the line where it first occurs.
+
+    """
+
+    file: str
+    kind: str
+    unit: str
+    lines: int
+    cutting_moves: int
+    cutting_length_mm: float
+    box_mm: tuple[tuple[float, ...], tuple[float, ...]] | None
+    rapid_moves: int
+    arcs: int
+    full_circles: int
+    helical_arcs: int
+    arc_length_mm: float
+    unmoved_blocks: int
+    rotary_only_moves: int
+    cycles: int
+    waypoints: int
+    events: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CamFile:
+    """Hold what a CAM file says: its toolpath in the part frame, and the facts about it."""
+
+    toolpath: Toolpath
+    facts: CamFacts
+
+
+class HasLine(Protocol):
+    """Who reads a file."""
+
+    line: int
+
+
+@dataclass
+class MoveLog:
+    """Collect the moves of a file while it is read.
+
+    Args:
+        chord: Greatest distance between an arc and its chords. [mm]
+        reader: Who reads the file; it knows at which line.
+
+    """
+
+    chord: float
+    reader: HasLine | None = None
+    position: Point = (0.0, 0.0, 0.0)
+    axis: Point = (0.0, 0.0, 1.0)
+    counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTERS, 0))
+    length: float = 0.0
+    arc_length: float = 0.0
+    notes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    waypoints: int = 0
+    events: list[Event] = field(default_factory=list)
+    comments: int = 0
+    #: Rows of holes, which are no cutting moves of the facts.
+    _holes: list[tuple[int, int]] = field(default_factory=list)
+    _rows: array[float] = field(default_factory=lambda: array("d"))
+    _arcs: dict[int, Arc] = field(default_factory=dict)
+
+    def place(self, point: Point, axis: Point | None = None) -> None:
+        """Take the tool to a point without a move: where nothing is known of what was before."""
+        self.position, self.axis = point, axis or self.axis
+
+    def shift(self, step: Point) -> None:
+        """Move everything so far: the origin turns out to be elsewhere."""
+        rows = np.array(self._rows).reshape(-1, WIDTH)
+        rows[:, :3] += step
+        self._rows = array("d", rows.ravel())
+        self.position = combine(1.0, self.position, 1.0, step)
+
+    def forget(self) -> None:
+        """Drop every move so far: they were none of the part's."""
+        self._rows, self._arcs, self.waypoints = array("d"), {}, 0
+        self.events = [replace(event, place=-1) for event in self.events]
+
+    def rapid(self, point: Point, axis: Point | None = None) -> None:
+        """Move rapidly to a point."""
+        axis = axis or self.axis
+        if point != self.position or axis != self.axis or not self._started:
+            self.counts["rapid_moves"] += 1
+            self.position, self.axis = point, axis
+            self._put(point, 0.0, 1.0)
+
+    def line(self, point: Point, feed: float, axis: Point | None = None) -> None:
+        """Cut straight to a point with a feed in mm/s; the tool axis turns on the way."""
+        axis = axis or self.axis
+        before = self.position
+        dx, dy, dz = point[0] - before[0], point[1] - before[1], point[2] - before[2]
+        length = (dx * dx + dy * dy + dz * dz) ** 0.5
+        if length <= STILL and axis == self.axis:
+            self.counts["unmoved_blocks"] += 1
+            return
+        self._start()
+        if length > STILL:
+            self.counts["cutting_moves"] += 1
+            self.length += length
+        else:
+            self.counts["rotary_only_moves"] += 1
+        self.position, self.axis = point, axis
+        self._put(point, feed, 0.0)
+
+    def arc(self, arc: Arc, end: Point, feed: float) -> None:
+        """Cut along an arc that ends at a point; the tool axis stays.
+
+        Raises:
+            InputError: If the arc is too large or too long.
+
+        """
+        self._start()
+        if not arc.radius <= LARGEST_RADIUS:
+            raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
+        self.waypoints += count_chords(arc, self.chord)
+        self._arcs[len(self._rows) // WIDTH] = arc
+        self._put(end, feed, 0.0, len(self._arcs) if abs(arc.rise) <= STILL else 0)
+        self.counts["cutting_moves"] += 1
+        self.counts["arcs"] += 1
+        self.counts["full_circles"] += int(abs(arc.sweep) > 2.0 * math.pi - 1e-9)
+        self.counts["helical_arcs"] += int(abs(arc.rise) > STILL)
+        self.length += arc.length
+        self.arc_length += arc.length
+        self.position = end
+
+    def count_one(self, before: Mapping[str, int]) -> None:
+        """Count the pieces of a move as one; `before` are the counts before it."""
+        for name in ("cutting_moves", "rotary_only_moves"):
+            self.counts[name] = min(self.counts[name], before[name] + 1)
+
+    @contextmanager
+    def hole(self) -> Iterator[None]:
+        """Count what is cut within as one hole: no cutting moves, no length."""
+        counts, length, first = dict(self.counts), self.length, len(self._rows) // WIDTH
+        self.counts["cycles"] += 1
+        yield
+        for name in ("cutting_moves", "unmoved_blocks"):
+            self.counts[name] = counts[name]
+        self.length = length
+        self._holes.append((first, len(self._rows) // WIDTH))
+
+    def note(self, message: str, line: int) -> None:
+        """Note something that was assumed or read past."""
+        first, times = self.notes.get(message, (line, 0))
+        self.notes[message] = (first, times + 1)
+
+    def happen(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
+        """Let something happen where the tool is now.
+
+        Raises:
+            InputError: If the file has more events than any program.
+
+        """
+        place = len(self._rows) // WIDTH - 1
+        if kind == "comment":
+            self.comments += 1
+            if self.comments > MOST_COMMENTS:
+                self.note(f"comments after the first {MOST_COMMENTS} are not kept", line)
+                return
+        elif len(self.events) - min(self.comments, MOST_COMMENTS) >= MOST_EVENTS:
+            raise InputError(f"more than {MOST_EVENTS} events beside motion; no more are read")
+        self.events.append(Event(place, kind, value, text[:LONGEST_TEXT]))
+
+    def _put(self, point: Point, feed: float, rapid: float, arc: float = 0.0) -> None:
+        """Put down a row at a point.
+
+        Raises:
+            InputError: If the file makes too many, or the point is too far off.
+
+        """
+        self.waypoints += 1
+        if self.waypoints > MOST_WAYPOINTS:
+            raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
+        if not (abs(point[0]) < FARTHEST and abs(point[1]) < FARTHEST and abs(point[2]) < FARTHEST):
+            raise InputError(f"coordinate {max(map(abs, point)):g} mm, less than {FARTHEST:g} mm is allowed")
+        line = 0 if self.reader is None else self.reader.line
+        self._rows.extend((*point, *self.axis, feed, rapid, arc, line))
+
+    @property
+    def _started(self) -> bool:
+        return bool(self._rows)
+
+    def _start(self) -> None:
+        """Put down where the first cut begins."""
+        if not self._started:
+            self._put(self.position, 0.0, 1.0)
+
+    def _tabulate(self) -> tuple[Array, list[Event]]:
+        """Return the rows, arcs as their chords, shape (n, WIDTH), and the events at them."""
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, WIDTH)
+        points, number = sample_arcs(list(self._arcs.values()), self.chord)
+        if not len(points):
+            return table, self.events
+        ends = np.array(list(self._arcs), dtype=np.int64)
+        repeats = np.ones(len(table), dtype=np.int64)
+        repeats[ends] = number
+        full = np.repeat(table, repeats, axis=0)
+        place = np.cumsum(repeats) - 1
+        events = [replace(event, place=int(place[event.place]) if event.place >= 0 else -1) for event in self.events]
+        last = place[ends]  # the end of each arc stays as it was programmed
+        chords = np.repeat(np.isin(np.arange(len(table)), ends), repeats)
+        programmed = full[last, :3].copy()
+        full[chords, :3] = points
+        full[last, :3] = programmed
+        return full, events
+
+    def _drilled(self, number: int) -> NDArray[np.bool_]:
+        """Return which rows belong to holes; arcs make more rows of one."""
+        drilled = np.zeros(number, dtype=bool)
+        if self._holes:
+            repeats = np.ones(len(self._rows) // WIDTH, dtype=np.int64)
+            repeats[list(self._arcs)] = sample_arcs(list(self._arcs.values()), self.chord)[1]
+            place = np.concatenate([[0], np.cumsum(repeats)])
+            for first, last in self._holes:
+                drilled[place[first] : place[last]] = True
+        return drilled
+
+    def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
+        """Return toolpath and facts.
+
+        Raises:
+            InputError: If a coordinate is not finite.
+
+        """
+        table, found = self._tabulate()
+        if not np.isfinite(table).all():
+            raise InputError("a coordinate is too great to be a number", file=file)
+        rapid = table[:, 7] == 1.0
+        moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
+        cut = ~rapid & moved
+        milled = cut & ~self._drilled(len(table))
+        touched = milled | np.concatenate([milled[1:], [False]])[: len(table)]
+        box = None
+        if touched.any():
+            lowest, greatest = table[touched, :3].min(axis=0), table[touched, :3].max(axis=0)
+            box = (tuple(lowest.round(9).tolist()), tuple(greatest.round(9).tolist()))
+        events, stopped = guard_cuts(found, cut)
+        if stopped:
+            first = f"the file cuts with a spindle that it has stopped, {stopped} times: the program stops before"
+            self.note(first, 1)
+        facts: dict[str, Any] = dict(self.counts)
+        facts["events"] = sum(event.kind != "comment" for event in events)
+        notes = tuple(
+            f"line {first}: {message}" + (f" ({times} times)" if times > 1 else "")
+            for message, (first, times) in self.notes.items()
+        )
+        told = tuple(f"{file.name}, {note}." for note in notes)
+        arc, line = table[:, 8:].astype(int).T
+        rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
+        return CamFile(
+            Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line),
+            CamFacts(
+                str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
+                waypoints=len(table), notes=notes, **facts
+            ),
+        )

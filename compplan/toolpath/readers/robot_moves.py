@@ -1,0 +1,243 @@
+"""The moves of a robot program as a toolpath: poses in a base frame, straight, circular and spline moves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from compplan.errors import InputError
+from compplan.io.tables import Array
+from compplan.toolpath.readers.arcs import Arc, Point, arc_about, sample_arcs
+from compplan.toolpath.readers.moves import FARTHEST, LARGEST_RADIUS, MoveLog
+from compplan.toolpath.readers.options import CamTable
+
+#: A number in a robot program, capitals.
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
+#: How deep programs may call one another.
+DEEPEST = 20
+#: Greatest turn of the tool between waypoints. [deg]
+TURN_STEP = 1.0
+#: Turns of the tool axis below this are none. [rad]
+STEADY = 1e-6
+#: Greatest angle of a circle: a hundred turns. [rad]
+MOST_ANGLE = 200.0 * math.pi
+#: Points on each span of a spline.
+SPLINE_POINTS = 16
+
+
+def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[str]:
+    """Split at commas outside of brackets."""
+    parts, depth, start = [], 0, 0
+    for index, letter in enumerate(text):
+        depth += (letter in opening) - (letter in closing)
+        if letter == "," and depth == 0:
+            parts.append(text[start:index])
+            start = index + 1
+    return [*parts, text[start:]]
+
+
+class RobotMoves:
+    """Collect the moves of a robot program. Millimetres; poses are 4x4, the tool's seen from the frame in force.
+
+    The path stands in the frame that is in force at the first pose; `frame` is where the present one stands in it.
+    """
+
+    def __init__(self, options: CamTable) -> None:
+        self.log = MoveLog(options.chord_tolerance_mm)
+        self.frame = np.eye(4)
+        self.pose: Array | None = None
+        self.direction = _direction(options.tool_direction or "z")
+        self.assumed = options.tool_direction is None
+
+    def rapid(self, pose: Array, line: int) -> None:
+        """Move rapidly to a pose: in joint space, where a program's path is not known."""
+        self._note(line)
+        self.pose = self.frame @ pose
+        self.log.rapid(_point(self.pose), self._axis(self.pose))
+
+    def lose(self) -> None:
+        """Forget the pose, where a joint move ends."""
+        self.pose = None
+
+    def lose_joint_move(self, line: int) -> None:
+        """Leave out a move to joint positions: where it takes the tip is not known."""
+        self.log.note("joint moves to axis values are left out: where they take the tip is not known", line)
+        self.lose()
+
+    def note_tool(self, line: int) -> None:
+        """Note that another tool is taken."""
+        self.log.note("the tool changes on the way: the path is that of the tip of each", line)
+
+    def straight(self, pose: Array, feed: float, line: int) -> None:
+        """Move straight to a pose with a feed in mm/s; the tool turns evenly on the way."""
+        self._note(line)
+        end = self.frame @ pose
+        if self.pose is None:
+            self.log.note("the first straight move after joint moves is where the path begins: it is rapid", line)
+            self.rapid(pose, line)
+            return
+        axis = self._axis(end)
+        if math.dist(self._axis(self.pose), axis) < STEADY:
+            self.log.line(_point(end), feed, axis)
+            self.pose = end
+            return
+        shares, rotations = self._turn(self.pose, end)
+        start, counts = self.pose[:3, 3], dict(self.log.counts)
+        for share, rotation in zip(shares, rotations, strict=True):
+            point = start + share * (end[:3, 3] - start)
+            self.log.line(_tuple(point), feed, self._axis(rotation))
+        self.log.count_one(counts)
+        self.pose = end
+
+    def circle(self, via: Array, pose: Array, feed: float, line: int, *, angle: float | None = None) -> None:
+        """Move on the circle through a point to a pose; `angle` [rad]: go on about its axis for this angle instead.
+
+        Args:
+            via: Point on the way, in the frame in force. Shape (3,). [mm]
+            pose: Pose at the end.
+            feed: Feed. [mm/s]
+            line: Line, for notes.
+            angle: Angle of the arc, positive from start over via to end, negative the other way round.
+
+        Raises:
+            InputError: If the three points lie on no circle.
+
+        """
+        self._note(line)
+        if self.pose is None:
+            raise InputError("circle begins where a joint move ended, which is not known")
+        end = self.frame @ pose
+        through = self.frame[:3, :3] @ via + self.frame[:3, 3]
+        arc = find_arc(_point(self.pose), _tuple(through), _point(end), angle)
+        last = _tuple(sample_arcs([arc], self.log.chord)[0][-1]) if angle is not None else _point(end)
+        goal = end.copy()
+        goal[:3, 3] = last
+        shares, _ = self._turn(self.pose, goal)
+        if len(shares) == 1:
+            self.log.arc(arc, last, feed)
+            self.log.axis = self._axis(goal)
+        else:
+            self._turning_arc(arc, self.pose, goal, feed)
+        self.pose = goal
+
+    def spline(self, poses: list[Array], feed: float, line: int) -> None:
+        """Move on a spline through poses.
+
+        Raises:
+            InputError: If it begins at an unknown place.
+
+        """
+        if self.pose is None:
+            raise InputError("spline begins where a joint move ended, which is not known")
+        self.log.note(
+            "splines are read as cubic ones through their points (assumed: the controller's own is not published)", line
+        )
+        points = np.array([self.pose, *(self.frame @ pose for pose in poses)])
+        length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, :3, 3], axis=0), axis=1))]
+        if np.any(np.diff(length) <= 1e-9):
+            raise InputError("two points of a spline coincide")
+        curve = CubicSpline(length, points[:, :3, 3])
+        turn = Slerp(length, Rotation.from_matrix(points[:, :3, :3]))
+        places = np.concatenate([np.linspace(a, b, SPLINE_POINTS + 1)[1:] for a, b in itertools.pairwise(length)])
+        for point, rotation in zip(curve(places), turn(places).as_matrix(), strict=True):
+            self.log.line(_tuple(point), feed, self._axis(rotation))
+        self.pose = points[-1]
+
+    def _turning_arc(self, arc: Arc, start: Array, goal: Array, feed: float) -> None:
+        """Cut along an arc while the tool turns: one move, in pieces."""
+        counts, before = dict(self.log.counts), self.log.length
+        points = sample_arcs([arc], self.log.chord)[0]
+        shares = np.arange(1, len(points) + 1) / len(points)
+        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], goal[:3, :3]])))
+        for point, rotation in zip(points, turn(shares).as_matrix(), strict=True):
+            self.log.line(_tuple(point), feed, self._axis(rotation))
+        self.log.count_one(counts)
+        self.log.counts["arcs"] += 1
+        self.log.length = before + arc.length
+        self.log.arc_length += arc.length
+
+    def _turn(self, start: Array, end: Array) -> tuple[Array, Array]:
+        """Return shares of a move at which the tool has turned by a step, and its rotation there."""
+        still = math.dist(self._axis(start), self._axis(end)) < STEADY
+        turned = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).magnitude()
+        pieces = 1 if still else max(1, math.ceil(math.degrees(turned) / TURN_STEP - 1e-9))
+        shares = np.arange(1, pieces + 1) / pieces
+        if pieces == 1:
+            return shares, end[None, :3, :3]
+        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], end[:3, :3]])))
+        return shares, np.asarray(turn(shares).as_matrix())
+
+    def _axis(self, rotation: Array) -> Point:
+        """Return the tool axis of a pose: from the tip towards the spindle; a steady tool keeps its axis exactly."""
+        x, y, z = (-rotation[:3, :3] @ self.direction).tolist()
+        axis = x + 0.0, y + 0.0, z + 0.0
+        return self.log.axis if math.dist(axis, self.log.axis) < STEADY else axis
+
+    def _note(self, line: int) -> None:
+        if self.assumed:
+            self.assumed = False
+            self.log.note("z of the TCP frame is taken to point out of the tool (option tool_direction)", line)
+
+
+def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
+    """Return the arc from start over a point to an end.
+
+    With u from start to via, v from start to end and n = u x v, the centre lies at
+    (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
+
+    Args:
+        start: Start. [mm]
+        via: Point on the way. [mm]
+        end: End. [mm]
+        angle: Angle of the arc in place of the one that ends at `end`. [rad]
+
+    Raises:
+        InputError: If the points lie on a line.
+
+    """
+    a, b, c = (np.array(point) for point in (start, via, end))
+    u, v = b - a, c - a
+    normal = np.cross(u, v)
+    size = float(np.linalg.norm(normal))
+    farthest = float(np.abs([a, b, c]).max())
+    if not farthest < FARTHEST:
+        raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
+    if size <= 1e-9 * max(float(u @ u), float(v @ v), 1e-9):
+        raise InputError("start, middle and end of a circle lie on a line")
+    centre = a + (np.cross(normal, u) * (v @ v) + np.cross(v, normal) * (u @ u)) / (2.0 * size * size)
+    unit = _tuple(normal / size)
+    arc = arc_about(start, end, _tuple(centre), unit, right_hand=True)
+    if arc.radius > LARGEST_RADIUS:
+        raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
+    if angle is None:
+        return arc
+    if not 0.0 < abs(angle) <= MOST_ANGLE:
+        most = f"expected at most {math.degrees(MOST_ANGLE):g} and not 0"
+        raise InputError(f"angle of a circle is {math.degrees(angle):g} deg, {most}")
+    return Arc(arc.centre, arc.first, arc.normal, arc.radius, arc.radius, angle, 0.0)
+
+
+def make_pose(position: Array, rotation: Array) -> Array:
+    """Return a pose from position [mm] and rotation matrix."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def _direction(name: str) -> Array:
+    axis = np.zeros(3)
+    axis["xyz".index(name[-1])] = -1.0 if name.startswith("-") else 1.0
+    return axis
+
+
+def _tuple(vector: Array) -> Point:
+    x, y, z = vector.tolist()
+    return x + 0.0, y + 0.0, z + 0.0
+
+
+def _point(pose: Array) -> Point:
+    return _tuple(pose[:3, 3])

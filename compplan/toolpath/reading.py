@@ -1,0 +1,48 @@
+"""Read a toolpath: a CSV table, a CAM file through its reader, or columns that are in memory already."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.io.given import is_file_name, take_table
+from compplan.io.tables import read_table
+from compplan.toolpath.operations import select_operation
+from compplan.toolpath.readers import read_cam, refuse_idle
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.toolpath import COLUMNS, Toolpath, check_toolpath, toolpath_from_table
+
+
+def read_toolpath(source: Any, *, cam: CamTable | None = None, feed: float | None = None) -> Toolpath:
+    """Read a toolpath: a CSV table, a CAM file (`compplan.toolpath.readers.READERS`), a DataFrame or columns by name.
+
+    Args:
+        source: The file, whose suffix says what it is; or the columns of such a table, units in their names:
+            `{"position_mm": array of shape (n, 3), "feed_mm_s": 20.0}`; or a toolpath, which stays as it is.
+        cam: What a CAM file does not say by itself.
+        feed: Feed of cutting moves in place of the file's own. [m/s]
+
+    Returns:
+        The toolpath in the part frame; its notes say what was assumed or read past.
+
+    Raises:
+        InputError: With file and line, if the file is not what it has to be.
+
+    """
+    if isinstance(source, Toolpath):
+        return _set_feed(source, feed)
+    if not is_file_name(source):
+        return toolpath_from_table(take_table(source, COLUMNS, what="toolpath"), feed=feed)
+    path = Path(source)
+    if path.suffix.lower() == ".csv":
+        return toolpath_from_table(read_table(path, COLUMNS), feed=feed)
+    toolpath = _set_feed(refuse_idle(read_cam(path, cam)), feed)
+    number = None if cam is None else cam.operation
+    return check_toolpath(toolpath if number is None else select_operation(toolpath, number))
+
+
+def _set_feed(toolpath: Toolpath, feed: float | None) -> Toolpath:
+    return toolpath if feed is None else replace(toolpath, feed=np.where(toolpath.rapid, toolpath.feed, feed))

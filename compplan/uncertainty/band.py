@@ -1,0 +1,349 @@
+"""The band that holds the true tip with 95 %, split by what makes it.
+
+To first order the tip is off by e = J p + u + r + f with independent normal parts: parameters p of covariance S, what
+no parameter explains u, repeatability r, force f. Its covariance is
+
+    V = k^2 (J S J^T + s_u^2/3 1) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
+
+V_m of what the motion of the arm adds, about its mean, V_p of the place of the part where it is stated
+(`compplan.uncertainty.motion`). The radius that |e| keeps within with probability 0.95 is that quantile of a quadratic
+form (`compplan.measurement.distance`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from compplan.effects.scene import Scene
+from compplan.job.job import Job
+from compplan.measurement.distance import LEVEL, band_radius
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+from compplan.toolpath.toolpath import interpolate
+from compplan.uncertainty.assumed import known_uncertainty, list_assumed
+from compplan.uncertainty.motion import Motion
+from compplan.uncertainty.narrow import Narrowing, list_knowable, rank_narrowings
+from compplan.uncertainty.slopes import (
+    ForceSpread,
+    measure_force_slopes,
+    measure_slopes,
+    pick_rows,
+    rest_scene,
+    tie_force,
+)
+from compplan.uncertainty.vary import pick_rivals
+
+#: What makes the band, in the order of the page.
+PARTS = ("model", "unexplained", "repeatability", "force", "motion", "placement")
+#: What people call the parameters of the robot, by effect; others are called by their effect.
+CAUSES = {
+    "stiffness of the robot": (
+        "joint_stiffness", "link_compliance", "link_elasticity", "base_compliance", "stiffness_nonlinearity"
+    ),
+    "geometry of the robot": ("joint_offset", "link_geometry", "joint_coupling"),
+    "gears of the robot": ("backlash", "transmission_error"),
+    "tool frame": ("tool_frame", "payload"),
+}  # fmt: skip
+#: What the other parts are called.
+OTHER_CAUSES = {
+    "unexplained": "what no parameter of the robot explains", "repeatability": "repeatability",
+    "force": "process force", "motion": "inertia and vibration", "placement": "place of the part",
+}  # fmt: skip
+#: Rows that are added where the motion moves the tip the most.
+MOVED = 60
+#: Drawn paths that tell what the whole path keeps within, and their seed.
+PATHS, SEED = 2000, 20260601
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """A path to first order; k rows, p parameters.
+
+    Attributes:
+        rows: Rows of the path. Shape (k,).
+        tip: Where the loaded tip goes. Shape (k, 3). [m]
+        model: Motion of the tip per unit of every parameter. Shape (k, 3, p).
+        shared: Motion by one standard deviation of the force, alike along the path. Shape (k, 3, 4). [m]
+        local: The same, from place to place. Shape (k, 3, 1). [m]
+        moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
+        tie: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
+    """
+
+    rows: NDArray[np.int_]
+    tip: Array
+    model: Array
+    shared: Array
+    local: Array
+    moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    tie: tuple[Array, Array] | None = None
+
+    def columns(self, known: Uncertainty) -> tuple[Array, Array]:
+        """Return the tip by one standard deviation of the robot and of what is apart. Shapes (k, 3, r), (k, 3, .). [m]
+
+        What of the force goes with the robot is in the first; the second has level, turns, and the place of the part.
+        """
+        robot = self.model @ known.spread
+        if self.tie is None:
+            return robot, self.shared
+        tied, apart = self.tie
+        force = self.shared[:, :, :4]
+        return robot + force @ tied, np.concatenate([force @ apart, self.shared[:, :, 4:]], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """How far the true tip may be from the planned one; n rows of a path.
+
+    Attributes:
+        radius: Distance that holds the true tip with 95 %, what the plan itself leaves included. Shape (n,). [m]
+        parts: The same by each part alone. Shape (n,) each. [m]
+        covariance: Covariance of the tip, interpolated between the differentiated rows. Shape (n, 3, 3). [m^2]
+        cut: Rows that it is promised for. Shape (n,).
+        between: Greatest distance between rows beyond that at the rows. [m]
+        whole: Distance that the whole path keeps within with 95 %. [m]
+        leading: Parameters and their share of the variance, mean over the path, largest first.
+        known: What is known of the robot.
+        force: How surely the force is known.
+        assumed: What is assumed, one sentence each.
+        without: What `greatest` would be if a part were nothing, by part. [m]
+        narrowings: What better knowledge of one cause would make of `greatest`, smallest first.
+        causes: The band where it is widest by each cause alone, in words of people. [m]
+        motion: What the motion of the arm adds, None where it is not counted.
+        placed: Whether the place of the part is counted.
+    """
+
+    radius: Array
+    parts: Mapping[str, Array]
+    covariance: Array
+    cut: NDArray[np.bool_]
+    between: float
+    whole: float
+    leading: tuple[tuple[str, float], ...]
+    known: Uncertainty
+    force: ForceSpread
+    assumed: tuple[str, ...]
+    without: Mapping[str, float] = field(default_factory=dict)
+    narrowings: tuple[Narrowing, ...] = ()
+    causes: Mapping[str, float] = field(default_factory=dict)
+    motion: Motion | None = None
+    placed: bool = False
+
+    @property
+    def greatest(self) -> float:
+        """Greatest distance of the band over the cut, between its rows too. [m]."""
+        return float(self.radius[self.cut].max(initial=0.0)) + self.between
+
+    @property
+    def along(self) -> Array:
+        """Band of the whole path at once, between rows too: wider than that of each point alone. Shape (n,). [m]."""
+        alone = float(self.radius[self.cut].max(initial=0.0))
+        widened = (self.whole - self.between) / alone if alone > 0.0 else 1.0
+        return self.radius * widened + self.between
+
+    @property
+    def widest(self) -> int:
+        """Row of the cut where the band is widest."""
+        rows = np.flatnonzero(self.cut)
+        return int(rows[self.radius[rows].argmax()])
+
+
+def linearise_path(
+    scene: Scene, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *, motion: Motion | None = None,
+    part: Array | None = None,
+) -> Slopes:  # fmt: skip
+    """Differentiate a path by every parameter, by the force and by the place of the part at a few rows of the cut.
+
+    Args:
+        scene: The robot at all rows of the path.
+        known: What is known of the robot.
+        force: How surely the force is known.
+        cut: Rows that matter. Shape (n,).
+        motion: What the motion of the arm adds, or None.
+        part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
+    """
+    rows = pick_rows(cut)
+    if motion is not None:
+        rows = np.union1d(rows, motion.worst_rows(cut, MOVED))
+    rest = rest_scene(scene, rows)
+    shared, local = measure_force_slopes(scene, rows, force, rest)
+    if part is not None:
+        shared = np.concatenate([shared, part[rows]], axis=2)
+    moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
+    tie = tie_force(known, force) if len(force.robot) else None
+    model = measure_slopes(scene, known.unknowns, rows, rest)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie)
+
+
+def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
+    """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
+    eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
+    moved, shared = slopes.columns(known)
+    force = np.concatenate([shared[:, :, :4], slopes.local], axis=2)
+    part, away = shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
+    return {
+        "model": moved @ np.swapaxes(moved, 1, 2),
+        "unexplained": eye * known.smooth**2,
+        "repeatability": eye * (known.repeatability or 0.0) ** 2,
+        "force": force @ np.swapaxes(force, 1, 2),
+        "motion": np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1) if len(away) else 0.0 * eye,
+        "placement": part @ np.swapaxes(part, 1, 2),
+    }
+
+
+def promise_path(
+    robot: Robot, scene: Scene, cut: NDArray[np.bool_], force: ForceSpread, *,
+    left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
+    job: Job | None = None,
+) -> Promise:  # fmt: skip
+    """Promise how far the true tip is from the planned one along a path.
+
+    Args:
+        robot: The robot.
+        scene: The robot at all rows of the path, the effects of its folder in it.
+        cut: Rows that matter. Shape (n,).
+        force: How surely the force is known.
+        left: Distance that the plan itself leaves at every row. Shape (n,). [m]
+        between: Greatest distance between rows beyond that at the rows. [m]
+        motion: What the motion of the arm adds, or None.
+        part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
+        job: The job, which may say that the part was touched off with the robot.
+
+    Raises:
+        InputError: If the folder's uncertainty.toml names what this robot does not have.
+    """
+    known = known_uncertainty(robot, job)
+    slopes = linearise_path(scene, known, force, cut, motion=motion, part=part)
+    parts, n = split_covariance(slopes, known), len(cut)
+    spread = {name: _spread(slopes.rows, value, n) for name, value in parts.items()}
+    mean = None if motion is None else motion.mean
+    if motion is not None:  # it is known at every row
+        spread["motion"] = motion.covariance
+    total = np.asarray(sum(spread.values()))
+    left = np.zeros(n) if left is None else left
+
+    def greatest(covariance: Array, bias: Array | None) -> float:
+        return float((band_radius(covariance, mean=bias) + left)[cut].max(initial=0.0)) + between
+
+    radius = band_radius(total, mean=mean)
+    drawn = draw_paths(slopes, known)
+    return Promise(
+        radius=radius + left,
+        parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
+        covariance=total,
+        cut=cut,
+        between=between,
+        whole=float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between,
+        leading=lead_unknowns(slopes, known, parts),
+        known=known,
+        force=force,
+        without={
+            name: greatest(total - value, None if name == "motion" else mean) for name, value in spread.items()
+        },
+        narrowings=rank_narrowings(
+            list_knowable(robot, known, slopes.columns(known)[0], parts),
+            lambda value: greatest(total - _spread(slopes.rows, value, n), mean),
+        ),
+        assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else []),
+                 *([f"inertia and vibration: {motion.source}"] if motion is not None else [])),
+        causes=name_causes(slopes, known, parts),
+        motion=motion,
+        placed=part is not None,
+    )  # fmt: skip
+
+
+def widen_to_path(drawn: Array) -> float:
+    """Return how much farther the whole path strays than its widest point, both with a probability: 1 or more.
+
+    The same draws tell both, and the farthest point of a draw is never nearer than any one of its points.
+
+    Args:
+        drawn: Drawn tips beside the planned ones. Shape (k, 3, count). [m]
+    """
+    away = np.linalg.norm(drawn, axis=1)
+    point = float(np.quantile(away, LEVEL, axis=1).max(initial=0.0))
+    return float(np.quantile(away.max(axis=0, initial=0.0), LEVEL)) / point if point > 0.0 else 1.0
+
+
+def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
+    """Draw where true tips are beside the planned ones, to first order. Shape (k, 3, count). [m]
+
+    Parameters, force and one error of repeatability hold for a whole run; what is unexplained is smooth over the place.
+    Of rival explanations one holds, by their weights, as where Monte Carlo draws robots.
+    """
+    random = np.random.default_rng(SEED)
+    k = len(slopes.rows)
+    root, shifts = known.split_rivals()
+    # of rivals there are none where the force goes with the robot
+    robot, shared = slopes.columns(known)
+    columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
+    moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], count))
+    moved = moved.reshape(k, 3, count)
+    if known.rivals:
+        moved += slopes.model @ pick_rivals(known, shifts, count, random).T
+    moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
+    moved += slopes.local * random.standard_normal((k, 1, count))
+    if len(slopes.moved):
+        moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
+    size = known.smooth
+    if size > 0.0:
+        apart = cdist(slopes.tip, slopes.tip) / known.scale
+        value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
+        root = vector * np.sqrt(np.maximum(value, 0.0))
+        moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, count)), optimize=True)
+    return np.asarray(moved)
+
+
+def name_causes(slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array]) -> dict[str, float]:
+    """Return the band where it is widest by each cause alone, parameters of one kind together. [m]"""
+    if not len(slopes.rows):
+        return {}
+    mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((len(slopes.rows), 3))
+    variance = np.trace(sum(parts.values(), np.zeros((1, 3, 3))), axis1=1, axis2=2)
+    widest = int((variance + (mean**2).sum(axis=1)).argmax())
+    found = {words: parts[name][widest] for name, words in OTHER_CAUSES.items()}
+    words = {effect: name for name, effects in CAUSES.items() for effect in effects}
+    kinds = [words.get(unknown.effect, unknown.effect.replace("_", " ")) for unknown in known.unknowns]
+    kind = np.repeat(np.array(kinds, dtype=object), [len(unknown.keys) for unknown in known.unknowns])
+    for name in dict.fromkeys(kinds):
+        moved = slopes.model[widest][:, kind == name] @ known.spread[kind == name]
+        found[name] = moved @ moved.T
+    moved = OTHER_CAUSES["motion"]
+    return {
+        name: float(band_radius(part[None], mean=mean[[widest]] if name == moved else None)[0])
+        for name, part in found.items()
+    }
+
+
+def lead_unknowns(
+    slopes: Slopes, known: Uncertainty, parts: Mapping[str, Array], most: int = 8
+) -> tuple[tuple[str, float], ...]:
+    """Rank parameters by how much smaller the mean variance along the path would be if they were known exactly."""
+    total = float(np.mean([np.trace(part, axis1=1, axis2=2) for part in parts.values()]) * len(parts))
+    gain = measure_gain(slopes.model, known.covariance)
+    order = np.argsort(-gain)[:most]
+    names = known.names
+    return tuple((names[k], float(gain[k] / max(total, 1e-300))) for k in order if gain[k] > 1e-3 * total)
+
+
+def measure_gain(model: Array, covariance: Array) -> Array:
+    """Return the variance of the tip, mean over the rows, that goes with exact knowledge of each parameter. Shape (p,).
+
+    To know parameter j takes S e_j e_j^T S / S_jj off the covariance S.
+    """
+    k = len(model)
+    flat = model.reshape(3 * k, -1)
+    along = flat @ covariance
+    variance = np.maximum(np.diag(covariance), 1e-300)
+    return np.asarray((along**2).sum(axis=0) / variance / k)
+
+
+def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
+    """Interpolate covariances linearly between the rows that were looked at. Shape (k, 3, 3) -> (n, 3, 3)."""
+    if len(rows) == n:
+        return values
+    return interpolate(np.arange(n), rows, values)

@@ -1,0 +1,119 @@
+"""The promise as what postures are chosen for: how far the tip is off by every unknown, at thousands of postures.
+
+The columns are those of `compplan.uncertainty.band`, taken to first order: an unknown that an effect has a signature
+for costs its signature, any other the secant of `measure_slopes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compplan.effects import EFFECTS, attain_scene, transmission_error
+from compplan.effects.linearization import Linearization, linearize_scene
+from compplan.effects.scene import Scene
+from compplan.effects.signature import Signature, plain
+from compplan.errors import ConvergenceError
+from compplan.job.job import Job
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path, tie_force
+
+
+@dataclass(frozen=True, eq=False)
+class PostureErrors:
+    """What is known of a robot, as errors of the tip at any posture.
+
+    Attributes:
+        robot: The robot with its tool.
+        known: How surely it is known.
+        force: How surely the force is known.
+    """
+
+    robot: Robot
+    known: Uncertainty
+    force: ForceSpread
+
+    @property
+    def source(self) -> str:
+        """Say where the errors come from."""
+        said = {"measured": "measured", "literature": "from literature", "assumed": "assumed"}[self.known.grade]
+        return f"widths are {said}: {self.known.source}; force: {self.force.source}"
+
+    def columns(self, q: Array, wrench: Array) -> Array:
+        """Return the error of the tip by one standard deviation of each cause. Shape (n, 3, errors). [m].
+
+        Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
+        """
+        try:
+            return self._columns(stage_path(self.robot, q, wrench))
+        except ConvergenceError:
+            if len(q) == 1:
+                return np.full((1, 3, self.known.factor.shape[1] + 8), np.inf)
+        half = len(q) // 2
+        return np.concatenate([self.columns(q[:half], wrench[:half]), self.columns(q[half:], wrench[half:])])
+
+    def _columns(self, scene: Scene) -> Array:
+        known, n = self.known, len(scene.wrench)
+        at = linearize_scene(scene, attain_scene(scene))
+        tied, apart = tie_force(known, self.force)
+        alike = np.hypot(known.smooth, known.repeatability or 0.0)
+        force = derive_force(at, scene.wrench, self.force)
+        model = derive_unknowns(at, known.unknowns) @ known.spread + force[:, :, :4] @ tied
+        own = [force[:, :, :4] @ apart, force[:, :, 4:]]
+        return np.concatenate([model, *own, np.broadcast_to(alike * np.eye(3), (n, 3, 3))], axis=2)
+
+
+def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
+    """Return what a job's posture is to be chosen for; None where its preset does not ask for the promise.
+
+    Raises:
+        InputError: If the folder's uncertainty.toml names what this robot does not have.
+    """
+    if job.posture.preset != "promise":
+        return None
+    return PostureErrors(robot, known_uncertainty(robot, job), read_force_spread(job))
+
+
+def derive_force(at: Linearization, wrench: Array, spread: ForceSpread) -> Array:
+    """Return the motion of the tip by one standard deviation of the force, to first order. Shape (n, 3, 5). [m].
+
+    Its level, a turn about each base axis, and its level from place to place: J C J^T times the change of the wrench.
+    """
+    parts = wrench[:, :3], wrench[:, 3:]
+    turned = [np.concatenate([np.cross(axis, part) for part in parts], axis=1) for axis in np.eye(3)]
+    changes = [spread.level * wrench, *(spread.direction * turn for turn in turned), spread.path * wrench]
+    return np.asarray(at.wrench_response(np.stack(changes, axis=-1))[0][:, :3])
+
+
+def derive_unknowns(at: Linearization, unknowns: Sequence[Unknown]) -> Array:
+    """Return the motion of the target per unit of every parameter, to first order. Shape (n, 3, p). [m per SI unit]
+
+    Args:
+        at: The robot at postures, in any order.
+        unknowns: The parameters; p in all.
+    """
+    names = [joint.name for joint in at.robot.actuated]
+    offered: dict[tuple[str, str | None, str | None], list[Signature]] = {}
+    for name in dict.fromkeys(unknown.effect for unknown in unknowns):
+        if name in EFFECTS and name != transmission_error.name:
+            for signature in EFFECTS[name].signatures(at):
+                offered.setdefault(signature.place, []).append(signature)
+    rows, columns = np.arange(len(at.point)), []
+    for unknown in unknowns:
+        cycles = unknown.fixed.get("cycles_per_turn")
+        if unknown.effect == transmission_error.name and cycles is not None:
+            same = [transmission_error.waves_at(at, names.index(str(unknown.joint)), cycles)]
+        else:
+            same = offered.get((unknown.effect, unknown.joint, unknown.axis), [])
+        fitting = [one for one in same if one.keys == unknown.keys and _plain(one) == _plain(unknown)]
+        columns.append(fitting[0].twist[:, :3] if fitting else measure_slopes(at.scene, [unknown], rows))
+    return np.concatenate(columns, axis=2) if columns else np.zeros((len(rows), 3, 0))
+
+
+def _plain(entry: Signature | Unknown) -> dict[str, object]:
+    """Return the settings that an effect's form holds fixed."""
+    return {key: value if isinstance(value, str) else plain(value) for key, value in entry.fixed.items()}
