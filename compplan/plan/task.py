@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
-from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
 from compplan.posture.start import Start
 from compplan.process.force_law import ForceLaw
@@ -197,7 +196,7 @@ class PlanTask:
 
     @cached_property
     def problem(self) -> PathProblem:
-        """The task as `build_nlp` takes it."""
+        """The pose equations of the task, and what its joints may do."""
         return PathProblem(
             chain=self.chain,
             position=self.position,
@@ -227,7 +226,6 @@ class Command:
         status: "solved" or "infeasible".
         failures: Waypoints that fail, and the limit that stops each.
         solve_time: Wall time in the solver. [s]
-        solutions: What the solver answered, pass by pass (strategy nlp).
         facts: Further numbers worth keeping.
 
     """
@@ -236,7 +234,6 @@ class Command:
     status: str = "solved"
     failures: Mapping[int, str] = field(default_factory=dict)
     solve_time: float = 0.0
-    solutions: tuple[NlpSolution, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -50,19 +50,19 @@ def build_loaded_function(chain: Chain, steps: int) -> ca.Function:
         steps: Steps of the fixed point; its error falls with each by the ratio of load to buckling load.
 
     Returns:
-        q (nq), wrench (6) [N, N m], bias (s) [N m or N], theta (s) to begin at -> TCP position (3) [m],
-        orientation (3, 3), elastic coordinates (s), base frame.
+        q (nq), wrench (6) [N, N m], bias (s) [N m or N], theta (s) to begin at, 1 for a loaded and 0 for an unloaded
+        arm -> TCP position (3) [m], orientation (3, 3), elastic coordinates (s), base frame.
 
     """
-    q, wrench = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6)
+    q, wrench, loaded = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6), ca.SX.sym("loaded")
     bias, first = ca.SX.sym("bias", chain.n_springs), ca.SX.sym("theta", chain.n_springs)
     compliance, theta = ca.SX(ca.sparsify(ca.DM(chain.compliance))), first
     for _ in range(steps if chain.n_springs else 0):
         theta = ca.mtimes(compliance, load_springs(chain, locate_symbolic(chain, q, theta), wrench) + bias)
-    frames = locate_symbolic(chain, q, theta)
-    outputs = ca.cse([frames.position, frames.rotation, theta])
-    return ca.Function("loaded_pose", [q, wrench, bias, first], outputs, ["q", "wrench", "bias", "theta"],
-                       ["position", "rotation", "deflection"])  # fmt: skip
+    frames = locate_symbolic(chain, q, loaded * theta)
+    outputs = ca.cse([frames.position, frames.rotation, loaded * theta])
+    return ca.Function("loaded_pose", [q, wrench, bias, first, loaded], outputs,
+                       ["q", "wrench", "bias", "theta", "loaded"], ["position", "rotation", "deflection"])  # fmt: skip
 
 
 def locate_symbolic(chain: Chain, q: ca.SX, theta: ca.SX | None = None) -> SymbolicFrames:
@@ -76,8 +76,10 @@ def locate_symbolic(chain: Chain, q: ca.SX, theta: ca.SX | None = None) -> Symbo
                 rotation = ca.mtimes(rotation, _sparse(chain.rotation[k]))
             axis.append(_apply(rotation, chain.axis[k]))
             origin.append(position)
-            value = None if theta is None else theta[int(chain.theta_index[k])]
-            if chain.q_index[k] >= 0:
+            value = None
+            if chain.theta_index[k] >= 0 and theta is not None:
+                value = theta[int(chain.theta_index[k])]
+            elif chain.q_index[k] >= 0:
                 value = float(chain.multiplier[k]) * q[int(chain.q_index[k])] + float(chain.q_offset[k])
             if value is not None and chain.translates[k]:
                 position = position + axis[k] * value

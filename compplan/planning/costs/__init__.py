@@ -1,0 +1,40 @@
+"""Costs of the program, one file each: a term of the objective and one sentence.
+
+A new cost is one file with a class that has what `Cost` has, and one line in `COSTS`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import casadi as ca
+
+from compplan.planning.costs.departure import Departure
+from compplan.planning.costs.missed import MissedPose
+from compplan.planning.problem import Station
+
+
+class Cost(Protocol):
+    """What the class of a cost offers; `str` says it in one term of mathematics.
+
+    Attributes:
+        name: What it is called.
+        timed: Whether it speaks of the speed along the path.
+
+    """
+
+    name: str
+    timed: bool
+
+    def term(self, station: Station) -> ca.SX:
+        """Return what one station costs."""
+        ...
+
+
+#: Every cost by its name.
+COSTS: dict[str, type] = {
+    "departure": Departure,
+    "missed_pose": MissedPose,
+}
+
+__all__ = ["COSTS", "Cost", "Departure", "MissedPose"]

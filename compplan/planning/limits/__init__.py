@@ -1,0 +1,53 @@
+"""Limits of the program, one file each: rows of the program, a check of a result, and one sentence.
+
+A new limit is one file with a class that has what `Limit` has, and one line in `LIMITS`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import casadi as ca
+
+from compplan.planning.limits.acceleration import AccelerationLimit
+from compplan.planning.limits.correction import CorrectionLimit
+from compplan.planning.limits.joint_range import JointRange
+from compplan.planning.limits.pose import LoadedPose
+from compplan.planning.limits.velocity import VelocityLimit
+from compplan.planning.problem import Problem, Station
+from compplan.robot import Array
+
+
+class Limit(Protocol):
+    """What the class of a limit offers; `str` says it in one line of mathematics.
+
+    Attributes:
+        name: What plan.json calls it.
+        timed: Whether it speaks of the speed along the path.
+        of_joints: Whether its rows are one a joint, which failures name.
+
+    """
+
+    name: str
+    timed: bool
+    of_joints: bool
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return the rows of one station. Shape (r)."""
+        ...
+
+    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+        """Return lower and upper bounds of the rows. Shapes (k, r)."""
+        ...
+
+
+#: Every limit by its name.
+LIMITS: dict[str, type] = {
+    "pose": LoadedPose,
+    "joint_range": JointRange,
+    "correction": CorrectionLimit,
+    "velocity": VelocityLimit,
+    "acceleration": AccelerationLimit,
+}
+
+__all__ = ["LIMITS", "AccelerationLimit", "CorrectionLimit", "JointRange", "Limit", "LoadedPose", "VelocityLimit"]

@@ -1,0 +1,38 @@
+"""Joint velocities stay within their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.problem import Problem, Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class VelocityLimit:
+    """q'^2 x <= v_max^2, x the square of the speed.
+
+    Attributes:
+        most: Limits. Shape (nq,). [rad/s or m/s]
+
+    """
+
+    most: Array
+    name: str = "velocity"
+    timed: bool = True
+    of_joints: bool = True
+
+    def __str__(self) -> str:
+        return "q'^2 x <= v_max^2"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return squares of the velocities as shares of their limits."""
+        return (station.rate / ca.DM(self.most)) ** 2 * station.square
+
+    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+        """Return the bounds of the shares."""
+        shape = (len(problem), len(self.most))
+        return np.full(shape, -np.inf), np.ones(shape)
