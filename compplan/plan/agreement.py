@@ -122,9 +122,9 @@ def _fit(task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str]
         slow = np.interp(task.origin, before, found.slow) if task.inertia else None
         if task.follows_feed:
             task = _drive(task, task.q_start, wish)[0]
-    if strategy != "nlp":
+    if strategy != "nlp" or ("nlp" in found.command.facts and not (task.inertia or task.follows_feed)):
         return found
-    progress("nonlinear program")
+    progress("compensation: nonlinear program")
     return _solve_last(found)
 
 

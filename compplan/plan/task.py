@@ -211,7 +211,6 @@ class PlanTask:
             acceleration_limits=self.acceleration_limits,
             max_correction=self.max_correction,
             spin_free=self.spin_free,
-            keeps_shape=self.start is not None and (self.start.stance is not None or self.start.of_program),
             still=(self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6),
             weight=weigh_joints(self.chain, self.q_start, self.robot),
         )

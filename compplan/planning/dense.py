@@ -13,7 +13,7 @@ little as the limits allow.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +35,14 @@ LOG = logging.getLogger(__name__)
 STATIONS, REDUNDANT_STATIONS = 100, 150
 #: Missed pose that counts as none, that Newton steps stop at, and that a station may have. [m and rad]
 KEPT, EXACT, CAN_KEEP = 1e-6, 1e-10, 1e-8
-#: Newton steps, solves of the program, and solves for effects with a memory at most.
-STEPS, SOLVES, MEMORY_SOLVES = 6, 6, 4
+#: Newton steps and solves of the program at most.
+STEPS, SOLVES = 6, 6
 #: Waypoints that become stations because they leave a limit at most: even ones of more.
 MOST_MORE = 1500
 #: Difference of joint positions at the stations that counts as none. [rad or m]
 ALIKE = 1e-9
+#: The same where effects of the robot depend on the whole path. [rad or m]
+ALIKE_MEMORY = 1e-7
 
 
 @dataclass(frozen=True)
@@ -78,32 +80,28 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
         near: Joint positions to begin at, those of the task if left out. Shape (n, nq). [rad or m]
 
     """
-    q = task.q_start if near is None else near
     most = REDUNDANT_STATIONS if task.problem.redundant else STATIONS
     stations, released = pick_stations(task, most), task.missed.copy()
-    stations = np.union1d(stations, _thin(np.flatnonzero(released)))
+    q = correct_pose(task, task.q_start if near is None else near, np.flatnonzero(released))
+    leaving = _find_leaving(task, q, np.flatnonzero(released))
+    stations = np.union1d(stations, np.r_[leaving, _thin(np.flatnonzero(released))])
+    q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
+    if released.any() or (len(leaving) and not task.problem.redundant):  # Newton steps found the only solution there is
+        released[stations] = True
     solves, iterations, cpu, memory = 0, 0, 0.0, bool(task.robot.effects)
-    for last in range(1, SOLVES + (MEMORY_SOLVES if memory else 0) + 1):
+    for last in range(1, SOLVES + 1):
         solution = solve_problem(state_problem(task, stations, q, released))
         solves, iterations, cpu = solves + 1, iterations + solution.iterations, cpu + solution.cpu
-        missing = np.abs(solution.slack).max(axis=1) > CAN_KEEP
         if not solution.success and not released[stations].all():
-            LOG.debug("no solution with %d released stations: all are released", released[stations].sum())
+            LOG.debug("the limits leave no way: all stations are released")
             released[stations] = True
             continue
-        if (released[stations] & ~missing & ~task.missed[stations]).any():
-            released[stations] = missing
-            q = q.copy()
-            q[stations] = solution.q
-            continue
         q = fill_waypoints(task, solution, q)
-        if last == SOLVES or (more := _find_leaving(task, q, stations, released)) is None:
-            break
-        if len(more):
-            stations, released = np.union1d(stations, more), released.copy()
-            if not task.problem.redundant:
-                released[more] = True
-        elif not memory or np.abs(q[stations] - solution.q)[~released[stations]].max(initial=0.0) < 1e-7:
+        if len(leaving := _find_leaving(task, q, stations)) and last < SOLVES:
+            stations = np.union1d(stations, leaving)
+            q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
+            released[stations] = not task.problem.redundant or released.any()
+        elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < ALIKE_MEMORY:
             break
     return PathSolution(q, solution, solves, iterations, cpu)
 
@@ -142,7 +140,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],
         loaded=task.compensated[stations], q_start=task.q_start[stations], guess=q[stations], lower=lower, upper=upper,
         spin_free=path.spin_free, axis_free=path.axis_free, limits=tuple(limits), along=length[stations],
-        costs=(Departure(path.worth), *((MissedPose(),) if free.any() else ())), shift=shift, turn=turn,
+        costs=(Departure(1e-3 * path.worth), MissedPose()) if free.any() else (Departure(path.worth),), shift=shift, turn=turn,
         released=free if free.any() else None,
     )  # fmt: skip
 
@@ -231,24 +229,16 @@ def size_of(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=1))
 
 
-def _find_leaving(
-    task: PlanTask, q: Array, stations: NDArray[np.int_], released: NDArray[np.bool_]
-) -> NDArray[np.int_] | None:
-    """Find waypoints beside the stations that leave a limit; None where nothing is left to mend."""
+def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Find waypoints beside the stations that miss their pose or leave a limit."""
     missed = size_of(miss_pose(task, q)) > KEPT
     if task.robot.effects:
         missed[:] = False  # lost motion at a reversal is no matter of limits: the evaluation sees the tip
     far = task.compensated & (measure_correction(task, q) > task.max_correction + AT_CORRECTION)
     outside = ((q < task.robot.lower - 1e-9) | (q > task.robot.upper + 1e-9)).any(axis=1)
-    found = np.setdiff1d(np.flatnonzero(missed | far | outside), stations)
-    if not len(found) and not task.robot.effects:
-        return None
-    return _thin(found)
+    return _thin(np.setdiff1d(np.flatnonzero(missed | far | outside), stations))
 
 
 def _thin(rows: NDArray[np.int_]) -> NDArray[np.int_]:
     """Take even ones of too many rows."""
     return rows if len(rows) <= MOST_MORE else rows[np.unique(np.linspace(0, len(rows) - 1, MOST_MORE).astype(int))]
-
-
-__all__ = ["PathSolution", "correct_pose", "fill_waypoints", "miss_pose", "pick_stations", "replace", "solve_path"]

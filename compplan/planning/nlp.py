@@ -46,8 +46,7 @@ OPTIONS: dict[str, Any] = {
     "bound_relax_factor": 0.0,
     "bound_push": 1e-6,
     "bound_frac": 1e-6,
-    "mu_init": 1e-4,
-    "mu_strategy": "adaptive",
+    "mu_init": 1e-3,
     "nlp_scaling_method": "none",
     "linear_solver": "mumps",
 }
@@ -127,7 +126,7 @@ def _build(problem: Problem) -> Program:
     # variables
     q = ca.MX.sym("q", nq, k)
     square = ca.MX.sym("square", 1, k if problem.timed else 0)
-    slack = ca.MX.sym("slack", rows, k if problem.released is not None else 0)
+    slack = ca.MX.sym("slack", rows + 1, k if problem.released is not None else 0)
     band = ca.MX.sym("band", 1 if problem.counts_band else 0)
     x = ca.vertcat(ca.vec(q), ca.vec(square), ca.vec(slack), band)
     # parameters: loads and wanted pose of every station
@@ -142,7 +141,7 @@ def _build(problem: Problem) -> Program:
         neighbours = ca.vertcat(ahead, ca.mtimes(q, first), ca.mtimes(q, second), square, later, push)
     else:
         neighbours = ahead
-    missed = slack if problem.released is not None else ca.MX(rows, k)
+    missed = slack if problem.released is not None else ca.MX(rows + 1, k)
     spread = ca.repmat(band, 1, k) if problem.counts_band else ca.MX(0, k)
     local = ca.vertcat(q, neighbours, missed, spread)
     station, inputs = _state_station(problem)
@@ -153,7 +152,7 @@ def _build(problem: Problem) -> Program:
     parts = [limit.rows(station) for limit in problem.limits]
     limits = ca.Function("limits", inputs, [ca.cse(ca.vertcat(*parts))])
     g = ca.vec(limits.map(k)(local, data))
-    options = {"ipopt": OPTIONS | ({"mu_init": 1e-2} if problem.timed else {}), "print_time": False,
+    options = {"ipopt": OPTIONS | ({"mu_init": 1e-1, "mu_strategy": "adaptive"} if problem.timed else {}), "print_time": False,
                "calc_lam_p": False}  # fmt: skip
     solver = ca.nlpsol("path", SOLVER, {"x": x, "f": objective, "g": g, "p": ca.vec(data)}, options)
     sizes = q.numel(), square.numel(), slack.numel(), band.numel()
@@ -181,9 +180,9 @@ def solve_program(program: Program, problem: Problem, guess: Solution | None = N
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:
-        held = np.repeat(~problem.released, problem.pose_rows)
+        lower[slacks].reshape(k, -1)[:, -1] = 0.0
+        held = np.repeat(~problem.released, problem.pose_rows + 1)
         lower[slacks][held] = upper[slacks][held] = 0.0
-        begin[slacks] = 0.0 if guess is None else guess.slack.ravel()
     if problem.counts_band:
         begin[-1] = 1.0 if guess is None else guess.band
         lower[-1] = 0.0
@@ -213,7 +212,7 @@ def solve_program(program: Program, problem: Problem, guess: Solution | None = N
     spent = time.process_time() - clock
     LOG.debug("program of %d stations: %s, %d iterations, %.2f s, violation %.1g", k, status, iterations, spent,
               violation)  # fmt: skip
-    slack = x[slacks].reshape(k, -1) if problem.released is not None else np.zeros((k, problem.pose_rows))
+    slack = x[slacks].reshape(k, -1)[:, :-1] if problem.released is not None else np.zeros((k, problem.pose_rows))
     return Solution(
         problem, x[joints].reshape(k, nq), x[squares] if problem.timed else np.ones(k),
         float(x[-1]) if problem.counts_band else 1.0, slack, success, status, iterations, spent, violation,
@@ -246,10 +245,11 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     q, ahead = ca.SX.sym("q", nq), ca.SX.sym("q_next", nq)
     names = [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("push", 1)] if problem.timed else []
     speed = {name: ca.SX.sym(name, size) for name, size in names}
-    slack = ca.SX.sym("slack", rows)
+    slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     band = ca.SX.sym("band", 1 if problem.counts_band else 0)
     fields = [("position", 3), ("rotation", 9), ("wrench", 6), ("bias", chain.n_springs), ("theta", chain.n_springs),
-              ("loaded", 1), ("q_start", nq), ("bent", nq), ("step", 1), ("shift", 3)]  # fmt: skip
+              ("loaded", 1), ("q_start", nq), ("bent", nq), ("step", 1), ("pace", 1),
+              ("shift", 3)]  # fmt: skip
     fields += [("turn", 9)] if problem.turn is not None else []
     data = {name: ca.SX.sym(name, size) for name, size in fields}
     loaded = build_loaded_function(chain, STEPS)
@@ -268,11 +268,11 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     station = Station(
         q=q, q_next=ahead, departure=q - data["q_start"], rate=speed.get("rate", none), change=change,
         bend=change - data["bent"] if problem.timed else none, square=speed.get("square", none),
-        square_next=speed.get("square_next", none), push=speed.get("push", none), step=data["step"], band=band,
-        slack=slack, missed=ca.vertcat(*missed), position=position, rotation=rotation, wanted=data["position"],
+        square_next=speed.get("square_next", none), push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band,
+        slack=slack, excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wanted=data["position"],
         deflection=deflection, wrench=data["wrench"], frames=locate_symbolic(chain, q),
     )  # fmt: skip
-    return station, [ca.vertcat(q, ahead, *speed.values(), slack, band), ca.vertcat(*data.values())]
+    return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]
 
 
 def _pack(problem: Problem) -> Array:
@@ -281,6 +281,7 @@ def _pack(problem: Problem) -> Array:
     bent = problem.rates[1] @ problem.q_start if problem.timed else np.zeros_like(problem.q_start)
     parts = [problem.position, _flat(problem.rotation), problem.wrench, problem.bias, problem.theta,
              problem.loaded[:, None], problem.q_start, bent, problem.steps[:, None],
+             np.divide(1.0, problem.steps, where=problem.steps > 0.0, out=np.zeros(k))[:, None],
              np.zeros((k, 3)) if problem.shift is None else problem.shift]  # fmt: skip
     parts += [_flat(problem.turn)] if problem.turn is not None else []
     return np.hstack([np.asarray(part, float) for part in parts])

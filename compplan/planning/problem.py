@@ -136,8 +136,10 @@ class Station:
         square_next: That of the next station.
         push: Half the derivative of the square along the programmed time. [1/s]
         step: Programmed time to the next station, 0 at the end of a run. [s]
+        pace: Its inverse, 0 at the end of a run. [1/s]
         band: Widest 95 % band as a share of that at the start.
         slack: Missed pose rows of a released station. Shape (rows).
+        excess: Excess of the correction of a released station. [m]
         missed: Missed pose: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
         position: Tip, loaded where the station is. Shape (3). [m]
         rotation: Orientation of the TCP frame. Shape (3, 3).
@@ -158,8 +160,10 @@ class Station:
     square_next: ca.SX
     push: ca.SX
     step: ca.SX
+    pace: ca.SX
     band: ca.SX
     slack: ca.SX
+    excess: ca.SX
     missed: ca.SX
     position: ca.SX
     rotation: ca.SX

@@ -29,9 +29,9 @@ class CorrectionLimit:
         return f"|p_unloaded(q) - p_wanted| <= {1e3 * self.most:g} mm"
 
     def rows(self, station: Station) -> ca.SX:
-        """Return the excess of the correction."""
+        """Return the excess of the correction, less that of a released station out of reach."""
         gap = station.frames.position - station.wanted
-        return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most)
+        return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most) - station.excess
 
     def bounds(self, problem: Problem) -> tuple[Array, Array]:
         """Return its bounds: none where the tool is unloaded."""

@@ -13,7 +13,7 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class VelocityLimit:
-    """q'^2 x <= v_max^2, x the square of the speed.
+    """q'^2 x <= v_max^2 on the way to the next station, x the square of the speed.
 
     Attributes:
         most: Limits. Shape (nq,). [rad/s or m/s]
@@ -30,7 +30,8 @@ class VelocityLimit:
 
     def rows(self, station: Station) -> ca.SX:
         """Return squares of the velocities as shares of their limits."""
-        return (station.rate / ca.DM(self.most)) ** 2 * station.square
+        rate = (station.q_next - station.q) * station.pace / ca.DM(self.most)
+        return rate**2 * 0.5 * (station.square + station.square_next)
 
     def bounds(self, problem: Problem) -> tuple[Array, Array]:
         """Return the bounds of the shares."""
