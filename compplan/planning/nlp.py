@@ -122,41 +122,71 @@ def build_program(problem: Problem) -> Program:
 
 def _build(problem: Problem) -> Program:
     """Write the program: variables, objective, constraints."""
-    k, nq, rows = len(problem), problem.chain.nq, problem.pose_rows
-    # variables
-    q = ca.MX.sym("q", nq, k)
-    square = ca.MX.sym("square", 1, k if problem.timed else 0)
-    slack = ca.MX.sym("slack", rows + 1, k if problem.released is not None else 0)
-    band = ca.MX.sym("band", 1 if problem.counts_band else 0)
-    x = ca.vertcat(ca.vec(q), ca.vec(square), ca.vec(slack), band)
-    # parameters: loads and wanted pose of every station
-    data = ca.MX.sym("data", _pack(problem).shape[1], k)
-    # what the stations see of their neighbours
-    ahead = ca.horzcat(q[:, 1:], q[:, -1])
-    if problem.timed:
-        first, second = (ca.DM(sparse.csc_matrix(matrix.T)) for matrix in problem.rates)
-        steps = np.maximum(problem.steps, 1e-12)
-        later = ca.horzcat(square[:, 1:], square[:, -1])
-        push = (later - square) * ca.DM(np.where(problem.steps > 0.0, 0.5 / steps, 0.0)).T
-        neighbours = ca.vertcat(ahead, ca.mtimes(q, first), ca.mtimes(q, second), square, later, push)
-    else:
-        neighbours = ahead
-    missed = slack if problem.released is not None else ca.MX(rows + 1, k)
-    spread = ca.repmat(band, 1, k) if problem.counts_band else ca.MX(0, k)
-    local = ca.vertcat(q, neighbours, missed, spread)
+    k = len(problem)
+    # variables: x, and what each station sees of them, v_i = L_i x
+    seen, sizes = _state_sight(problem)
+    x, data = ca.MX.sym("x", seen.shape[1]), ca.MX.sym("data", _pack(problem).shape[1], k)
+    local = ca.reshape(ca.mtimes(ca.DM(seen), x), seen.shape[0] // k, k)
     station, inputs = _state_station(problem)
     # objective
-    cost = ca.Function("cost", inputs, [sum((each.term(station) for each in problem.costs), ca.SX(0))])
-    objective = ca.sum2(cost.map(k)(local, data))
+    term = sum((each.term(station) for each in problem.costs), ca.SX(0))
+    objective = ca.sum2(ca.Function("cost", inputs, [term]).map(k)(local, data))
     # constraints
     parts = [limit.rows(station) for limit in problem.limits]
-    limits = ca.Function("limits", inputs, [ca.cse(ca.vertcat(*parts))])
-    g = ca.vec(limits.map(k)(local, data))
-    options = {"ipopt": OPTIONS | ({"mu_init": 1e-1, "mu_strategy": "adaptive"} if problem.timed else {}), "print_time": False,
-               "calc_lam_p": False}  # fmt: skip
-    solver = ca.nlpsol("path", SOLVER, {"x": x, "f": objective, "g": g, "p": ca.vec(data)}, options)
-    sizes = q.numel(), square.numel(), slack.numel(), band.numel()
+    rows = ca.cse(ca.vertcat(*parts))
+    g = ca.vec(ca.Function("limits", inputs, [rows]).map(k)(local, data))
+    # exact derivatives, station by station: J = diag(J_i) L, H = L^T diag(H_i) L
+    p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
+    weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
+    slope = ca.Function("slope", inputs, [ca.cse(ca.jacobian(rows, inputs[0]))]).map(k)(local, data)
+    bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
+    bends = ca.Function("bend", [*inputs, weight, pulls], [ca.cse(bend)]).map(k)(
+        local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
+    sight = ca.MX(ca.DM(seen))
+    jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
+    hessian = ca.triu(ca.mtimes(sight.T, ca.mtimes(ca.diagcat(*ca.horzsplit(bends, inputs[0].numel())), sight)))
+    options = {
+        "ipopt": OPTIONS | ({"mu_init": 1e-1, "mu_strategy": "adaptive"} if problem.timed else {}),
+        "jac_g": ca.Function("jacobian", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
+        "hess_lag": ca.Function("hessian", [x, p, scale, pull], [hessian], ["x", "p", "lam_f", "lam_g"],
+                                ["triu_hess_gamma_x_x"]),
+        "print_time": False, "calc_lam_p": False, "no_nlp_grad": True,
+    }  # fmt: skip
+    solver = ca.nlpsol("path", SOLVER, {"x": x, "f": objective, "g": g, "p": p}, options)
     return Program(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
+
+
+def _state_sight(problem: Problem) -> tuple[sparse.csc_matrix, tuple[int, int, int, int]]:
+    """Return what the stations see of the variables as a matrix, and the numbers of q, square, slack and band."""
+    k, nq, rows = len(problem), problem.chain.nq, problem.pose_rows + 1
+    sizes = (nq * k, k if problem.timed else 0, rows * k if problem.released is not None else 0,
+             1 if problem.counts_band else 0)  # fmt: skip
+    offsets = np.cumsum([0, *sizes])
+
+    def see(matrix: Any, kind: int, height: int) -> sparse.csr_matrix:
+        """Place a matrix on the stations (k, k), each with `height` entries, among the columns of its kind."""
+        part = sparse.kron(matrix, sparse.identity(height))
+        before, after = offsets[kind], offsets[-1] - offsets[kind + 1]
+        return sparse.hstack([sparse.csr_matrix((k * height, before)), part, sparse.csr_matrix((k * height, after))])
+
+    own, ahead = sparse.identity(k), sparse.csr_matrix((np.ones(k), (np.arange(k), np.minimum(np.arange(k) + 1, k - 1))))
+    parts = [(see(own, 0, nq), nq), (see(ahead, 0, nq), nq)]
+    if problem.timed:
+        half = sparse.diags(np.divide(0.5, problem.steps, where=problem.steps > 0.0, out=np.zeros(k)))
+        first, second = (sparse.csr_matrix(matrix) for matrix in problem.rates)
+        parts += [(see(first, 0, nq), nq), (see(second, 0, nq), nq)]
+        parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, half @ (ahead - own))]
+    none = sparse.csr_matrix((k * rows, offsets[-1]))
+    parts.append((see(own, 2, rows) if problem.released is not None else none, rows))
+    if problem.counts_band:
+        everywhere = sparse.csr_matrix((np.ones(k), (np.arange(k), np.full(k, offsets[3]))), shape=(k, offsets[-1]))
+        parts.append((everywhere, 1))
+    heights = [height for _, height in parts]
+    starts, total = np.cumsum([0, *heights]), sum(heights)
+    order = np.concatenate([np.add.outer(np.arange(k) * total + start, np.arange(height)).ravel()
+                            for start, height in zip(starts, heights, strict=False)])  # fmt: skip
+    stacked = sparse.csr_matrix(sparse.vstack([part for part, _ in parts]))
+    return sparse.csc_matrix(stacked[np.argsort(order)]), sizes
 
 
 def solve_program(program: Program, problem: Problem, guess: Solution | None = None) -> Solution:
@@ -176,7 +206,7 @@ def solve_program(program: Program, problem: Problem, guess: Solution | None = N
     begin[joints] = (problem.guess if guess is None else guess.q).ravel()
     if problem.timed:
         lower[squares], upper[squares] = 1e-8, 1.0
-        begin[squares] = 0.25 if guess is None else guess.square
+        begin[squares] = 0.9 * problem.speed**2 if guess is None else guess.square
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:
@@ -185,7 +215,7 @@ def solve_program(program: Program, problem: Problem, guess: Solution | None = N
         lower[slacks][held] = upper[slacks][held] = 0.0
     if problem.counts_band:
         begin[-1] = 1.0 if guess is None else guess.band
-        lower[-1] = 0.0
+        lower[-1], upper[-1] = 0.0, problem.most_band
     bounds = [limit.bounds(problem) for limit, size in zip(problem.limits, program.sizes, strict=True) if size]
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
     found = program.solver(x0=np.clip(begin, lower, upper), p=_pack(problem).ravel(), lbx=lower, ubx=upper,
@@ -251,6 +281,7 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
               ("loaded", 1), ("q_start", nq), ("bent", nq), ("step", 1), ("pace", 1),
               ("shift", 3)]  # fmt: skip
     fields += [("turn", 9)] if problem.turn is not None else []
+    fields += [(limit.name, limit.numbers.shape[1]) for limit in problem.limits if limit.numbers is not None]
     data = {name: ca.SX.sym(name, size) for name, size in fields}
     loaded = build_loaded_function(chain, STEPS)
     position, rotation, deflection = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
@@ -258,7 +289,7 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     if problem.turn is not None:
         rotation = ca.mtimes(rotation, ca.reshape(data["turn"], 3, 3))
     wanted = ca.reshape(data["rotation"], 3, 3)
-    missed = [position - data["position"]]
+    missed = [ca.mtimes(wanted.T, position - data["position"])]
     if not problem.axis_free:
         missed += [ca.dot(wanted[:, side], rotation[:, 2]) for side in (0, 1)]
     if not problem.spin_free:
@@ -271,6 +302,7 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
         square_next=speed.get("square_next", none), push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band,
         slack=slack, excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wanted=data["position"],
         deflection=deflection, wrench=data["wrench"], frames=locate_symbolic(chain, q),
+        numbers={limit.name: data[limit.name] for limit in problem.limits if limit.numbers is not None},
     )  # fmt: skip
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]
 
@@ -284,6 +316,7 @@ def _pack(problem: Problem) -> Array:
              np.divide(1.0, problem.steps, where=problem.steps > 0.0, out=np.zeros(k))[:, None],
              np.zeros((k, 3)) if problem.shift is None else problem.shift]  # fmt: skip
     parts += [_flat(problem.turn)] if problem.turn is not None else []
+    parts += [limit.numbers for limit in problem.limits if limit.numbers is not None]
     return np.hstack([np.asarray(part, float) for part in parts])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -47,6 +48,7 @@ class Problem:
         shift: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
         turn: The same of its orientation, to be multiplied from the right. Shape (k, 3, 3).
         released: Stations whose pose may be missed at a price, None for none. Shape (k,).
+        speed: Share of the programmed feed at which the solver begins. Shape (k,) or one number.
 
     """
 
@@ -72,6 +74,7 @@ class Problem:
     shift: Array | None = None
     turn: Array | None = None
     released: NDArray[np.bool_] | None = None
+    speed: Array | float = 0.5
 
     def __len__(self) -> int:
         return len(self.position)
@@ -97,6 +100,11 @@ class Problem:
     def counts_band(self) -> bool:
         """Tell whether the widest 95 % band is a variable."""
         return any(cost.name == "band" for cost in self.costs)
+
+    @property
+    def most_band(self) -> float:
+        """Greatest band that is allowed, as a share of that at the start."""
+        return min((float(limit.most) for limit in self.limits if limit.name == "band"), default=float("inf"))
 
     @cached_property
     def rates(self) -> tuple[Array, Array]:
@@ -140,13 +148,14 @@ class Station:
         band: Widest 95 % band as a share of that at the start.
         slack: Missed pose rows of a released station. Shape (rows).
         excess: Excess of the correction of a released station. [m]
-        missed: Missed pose: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
+        missed: Missed pose in the wanted frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
         position: Tip, loaded where the station is. Shape (3). [m]
         rotation: Orientation of the TCP frame. Shape (3, 3).
         wanted: Wanted tip. Shape (3). [m]
         deflection: Elastic coordinates. Shape (s). [rad or m]
         wrench: Wrench on the tool. Shape (6). [N, N m]
         frames: Frames of the unloaded arm.
+        numbers: Numbers of the limits at this station, by the limit's name.
 
     """
 
@@ -171,3 +180,4 @@ class Station:
     deflection: ca.SX
     wrench: ca.SX
     frames: SymbolicFrames
+    numbers: Mapping[str, ca.SX]

@@ -9,8 +9,12 @@ from typing import Protocol
 
 import casadi as ca
 
+from compplan.planning.costs.band import Band
 from compplan.planning.costs.departure import Departure
 from compplan.planning.costs.missed import MissedPose
+from compplan.planning.costs.smoothness import Smoothness
+from compplan.planning.costs.time import Time
+from compplan.planning.costs.travel import Travel
 from compplan.planning.problem import Station
 
 
@@ -33,8 +37,12 @@ class Cost(Protocol):
 
 #: Every cost by its name.
 COSTS: dict[str, type] = {
+    "band": Band,
     "departure": Departure,
     "missed_pose": MissedPose,
+    "smoothness": Smoothness,
+    "time": Time,
+    "travel": Travel,
 }
 
-__all__ = ["COSTS", "Cost", "Departure", "MissedPose"]
+__all__ = ["COSTS", "Band", "Cost", "Departure", "MissedPose", "Smoothness", "Time", "Travel"]

@@ -10,6 +10,7 @@ from typing import Protocol
 import casadi as ca
 
 from compplan.planning.limits.acceleration import AccelerationLimit
+from compplan.planning.limits.band import BandLimit
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
 from compplan.planning.limits.pose import LoadedPose
@@ -25,12 +26,14 @@ class Limit(Protocol):
         name: What plan.json calls it.
         timed: Whether it speaks of the speed along the path.
         of_joints: Whether its rows are one a joint, which failures name.
+        numbers: Its own numbers at every station, which its rows find in `Station.numbers`, or None. Shape (k, c).
 
     """
 
     name: str
     timed: bool
     of_joints: bool
+    numbers: Array | None
 
     def rows(self, station: Station) -> ca.SX:
         """Return the rows of one station. Shape (r)."""
@@ -48,6 +51,7 @@ LIMITS: dict[str, type] = {
     "correction": CorrectionLimit,
     "velocity": VelocityLimit,
     "acceleration": AccelerationLimit,
+    "band": BandLimit,
 }
 
-__all__ = ["LIMITS", "AccelerationLimit", "CorrectionLimit", "JointRange", "Limit", "LoadedPose", "VelocityLimit"]
+__all__ = ["LIMITS", "AccelerationLimit", "BandLimit", "CorrectionLimit", "JointRange", "Limit", "LoadedPose", "VelocityLimit"]

@@ -24,6 +24,7 @@ class AccelerationLimit:
     name: str = "acceleration"
     timed: bool = True
     of_joints: bool = True
+    numbers: Array | None = None
 
     def __str__(self) -> str:
         return "|q'' x + q' x' / 2| <= a_max"

@@ -24,6 +24,7 @@ class CorrectionLimit:
     name: str = "correction"
     timed: bool = False
     of_joints: bool = False
+    numbers: Array | None = None
 
     def __str__(self) -> str:
         return f"|p_unloaded(q) - p_wanted| <= {1e3 * self.most:g} mm"

@@ -17,6 +17,7 @@ class JointRange:
     name: str = "joint_range"
     timed: bool = False
     of_joints: bool = True
+    numbers: Array | None = None
 
     def __str__(self) -> str:
         return "q_min <= q <= q_max"

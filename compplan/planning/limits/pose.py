@@ -24,6 +24,7 @@ class LoadedPose:
     name: str = "pose"
     timed: bool = False
     of_joints: bool = False
+    numbers: Array | None = None
 
     def __str__(self) -> str:
         return "p(q, theta) = p_wanted, z(q, theta) = z_wanted, theta = C (J^T w + tau)"

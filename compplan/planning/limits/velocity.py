@@ -24,6 +24,7 @@ class VelocityLimit:
     name: str = "velocity"
     timed: bool = True
     of_joints: bool = True
+    numbers: Array | None = None
 
     def __str__(self) -> str:
         return "q'^2 x <= v_max^2"
