@@ -38,8 +38,8 @@ from compplan.uncertainty.slopes import pick_rows
 
 LOG = logging.getLogger(__name__)
 
-#: Stations at most.
-STATIONS = 150
+#: Stations at most, and waypoints up to which all are stations.
+STATIONS, FEW = 150, 200
 #: A waypoint is reached where it misses the pose by less. [m and rad]
 REACHED = 1e-6
 #: Motion that travel is counted in: an axis that turns or slides. [rad, m]
@@ -289,17 +289,24 @@ def _read_angles(
 
 
 def _pick_rows(task: PlanTask) -> NDArray[np.int_]:
-    """Pick waypoints of the runs of a cut evenly in programmed time; ends of runs belong to them."""
+    """Pick waypoints of the runs of a cut: all of few, else evenly in time and in bends of the path; ends included."""
     time, chosen = np.r_[0.0, np.cumsum(task.step_time)], list[NDArray[np.int_]]()
     runs = [run for run in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
             if run[1] - run[0] >= 2 and time[run[1]] > time[run[0]]]  # fmt: skip
-    total = sum(time[last] - time[first] for first, last in runs)
+    if not runs:
+        return np.zeros(0, int)
+    count, total = sum(last - first + 1 for first, last in runs), sum(time[last] - time[first] for first, last in runs)
+    ways = np.diff(task.position, axis=0)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
+    bend = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
+    density = np.r_[0.0, np.cumsum(task.step_time / total + bend / max(float(bend.sum()), 1e-9))]
     for first, last in runs:
-        count = max(int(STATIONS * (time[last] - time[first]) / total), 3)
-        at = np.searchsorted(time[first : last + 1], np.linspace(time[first], time[last], count))
+        own = density[first : last + 1] - density[first]
+        most = max(int(STATIONS * own[-1] / 2.0), 3)
+        at = np.arange(last - first + 1) if count <= FEW else np.searchsorted(own, np.linspace(0.0, own[-1], most))
         found = np.unique(np.r_[first, first + np.clip(at, 0, last - first), last])
         chosen.append(found[np.r_[True, np.diff(time[found]) > 1e-6 * total]])
-    return np.unique(np.concatenate(chosen)) if chosen else np.zeros(0, int)
+    return np.unique(np.concatenate(chosen))
 
 
 def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[str, Array]:
