@@ -8,7 +8,7 @@ from __future__ import annotations
 
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
-    "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock", "mutation"),
+    "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock"),
     "Is the posture a good one, and what does a plan cost?": (
         "posture", "planner", "redundant_peers", "limits", "nlp_limits", "viewer",
     ),
@@ -17,7 +17,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
         "engagement", "milling", "force_logs", "deflected", "walls", "drilling", "stability", "crashes",
     ),
     "Is the cause found?": (
-        "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "every_effect", "rival", "calibrate_certainty",
+        "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "rival", "calibrate_certainty",
         "planned_paths",
     ),
     "Do measuring and learning make the next part better?": ("loop", "shop"),

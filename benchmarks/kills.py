@@ -45,9 +45,6 @@ LINES = {
     "learn": (
         "learn job.toml measured.csv --robot robot --out out", "learn other.toml measured.csv --robot robot --out out",
     ),
-    "certificate": (
-        "certificate robot --log log.csv --out out/c.html", "certificate robot --log other.csv --out out/c.html",
-    ),
     "forces": ("forces mill.toml --out out", "forces mill.toml --log cutting.csv --out out"),
     "post": ("post part.gcode {post} --program krl", "post part.gcode {post} --program sinumerik --program csv"),
     "reproduce": ("reproduce dumas2011 --out out", "reproduce klimchik2018 --out out"),

@@ -7,9 +7,9 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from robot_picture import draw_robot_flat, project_points
 
 import compplan as cp
-from compplan.reporting.robot_picture import draw_robot_flat, project_points
 
 ROOT = Path(__file__).resolve().parent.parent
 

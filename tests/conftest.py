@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
+# small matrices are slower on several threads, and what is read once when numpy is imported cannot be set later
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import pytest
 
 from compplan.plan import plan as planning

@@ -40,7 +40,6 @@ COMMANDS = {
     "predict": "predict log.csv --robot robot --out out/predicted.csv",
     "campaign": "campaign job.toml --poses 4 --out out",
     "learn": "learn job.toml measured.csv --robot robot --align datum --out out",
-    "certificate": "certificate robot --log log.csv --out out/certificate.html",
     "place": "place job.toml --out out",
     "compare": "compare job.toml --out out",
     "montecarlo": "montecarlo mill.toml --samples 16 --replicates 2 --workers 2 --no-sensitivity"

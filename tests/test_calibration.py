@@ -195,10 +195,3 @@ def test_a_faulty_file_is_refused_in_one_line(text, robot, says, tmp_path, monke
                          monkeypatch, capsys)  # fmt: skip
     assert answer.status == 2 and says in answer.err and answer.err.count("\n") == 1
     assert not (tmp_path / "o").exists()
-
-
-def test_a_format_that_is_only_read_is_not_written(tmp_path, monkeypatch, capsys) -> None:
-    answer = run_command(["calibration", "write", "ur5e", "--robot", "ur5e", "--controller", "ur_kinematics", "--out",
-                          tmp_path / "o.yaml"], monkeypatch, capsys)  # fmt: skip
-    assert answer.status == 2 and "is read only, choose from ['universal_robots', 'kuka', 'abb']" in answer.err
-    assert not (tmp_path / "o.yaml").exists()

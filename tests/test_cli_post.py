@@ -36,7 +36,7 @@ def test_a_part_that_is_no_frame_is_refused_in_one_line(tmp_path: Path, monkeypa
     words = (str(tmp_path / "cut.nc"), "--robot", "staubli_tx200", "--program", "val3")
     assert run(monkeypatch, *words, "--part", "1,2") == 2
     assert "--part is '1,2', expected X,Y,Z in mm" in capsys.readouterr().err
-    assert not (tmp_path / "cut_program").exists()
+    assert [file.name for file in tmp_path.iterdir()] == ["cut.nc"]
 
 
 def test_signals_of_the_cell_come_with_the_command(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -7,8 +7,11 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 from compplan.reporting import figure as go
+from compplan.reporting.reach_section import _fill_band
+from compplan.robot.solids import triangulate_box, triangulate_rod
 
 
 def test_a_key_reaches_into_its_table_and_what_is_none_is_left_out() -> None:
@@ -49,3 +52,24 @@ def test_charts_of_a_row_share_their_axis() -> None:
     figure = go.make_subplots(rows=2, cols=2, shared_yaxes=True)
     assert figure.layout.yaxis2.matches == "y" and figure.layout.yaxis4.matches == "y3"
     assert figure.layout.yaxis.matches is None and figure.layout.yaxis3.matches is None
+
+
+def test_the_band_is_filled_where_it_is_known_alone() -> None:
+    figure = go.Figure(go.Scatter(x=[0, 1, 2, 3, 4, 5], y=[2, 2, np.nan, np.nan, 3, 3], name="true tip, 95 %"))
+    _fill_band(figure)
+    fill = figure.data[0]
+    assert fill.x.tolist() == [0, 0, 1, 1, 2, 3, 4, 4, 5, 5] and fill.y.tolist() == [0, 2, 2, 0, 0, 0, 0, 3, 3, 0]
+    assert figure.data[1].showlegend is False and fill.legendgroup == figure.data[1].legendgroup
+
+
+def test_drawn_boxes_and_rods_are_closed_and_face_outwards() -> None:
+    low, high = np.array([-1.0, 2.0, 0.5]), np.array([3.0, 2.5, 4.0])
+    box = trimesh.Trimesh(*triangulate_box(low, high), process=False)
+    assert box.is_watertight and box.volume == pytest.approx(np.prod(high - low))
+    assert np.allclose(box.bounds, [low, high])
+    for end in ([0.4, -0.2, 1.0], [0.1, 0.2, -3.0]):
+        start = np.array([0.1, 0.2, 0.3])
+        rod = trimesh.Trimesh(*triangulate_rod(start, np.array(end), 0.05, sections=20), process=False)
+        other = trimesh.creation.cylinder(0.05, segment=[start, end], sections=20)
+        assert rod.is_watertight and rod.volume == pytest.approx(other.volume)
+        assert np.allclose(rod.center_mass, other.center_mass)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from program_readers import read_krl, read_rapid
 
+from compplan.controllers.readback.fitted import PlannedRows, follow_moves
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.fit import find_circle, fit_moves
 from compplan.robot import load_robot
-from compplan.simulation.fitted import PlannedRows, follow_moves
 
 
 def make_program(position: np.ndarray, time: np.ndarray, turn: float = 0.0) -> Program:

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from script_readers import read_sinumerik
 from test_fit import circle, make_program
 
+from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.writers import Program, write_program
 from compplan.controllers.writers.fit import fit_moves
-from compplan.simulation.fitted import PlannedRows, find_rows, follow_moves
 from compplan.toolpath.readers import CamTable, read_cam
 from compplan.toolpath.toolpath import resample_toolpath
 
@@ -203,4 +203,4 @@ def test_rows_nearer_than_a_written_digit_are_found_in_order() -> None:
     tips = position.copy()
     tips[2], tips[3] = [-0.1730, 0.00480, 0.0005], [-0.1730, 0.0058, 0.0005]
     assert list(find_rows(rows, tips, turn)) == [0, 1, 2, 3, 4]
-    assert "no row beyond 3" in str(find_rows(rows, tips[[0, 1, 2, 3, 3, 4]], turn[[0, 1, 2, 3, 3, 4]]))
+    assert "waypoint 3 " in str(find_rows(rows, tips[[0, 1, 2, 3, 3, 4]], turn[[0, 1, 2, 3, 3, 4]]))

@@ -6,6 +6,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from oracles.forces import DrivenRows, read_forces
 
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
@@ -25,7 +26,6 @@ from compplan.process.force_models.isf_regression import (
     sheet_wrench,
     steady_axial_force,
 )
-from compplan.simulation.forces import DrivenRows, read_forces
 from compplan.toolpath.generators import Pace, generate_cone
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
 

@@ -34,13 +34,6 @@ def test_the_shell_completes_commands_options_and_robots() -> None:
     assert {"kuka_kr270", "kuka_kr270_full"} <= set(robots)
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_script_is_printed_for_each_shell(shell: str) -> None:
-    result = CliRunner().invoke(group, ["completion", shell])
-    assert result.exit_code == 0
-    assert "_COMPPLAN_COMPLETE" in result.output
-
-
 def test_a_stage_counts_what_is_behind() -> None:
     assert find_stage("robot and toolpath", STAGES) == 0
     assert find_stage("compensation of 4716 waypoints", STAGES) == 3

@@ -11,6 +11,7 @@ import pytest
 from test_feed import ROBOT, arc_path, make_task, square_path
 
 from benchmarks.limits import sample_use
+from compplan.controllers.readback.robot import read_joints
 from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import FeedWish, TorqueRules, time_run
 from compplan.plan.jerk_run import RateLimits, shorten_run
@@ -19,7 +20,6 @@ from compplan.plan.profile import ease, ease_times
 from compplan.plan.timing import cutting_runs, find_slowdown, time_command
 from compplan.plan.votes import _vote_on_jerk
 from compplan.robot import Array
-from compplan.second.robot import read_joints
 
 NONE = np.array([1e12])
 

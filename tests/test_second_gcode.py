@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracles.cam.cam import read_gcode
+from oracles.cam.follow import Followed, find_difference
+from oracles.cam.moves import ARC, LINE, RAPID, CannotTellError
+from oracles.cam.tables import read_generator
 from truth_cases import follow_arc
-
-from compplan.second.cam import read_gcode
-from compplan.second.follow import Followed, find_difference
-from compplan.second.moves import ARC, LINE, RAPID, CannotTellError
-from compplan.second.tables import read_generator
 
 
 def _ends(text: str, **options: object) -> list[list[float]]:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.cam.cam import read_moves
+from oracles.cam.follow import Followed, find_difference
+from oracles.cam.moves import ARC, LINE, RAPID, CannotTellError, Reading
 
-from compplan.second.cam import read_moves
-from compplan.second.follow import Followed, find_difference
-from compplan.second.moves import ARC, LINE, RAPID, CannotTellError, Reading
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.reading import read_toolpath
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from compplan.controllers.readback.poses import Move
-from compplan.second.posture import PostureWord, read_words
-from compplan.simulation.spoken import Spoken
+from compplan.controllers.readback.posture import PostureWord, read_words
+from compplan.controllers.readback.spoken import Spoken
 
 ROOT = Path(__file__).parent.parent
 #: Joints of three rows, and the words that they stand in.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -250,43 +251,31 @@ FUSION = {"version": 1, "data": [
     {"type": "drill", "unit": "inches", "description": "5 mm", "post-process": {"number": 2},
      "geometry": {"DC": 5 / 25.4, "NOF": 2, "LB": 3.0, "SIG": 118}, "holder": {"gaugeLength": 150 / 25.4 - 3.0}},
 ]}  # fmt: skip
-HSM = """<?xml version="1.0" encoding="UTF-16" standalone="no"?>
-<tool-library xmlns="http://www.hsmworks.com/xml/2004/cnc/tool-library" version="14">
-  <tool type="flat end mill" unit="millimeters"><description>12 mm</description><nc number="1" length-offset="1"/>
-    <body diameter="12" number-of-flutes="3" flute-length="26" body-length="40" corner-radius="0"/>
-    <holder gauge-length="80.5"/></tool>
-  <tool type="drill" unit="millimeters"><nc number="2"/><body diameter="5" number-of-flutes="2" body-length="70"/>
-    <holder gauge-length="80"/></tool>
-</tool-library>"""
-LINUXCNC = "T1 P1 Z120.5 D12 ;12 mm end mill\nT2 P2 Z+150.0 D+5.0 ;drill 5 mm\n"
-HEIDENHAIN = (
-    "BEGIN TOOL    .T       MM\n"
-    "T    NAME             L          R          R2      DL      CUT DOC\n"
-    "0                     +0,000     +0,000     +0,000  +0,000\n"
-    "1    MILL_D12         +120,5     +6,000     +0,000  +0,000  3\n"
-    "2    DRILL_D5         +150       +2,500     +0,000  +0,000  2\n"
-    "[END]\n"
-)
+
+def write_table(folder: Path, form: str) -> Path:
+    rows = [dict(zip(CSV.split("\n")[0].split(","), row.split(","), strict=True)) for row in CSV.split("\n")[1:3]]
+    toml = "".join("[[tool]]\n" + "".join(
+        f"{key} = {value if value[0].isdigit() else repr(value)}\n" for key, value in row.items()) for row in rows)
+    texts = {"t.csv": CSV, "t.toml": toml, "t.json": json.dumps(FUSION)}
+    file = folder / form
+    if form == "t.tools":
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr("tools.json", texts["t.json"])
+    else:
+        file.write_text(texts[form])
+    return file
 
 
-def write_table(folder: Path, form: str) -> tuple[Path, str | None]:
-    names = {"csv": "t.csv", "fusion": "t.json", "hsm": "t.hsmlib", "linuxcnc": "tool.tbl", "heidenhain": "TOOL.T"}
-    file = folder / names[form]
-    texts = {"csv": CSV, "fusion": json.dumps(FUSION), "linuxcnc": LINUXCNC, "heidenhain": HEIDENHAIN}
-    file.write_bytes(HSM.encode("utf-16") if form == "hsm" else texts[form].encode())
-    return file, "mm" if form == "linuxcnc" else None
-
-
-@pytest.mark.parametrize("form", ["csv", "fusion", "hsm", "linuxcnc", "heidenhain"])
+@pytest.mark.parametrize("form", ["t.csv", "t.toml", "t.json", "t.tools"])
 def test_every_form_of_tool_table_says_the_same_two_tools(tmp_path: Path, form: str) -> None:
-    file, unit = write_table(tmp_path, form)
-    tools = read_tool_library(file, unit)
+    file = write_table(tmp_path, form)
+    tools = read_tool_library(file)
     one, two = (take_tool(tools, number, "", file) for number in (1, 2))
     assert one is not None and two is not None and take_tool(tools, 3, "", file) is None
     assert one.length_mm == pytest.approx(120.5) and two.length_mm == pytest.approx(150.0)
     assert one.diameter_mm == pytest.approx(12.0) and two.diameter_mm == pytest.approx(5.0)
     assert (one.kind, two.kind) == ("mill", "drill")
-    assert form == "linuxcnc" or (one.teeth, two.teeth) == (3, 2)
+    assert (one.teeth, two.teeth) == (3, 2)
 
 
 def test_a_table_gives_each_tool_its_length_from_the_spindle_and_its_cutter(tmp_path: Path) -> None:
@@ -314,7 +303,9 @@ def test_a_table_gives_each_tool_its_length_from_the_spindle_and_its_cutter(tmp_
     ("number,length_mm\n1,120\n2,-4\n", "t.csv:3: length_mm of T2 is -4, expected 0 to 5000"),
     ("number,diameter_mm\n1,120\n", "missing column length_mm"),
     ("number,length\n1,120\n", "unknown column 'length'"),
-    ("T1 P1 Z10 D3\nT2 P2 Z20\n", "states no unit of its lengths"),
+    ("T1 P1 Z10 D3\nT2 P2 Z20\n", r"is no tool table, expected a Fusion tool library \(.json, .tools\), TOML"),
+    ('{"data": [{"type": "drill", "post-process": {"number": 1}, "geometry": {"DC": 3, "assemblyGaugeLength": 90}}]}',
+     "T1 states no unit of its lengths"),
     ("hello\n", "is no tool table"),
     ('{"data": 3, "x": "post-process"}', "is no tool library"),
     ('{"data": [{"unit": "millimeters", "type": "drill", "post-process": {"number": 1}, "geometry": {"DC": 3}}]}',

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from compplan.controllers.motion.log import clean_log, read_log
 from compplan.controllers.motion.run import execute_program
 from compplan.controllers.writers.counting import load_controller, to_controller
 from compplan.controllers.writers.servo import MotionTable, read_motion, tabulate_motion
-from compplan.errors import InputError
 from compplan.reporting.writers.executed import share_causes
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
@@ -43,7 +41,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         words = ["trace", l1, l2, "--program", p1, "--program", p2, "--robot", "ur10", "--out", folder / "out"]
         patch.setattr("sys.argv", ["compplan", *map(str, words)])
-        from compplan.cli import main
+        from compplan.cli.application import main
 
         with pytest.raises(SystemExit) as leaving:
             main()
@@ -205,77 +203,6 @@ def test_causes_are_shared_out_over_the_rows_that_are_not_misplaced() -> None:
     none = np.zeros((100, 3))
     shares = share_causes({"gap": gap, "lag": lag, "blend": -lag, "jitter": none, "lost_motion": none})
     assert shares == pytest.approx({"lag": 0.75, "blend": 0.0, "jitter": 0.0, "lost_motion": 0.0})
-
-
-def write_kuka_trace(folder: Path, t: np.ndarray, counted: np.ndarray, unit: str) -> Path:
-    """Write a trace as the oscilloscope does: a head in DIAdem's form, doubles row by row beside it."""
-    names = [f"AxisPos_Act{j}" for j in range(1, 7)] + ["AxisVel_Act1"]
-    head = ["DIAEXTENDED  {@:ENGLISH", "#BEGINGLOBALHEADER", "1,WINDOWS NT", "2,", "#ENDGLOBALHEADER"]
-    head += ["#BEGINCHANNELHEADER", "200,Zeit", "202,s", "210,IMPLIZIT", f"220,{len(t)}", f"240,{t[0]}",
-             f"241,{t[1] - t[0]:.9f}", "#ENDCHANNELHEADER"]  # fmt: skip
-    for place, name in enumerate(names, start=1):
-        head += ["#BEGINCHANNELHEADER", f"200,{name}", f"202,{unit}", "210,EXPLIZIT", "211,run_KRCIpo.r64", "213,BLOCK",
-                 "214,REAL64", f"220,{len(t)}", f"221,{place}", "240,0", "241,0.5", "#ENDCHANNELHEADER"]  # fmt: skip
-    (folder / "run_KRCIpo.dat").write_text("\r\n".join(head) + "\r\n", encoding="latin-1", newline="")
-    np.column_stack([2.0 * counted, np.zeros(len(t))]).astype("<f8").tofile(folder / "run_KRCIpo.r64")
-    return folder / "run_KRCIpo.r64"
-
-
-@pytest.mark.parametrize(("unit", "size"), [("\xb0", 1.0), ("rad", np.pi / 180), ("mrad", np.pi / 0.18), ("", 1.0)])
-def test_a_trace_of_the_oscilloscope_is_read_by_its_head(tmp_path, unit, size) -> None:
-    robot = load_robot("kuka_kr240")
-    t = 3.0 + 0.012 * np.arange(80)
-    q = np.stack([0.1 * j + 0.3 * t for j in range(6)], axis=1)
-    file = write_kuka_trace(tmp_path, t, size * to_controller(load_controller(robot), q), unit)
-    for ending in (".r64", ".dat"):
-        log = read_log(file.with_suffix(ending), robot)
-        assert log.raw == pytest.approx(q, abs=1e-12) and log.time == pytest.approx(t)
-        assert any("degrees (mm for slides), assumed" in note for note in log.notes) == (not unit)
-    file.unlink()
-    with pytest.raises(InputError, match="expected NAME_KRCIpo"):
-        read_log(file.with_suffix(".dat"), robot)
-
-
-def write_recording(file: Path, encoding: str, t: np.ndarray, q: np.ndarray, names: list[str]) -> Path:
-    """Write joint states as ROS 2 records them, or as JSON."""
-    from mcap.writer import Writer
-
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", b"")
-        channel = writer.register_channel("/joint_states", encoding, schema)
-        for stamp, places in zip(t, q, strict=True):
-            sec, nano = int(stamp), round(stamp % 1.0 * 1e9)
-            if encoding == "json":
-                stamped = {"stamp": {"sec": sec, "nanosec": nano}}
-                data = json.dumps({"header": stamped, "name": names, "position": places.tolist()}).encode()
-            else:
-                body = struct.pack("<iI", sec, nano) + struct.pack("<I", 5) + b"base\0"
-                body += b"\0" * (-len(body) % 4) + struct.pack("<I", len(names))
-                for name in names:
-                    body += b"\0" * (-len(body) % 4) + struct.pack("<I", len(name) + 1) + name.encode() + b"\0"
-                body += b"\0" * (-len(body) % 4) + struct.pack("<I", len(places))
-                body += b"\0" * (-len(body) % 8) + struct.pack(f"<{len(places)}d", *places)
-                data = b"\0\1\0\0" + body + struct.pack("<II", 0, 0)
-            writer.add_message(channel, int(stamp * 1e9), data, int(stamp * 1e9))
-        writer.finish()
-    return file
-
-
-@pytest.mark.parametrize("encoding", ["json", "cdr"])
-def test_a_recording_of_joint_states_is_read_by_the_names_of_the_joints(tmp_path, encoding) -> None:
-    robot = load_robot("ur10")
-    t = 7.0 + 0.008 * np.arange(60)
-    q = np.stack([0.1 * j + 0.3 * (t - 7.0) for j in range(6)], axis=1)
-    file = write_recording(tmp_path / "run.mcap", encoding, t, q[:, ::-1], list(robot.joint_names)[::-1])
-    log = read_log(file, robot)
-    assert log.raw == pytest.approx(q) and log.time == pytest.approx(t)
-    with pytest.raises(InputError, match="other joints"):
-        read_log(write_recording(file, encoding, t, q[:, :4], ["a", "b", "c", "d"]), robot)
-    file.write_bytes(b"no recording")
-    with pytest.raises(InputError, match="is no MCAP file of joint states"):
-        read_log(file, robot)
 
 
 def test_rows_out_of_order_and_repeated_are_told(tmp_path) -> None:

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from compplan.simulation.forces import DrivenRows
-from compplan.simulation.wanted import Vote, vote_on_path
+from oracles.forces import DrivenRows
+from oracles.wanted import Vote, vote_on_path
 
 PROGRAM = "G21 G90 G94\nG0 X0 Y0 Z10.\nG1 Z0. F600\nG1 X20. F1200\nG1 Y20.\nM30\n"
 """A plunge of 10 mm/s and two cuts of 20 mm/s."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from oracles.cam.follow import Followed, find_difference
+from oracles.cam.moves import ARC, LINE, RAPID, Reading, Recorder
 
 from compplan.errors import InputError
 from compplan.robot import Array
-from compplan.second.follow import Followed, find_difference
-from compplan.second.moves import ARC, LINE, RAPID, Reading, Recorder
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.reading import read_toolpath
 

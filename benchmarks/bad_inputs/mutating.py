@@ -40,13 +40,12 @@ TARGETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "montecarlo": (1, ("job.toml", "robot/uncertainty.toml")),
     "campaign": (1, ("job.toml", "robot/uncertainty.toml")),
     "learn": (2, ("measured.csv", "job.toml")),
-    "certificate": (2, ("robot/uncertainty.toml", "robot/elasticity.toml", "robot/robot.urdf")),
     "init robot": (3, ("robot/robot.urdf",)),
     "post": (1, ("part.gcode", "robot/controller.toml")),
 }  # fmt: skip
 LINES = {**COMMANDS, "predict register": "predict log.csv --robot robot --register base,tool --out out.csv"}
 #: Commands that take any robot: some of their mutants are of a shipped one.
-ANY_ROBOT = ("doctor", "map", "certificate", "init robot", "plan")
+ANY_ROBOT = ("doctor", "map", "init robot", "plan")
 #: Numbers and words that stand where a sound one was.
 EXTREMES = ("0", "-1", "1", "1e-30", "1e30", "-1e9", "1e308", "5e-324", "nan", "inf", "-inf", "", "1e-9", "1000000",
             "x", "1,5", "0x10", "1_0", "3.14159", "90", "-0.0", "1e999", "\u0661", "true", "[]", "''")  # fmt: skip

@@ -67,7 +67,6 @@ COMMANDS = {
     "doctor log": "doctor log.csv --robot robot",
     "campaign": "campaign job.toml --poses 3 --out out",
     "learn": "learn job.toml measured.csv --robot robot --out out",
-    "certificate": "certificate robot --out certificate.html",
     "mill": "forces mill.toml --out out",
     "mill log": "forces mill.toml --log cutting.csv --out out",
     "mill plan": "plan mill.toml --out out",

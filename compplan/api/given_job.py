@@ -38,7 +38,7 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
             RY, RZ in mm and deg.
 
     Raises:
-        InputError: If they are not what they have to be, or a path has no robot.
+        InputError: If they are not what they have to be, or a path has no robot or no part frame.
     """
     unknown = next((name for name in tables or {} if name not in TABLES), None)
     if unknown is not None:
@@ -54,11 +54,23 @@ def make_job(source: Any, robot: Any = None, tables: Mapping[str, Any] | None = 
         mounted = held.mounted
     if "robot" not in data:
         raise InputError("a path needs a robot: robot = the name of a shipped robot, a folder, or a Robot")
+    if "part" not in {**data, **more} and not _is_job(source):
+        raise InputError(
+            "a path needs a part frame: part = (X, Y, Z) or (X, Y, Z, RX, RY, RZ) in mm and deg, seen from the robot "
+            "base; (0, 0, 0) for a path whose coordinates count from the base"
+        )
     for name, table in more.items():
         old = data.get(name)
         other = name == "process" and table.get("model", "") not in ("", _plain(old).get("model"))
         data[name] = {**_plain(old), **table} if isinstance(table, Mapping) and not other else table
     return check_job(data, file, toolpath=toolpath, robot=mounted)
+
+
+def _is_job(source: Any) -> bool:
+    """Tell whether a source is a job, rather than a path that nobody wrote one for."""
+    if isinstance(source, Job) or (isinstance(source, Mapping) and "toolpath" in source):
+        return True
+    return is_file_name(source) and Path(source).suffix.lower() == ".toml"
 
 
 def _read_source(source: Any) -> tuple[Toolpath | None, dict[str, Any], Path]:

@@ -41,11 +41,11 @@ def plan(
     from compplan.api.given_job import make_job
     from compplan.job.operations import settle_job
     from compplan.plan.plan import plan_job
-    from compplan.reporting.writers.plan import note_programs, write_plan
+    from compplan.reporting.writers.plan import deliver_plan, note_programs
 
     result = note_programs(plan_job(settle_job(make_job(job, robot, tables)), progress=progress))
     if out is not None:
-        write_plan(result, out)
+        result, _ = deliver_plan(result, out)
     return result
 
 

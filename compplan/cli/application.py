@@ -41,7 +41,6 @@ COMMANDS = (
     "predict",
     "campaign",
     "learn",
-    "certificate",
     "calibration",
     "convert",
     "post",
@@ -53,7 +52,6 @@ COMMANDS = (
     "view",
     "init",
     "doctor",
-    "completion",
 )  # fmt: skip
 
 
@@ -157,6 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(50_000, 20, 50)  # a command makes much at its start that stays, and is over soon
+    _received.clear()
     previous = signal.signal(signal.SIGTERM, _leave_on_term)
     try:
         with steady_streams():
@@ -185,6 +184,8 @@ def run_words(words: list[str]) -> int:
     except Exception as error:
         if DEBUG in os.environ:
             traceback.print_exc()
+        if _received:  # an import that SIGTERM interrupts may turn the exit into an error of its own
+            return 128 + _received[0]
         line, status = describe_fault(error)
         click.echo(f"error: {line}", err=True)
     return status if isinstance(status, int) else 0
@@ -220,5 +221,10 @@ def cut(line: str, length: int = 2000) -> str:
     return line if len(line) <= length else f"{line[: length // 2]} [...] {line[-length // 2 :]}"
 
 
+#: Signals that have asked this run to end.
+_received: list[int] = []
+
+
 def _leave_on_term(number: int, frame: object) -> None:
+    _received.append(number)
     sys.exit(128 + number)

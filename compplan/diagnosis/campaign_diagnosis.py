@@ -10,7 +10,7 @@ import numpy as np
 from compplan.diagnosis.answer.delivery import deliver_folders
 from compplan.diagnosis.answer.result import Candidate, Diagnosis, Gap
 from compplan.diagnosis.answer.verdict import MOST_MARGIN, Finding, Verdict, judge_calibration, reach_verdict
-from compplan.diagnosis.data.agreed import LISTED
+from compplan.diagnosis.data.agreed import LISTED, rank_number
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
 from compplan.diagnosis.doubt.certainty import MOST_SURE
@@ -198,7 +198,7 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
     for place, claim in list(chosen.items())[: 2 * LISTED]:
         held = folds.hold_out_linear([claim])
         candidates.append(Candidate(place, held.rms, probability[place]))
-    return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), c.held_out)))
+    return tuple(sorted(candidates, key=lambda c: (-round(c.probability, 3), rank_number(c.held_out))))
 
 
 def _rms(residual: Array) -> float:

@@ -128,7 +128,7 @@ class Shown:
         try:
             from pandas import DataFrame
         except ImportError:
-            raise InputError("to_frame() needs pandas, which is not installed: pip install pandas") from None
+            raise InputError('to_frame() needs pandas, an extra of compplan: pip install "compplan[frames]"') from None
         return DataFrame(self.columns())
 
     def plot(self, axes: Axes | None = None) -> Axes:

@@ -17,7 +17,6 @@ from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 from compplan.robot import Robot
 from compplan.robot.soft_limits import describe_soft_limits
-from compplan.simulation.forces import RECORDED
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
@@ -62,10 +61,6 @@ def describe_left_out(notes: Sequence[str]) -> tuple[str, ...]:
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
     """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
-    if job is not None and job.process.model in RECORDED:
-        reason = RECORDED[job.process.model]
-        model = job.process.model
-        notes.append(f"The independent check takes the wrench of {model!r} as the planner recorded it: {reason}.")
     if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
         asks = "tells it" if job.stability.judge else "tells it where the job has a table [stability]"
         notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")

@@ -74,7 +74,8 @@ def summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
 def describe_notes(plan: Plan) -> list[str]:
     """Return the notes of an operation, each led by its tool; those about the whole file as they are."""
     return [
-        note if note in plan.task.nominal.notes else type(note)(f"{_label(plan)}: {note}") for note in plan.notes
+        note if note in plan.task.nominal.notes else type(note)(f"{_label(plan)}: {note}")
+        for note in (*plan.reasons, *plan.notes)
     ]
 
 

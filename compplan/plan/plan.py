@@ -45,7 +45,6 @@ from compplan.posture.start import PostureRequest, Start, check_clearance, read_
 from compplan.posture.summary import Stance
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
-from compplan.simulation.wanted import Vote
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x, tool_axes
 from compplan.toolpath.toolpath import Toolpath, check_toolpath
@@ -206,7 +205,7 @@ def plan_task(
         stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
-    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias, bench.stiffness)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
     before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
     if after.settled is not None:
         bench = replace(bench, wrench=after.settled.wrench)
@@ -216,9 +215,9 @@ def plan_task(
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
     if after.settled is not None and not after.settled.agrees:
         breaches += (after.settled.explain(),)
-    votes = Vote() if bench.driven is None else cast_votes(bench.driven, after, bending)
+    votes = () if bench.driven is None else cast_votes(bench.driven, after, bending)
     crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
-    breaches += (*vote_on_executed(task, executed), *votes.breaches, *describe_left_out(task.nominal.notes), *crashes)
+    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes), *crashes)
     coupling = compare_coupling(task, before)
     told = list_notes(task, timing, bending, job)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
@@ -227,9 +226,8 @@ def plan_task(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
-        clearance=clearance, unread=votes.unread,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling),
-               *votes.notes),
+        clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling)),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import ConvergenceError
-from compplan.io.notes import list_stops
+from compplan.io.notes import Stop, list_stops
 from compplan.io.origin import describe_origin
 from compplan.io.quantities import format_length, format_number, format_set_length
 from compplan.io.shown import Curve, Curves, Shown
@@ -65,7 +65,6 @@ class Plan(Shown):
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
-        unread: Why the path was not read a second time, "" where it was or there is no file.
 
     """
 
@@ -88,7 +87,6 @@ class Plan(Shown):
     notes: tuple[str, ...] = ()
     job: Job | None = None
     learned: Promise | None = None
-    unread: str = ""
 
     @property
     def robot(self) -> Robot:
@@ -175,7 +173,7 @@ class Plan(Shown):
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
         case = Case(
             self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
-            self.promise, self.job is None or self.job.plan.inertia, self.unread,
+            self.promise, self.job is None or self.job.plan.inertia,
             self.executed is not None and self.executed.known,
         )  # fmt: skip
         found = judge_keeping(case)
@@ -185,6 +183,11 @@ class Plan(Shown):
     def solved_by(self) -> str:
         """What the command came from: the strategy, of `nlp` the nonlinear program."""
         return "nonlinear program" if self.strategy == "nlp" else self.strategy
+
+    @property
+    def reasons(self) -> tuple[Stop, ...]:
+        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
 
     def explain_failures(self) -> str:
         """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
@@ -329,8 +332,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
         "judge": plan.judge,
-        "notes": list(plan.notes),
-        "stops": list_stops(plan.notes),
+        "notes": [*plan.reasons, *plan.notes],
+        "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
     }
     if plan.task.start is not None and plan.task.start.stance is not None:
@@ -346,6 +349,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)
     if failures:
         summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
+    if plan.status != "solved":
         summary["failure"] = plan.explain_failures()
     return summary
 

@@ -25,11 +25,13 @@ KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
 LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
-#: What is said where one reader alone has read the path, and what to do about it.
-UNREAD = "the path was not read a second time"
-LOOK = "Compare the planned path with the CAM system before the first cut."
 TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
+#: The next step where a check disagrees with the plan or its files.
+SETTLE = (
+    "Do not run the programs. Change what is named here in the job or the robot folder; if neither explains it, "
+    "report both as a defect."
+)
 #: What is said of the band of a compromise.
 NO_BAND = "no 95 % band is stated, waypoints are out of reach"
 #: A band so many times as wide as the uncorrected program is off is explained.
@@ -56,7 +58,6 @@ class Case:
         bending: What bends the arm, cause by cause.
         promise: The band; None where there is no solution, or a robot within what is known finds no equilibrium.
         inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
-        unread: Why the path was not read a second time, "" where it was.
         traced: Whether somebody identified how the drives follow.
     """
 
@@ -68,7 +69,6 @@ class Case:
     bending: Bending
     promise: Promise | None
     inertia_wanted: bool = True
-    unread: str = ""
     traced: bool = False
 
 
@@ -180,7 +180,7 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
             KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
         )
     if not beyond.any() and case.status == "not_confirmed":
-        return _not_known(case, "the plan is not confirmed", f"{case.explained}.", promise, share)
+        return _not_known(case, f"the plan is {case.explained}", SETTLE, promise, share)
     return _may_not_keep(case, promise, beyond, share)
 
 
@@ -217,8 +217,9 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
     sentence = f"May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
     sentence += "" if change == LET_COMPENSATE else say_inertia(case)
     if case.status != "solved":
-        sentence = f"Do not start: the plan is not confirmed. {sentence}"
-    sentence += _say_unread(case)
+        change = SETTLE
+        head = f"Do not start: the plan is {case.explained}. {SETTLE}"
+        sentence = f"{head} May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}."
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
         list_left_out(case),
@@ -234,15 +235,11 @@ def _no_solution(case: Case) -> ToleranceVerdict:
     sentence = (
         f"Do not start: there is no solution. May not keep {say_tolerance(case.task)}: {len(case.failures)} waypoints "
         f"are not reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND[0].upper()}{NO_BAND[1:]}."
-        f"{say_inertia(case)}{_say_unread(case)}"
+        f"{say_inertia(case)}"
     )
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence, case.task.tolerance, None, None, (), cause, change, "", list_left_out(case)
     )
-
-
-def _say_unread(case: Case) -> str:
-    return f" Besides, {UNREAD} ({case.unread}). {LOOK}" if case.unread else ""
 
 
 def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
@@ -259,8 +256,6 @@ def _not_known(case: Case, missing: str, change: str, promise: Promise | None, s
 def find_missing(case: Case) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
     robot = case.task.robot
-    if case.unread:
-        return f"{UNREAD} ({case.unread})", LOOK
     if robot.uncertainty is None and robot.grade == "placeholder":
         return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
     if not np.isfinite(case.bending.inertia):

@@ -1,7 +1,7 @@
 """The judge's vote: what a plan has to show before it says "solved".
 
-The judge reads robot folder, tool and process by itself (`compplan.simulation.reading`, `compplan.simulation.forces`),
-and brings the loaded tool to rest at and between waypoints. Limits are held on the timed path by differences.
+The judge reads robot folder and tool by itself (`compplan.simulation.reading`) and brings the loaded tool to rest at
+and between waypoints. Limits are held on the timed path by differences.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from compplan.plan.timing import Timing, find_slowdown
 from compplan.plan.votes import Driven
 from compplan.robot import Array
 from compplan.simulation.cell import AS_MODELLED, Cell, build_cell, run_cell
-from compplan.simulation.forces import DrivenRows, read_forces, read_stiffness
 from compplan.simulation.inertia import average_loads, load_springs
 from compplan.simulation.judge import Judge
 from compplan.simulation.reading import read_judge
@@ -43,47 +42,28 @@ JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 class Bench:
     """What the judge judges with, of its own reading: a cell, and at every waypoint the wrench and inertia's load.
 
-    `stiffness` is how the force answers to where the tool is, None where the planner's law says it; `driven` is what
-    else is voted on, None for robots and paths in memory.
+    `driven` is what else is checked, None for robots and paths in memory.
     """
 
     cell: Cell
     wrench: Array
     bias: Array | None = None
-    stiffness: Array | None = None
     driven: Driven | None = None
 
 
 def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> Bench:
-    """Read robot, tool and process a second time; a robot or a path in memory is taken as it is, and a faded robot."""
+    """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
         return Bench(build_cell(task.robot), task.wrench, bias)
-    tables = job.model_dump(by_alias=True, exclude_unset=True)
-    if job.given is not None:
-        tables["toolpath"] = None  # there is no file to read
+    tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
     if has_faded(task.robot):  # no file holds it
         cell, moving = build_cell(task.robot), build_dynamics(task.robot).standing
     else:
-        cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tables.get("tool")))
-        moving = read_judge(Path(task.robot.folder), tables.get("tool"), moving=True)
-    driven, bias = Driven(task, q, timing.time, tables, job.folder, cell.judge, moving), None
-    if task.inertia:
-        bias = _load_springs(task, moving, timing.time)
-    law = task.law
-    rows = DrivenRows(
-        task.position, task.nominal.axis, task.nominal.rapid, task.lead, timing.time,
-        None if law is None else law.stock_top, None if law is None else law.rows_at,
-    )  # fmt: skip
-    wrench = read_forces(tables, job.folder, rows)
-    if wrench is None:
-        return Bench(cell, task.wrench, bias, read_stiffness(tables, rows, task.wrench), driven)
-    if law is not None and law.learned is not None:
-        wrench = law.learned.push(wrench, job.T_base_part[:3, :3])
-    contact = np.flatnonzero(task.nominal.rapid & task.compensated)
-    if law is None or not law.always:
-        wrench[contact] = 0.0
-    return Bench(cell, wrench, bias, read_stiffness(tables, rows, wrench), driven)
+        cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tool))
+        moving = read_judge(Path(task.robot.folder), tool, moving=True)
+    bias = _load_springs(task, moving, timing.time) if task.inertia else None
+    return Bench(cell, task.wrench, bias, Driven(task, q, timing.time, job, cell.judge, moving))
 
 
 def _load_springs(task: PlanTask, moving: Judge, time: Array) -> Array:

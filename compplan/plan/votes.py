@@ -1,7 +1,6 @@
-"""Votes on what a plan rests on, beside the loaded tip: path, tool axis, limits, effort, feed, times, inertia.
+"""Checks of a plan beside the loaded tip: tool axis, correction, limits, effort, feed, times, inertia.
 
-Each is worked out from the job's files by readings and engines of its own (`compplan.second`, `compplan.simulation`).
-What disagrees keeps a plan from being confirmed; what could not be looked at is said.
+Each is computed from the commanded joints by engines of its own. A plan is not confirmed where one fails.
 """
 
 from __future__ import annotations
@@ -9,23 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from compplan.controllers.readback.robot import JointTable, read_joints
+from compplan.job.job import Job
 from compplan.plan.bending import Bending
 from compplan.plan.evaluate import Evaluation
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.second.robot import JointTable, read_joints
-from compplan.simulation.forces import DrivenRows
-from compplan.simulation.frames import read_part
 from compplan.simulation.inertia import find_inside, fit_parabolas, load_springs, shift_tip, stand_stiff
 from compplan.simulation.judge import Judge
-from compplan.simulation.wanted import Vote, read_strictest, vote_on_path
 
 #: Rounding that limits, times and feeds leave.
 ROUNDING = 1.002
@@ -45,8 +41,7 @@ class Driven:
         task: The task.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         time: Shape (n,). [s]
-        tables: The tables of the job as they are written.
-        folder: Folder that file names in them are relative to.
+        job: The job.
         judge: The robot as the judge reads it.
         moving: The same with all masses and no weight.
 
@@ -55,8 +50,7 @@ class Driven:
     task: PlanTask
     q: Array
     time: Array
-    tables: dict[str, Any]
-    folder: Path
+    job: Job
     judge: Judge
     moving: Judge
 
@@ -66,7 +60,7 @@ class Driven:
         return np.r_[False, ~self.task.nominal.rapid[1:]]
 
 
-def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
+def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> tuple[str, ...]:
     """Return what speaks against a plan besides the loaded tip.
 
     Args:
@@ -75,18 +69,13 @@ def cast_votes(driven: Driven, after: Evaluation, bending: Bending) -> Vote:
         bending: What the plan says bends the arm.
 
     """
-    task = driven.task
-    rows = DrivenRows(task.programmed, task.nominal.axis, task.nominal.rapid, task.lead, driven.time)
-    path = vote_on_path(driven.tables, driven.folder, rows, task.nominal.feed)
-    assert task.robot.folder is not None
-    joints = read_joints(Path(task.robot.folder))
+    assert driven.task.robot.folder is not None
+    joints = read_joints(Path(driven.task.robot.folder))
     position, rotation = stand_stiff(driven.judge, driven.q)
-    breaches = [
-        *path.breaches, *_vote_on_axis(driven, after, rotation), *_vote_on_correction(driven, position),
-        *_vote_on_bounds(driven, joints), *_vote_on_motion(driven, joints), *_vote_on_feed(driven),
-        *_vote_on_inertia(driven, bending),
-    ]  # fmt: skip
-    return Vote(tuple(breaches), path.notes, path.unread)
+    return (
+        *_vote_on_axis(driven, after, rotation), *_vote_on_correction(driven, position),
+        *_vote_on_motion(driven, joints), *_vote_on_feed(driven), *_vote_on_inertia(driven, bending),
+    )  # fmt: skip
 
 
 def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
@@ -100,8 +89,7 @@ def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
                 f"{np.degrees(after.tilt[worst]):.3g} deg aside at waypoint {worst}"]
     if task.spin_free or driven.q.shape[1] < 6:
         return []
-    wanted = np.asarray(driven.tables.get("plan", {}).get("tool_x", (1.0, 0.0, 0.0)), float)
-    towards = read_part(driven.tables.get("part") or {}).rotation @ wanted
+    towards = driven.job.T_base_part[:3, :3] @ np.asarray(driven.job.plan.tool_x, float)
     upright, axis = task.upright, task.nominal.axis
     flat = towards - (upright @ towards)[:, None] * upright
     size = np.linalg.norm(flat, axis=1)
@@ -125,7 +113,7 @@ def _angle(a: Array, b: Array) -> Array:
 def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
     """The unloaded tip stays within the correction that the job allows."""
     task = driven.task
-    most = 1e-3 * driven.tables.get("plan", {}).get("max_correction_mm", 10.0)
+    most = task.max_correction
     size = np.where(task.compensated, np.linalg.norm(stiff - task.position, axis=1), 0.0)
     if size.max() <= most + 2 * AT_CORRECTION:
         return []
@@ -133,36 +121,10 @@ def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
     return [f"the independent check finds a correction of {found}, allowed are {1e3 * most:g} mm"]
 
 
-def _vote_on_bounds(driven: Driven, joints: JointTable) -> list[str]:
-    """The plan was held to no wider bounds than job and robot folder state."""
-    task, plan, found = driven.task, driven.tables.get("plan", {}), []
-    stated = {
-        "tolerance": (task.tolerance, 1e-3 * read_strictest(driven.tables)),
-        "greatest correction": (task.max_correction, 1e-3 * plan.get("max_correction_mm", 10.0)),
-    }
-    for name, (held, said) in stated.items():
-        if held > said * (1.0 + 1e-9):
-            found.append(f"the plan was held to a {name} of {1e3 * held:.4g} mm, the job says {1e3 * said:.4g}")
-    if len(joints.names) != task.robot.nq:
-        return found
-    scale = driven.tables.get("limits", {})
-    pairs = {
-        "lower limit": (joints.lower, task.robot.lower), "upper limit": (task.robot.upper, joints.upper),
-        "velocity": (task.velocity_limits, joints.velocity * scale.get("velocity_scale", 1.0)),
-        "acceleration": (task.acceleration_limits, joints.acceleration * scale.get("acceleration_scale", 1.0)),
-        "effort": (task.robot.effort_limits, joints.effort),
-    }  # fmt: skip
-    for name, (used, known) in pairs.items():
-        wide = np.flatnonzero(used > known + 1e-6 * (1.0 + np.abs(np.where(np.isfinite(known), known, 0.0))))
-        if len(wide):
-            found.append(f"the {name} of {joints.names[wide[0]]} is wider in the plan than in the robot folder")
-    return found
-
-
 def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
     q, time, found = driven.q, driven.time, []
-    limits, cutting = driven.tables.get("limits", {}), driven.cutting
+    limits, cutting = driven.job.limits, driven.cutting
     if len(joints.names) != q.shape[1]:
         return [f"the robot folder has {len(joints.names)} joints, the program commands {q.shape[1]}"]
     over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
@@ -172,14 +134,14 @@ def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
     if (step < 0.0).any():
         return [*found, f"time runs backwards at waypoint {int((step < 0.0).argmax()) + 1}"]
     moved = np.abs(np.diff(q, axis=0))
-    use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.get("velocity_scale", 1.0)).max(axis=0)
+    use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.velocity_scale).max(axis=0)
     for j in np.flatnonzero(use > ROUNDING).tolist():
         found.append(f"{joints.names[j]} moves {use[j]:.3g} times as fast as robot.urdf allows")
     rests = np.zeros(len(q), bool) if driven.task.rests is None else driven.task.rests
     rows = find_inside(time, cutting)
     rows = rows[~rests[rows]]
     if len(rows):
-        push = np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.get("acceleration_scale", 1.0)
+        push = np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale
         most = push.max(axis=0)
         for j in np.flatnonzero(most > ROUNDING * 1.01).tolist():
             found.append(f"{joints.names[j]} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
@@ -188,9 +150,9 @@ def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
 
 def _vote_on_jerk(driven: Driven, joints: JointTable) -> list[str]:
     """Sampled every millisecond, as a cubic spline over time through each run, no joint passes a limit of the jerk."""
-    limits, task = driven.tables.get("limits", {}), driven.task
-    after = limits.get("full_acceleration_after_s", np.inf)
-    assumed = joints.acceleration * limits.get("acceleration_scale", 1.0) / after if after < np.inf else joints.jerk
+    limits, task = driven.job.limits, driven.task
+    after = np.inf if limits.full_acceleration_after_s is None else limits.full_acceleration_after_s
+    assumed = joints.acceleration * limits.acceleration_scale / after if after < np.inf else joints.jerk
     allowed = joints.jerk if np.isfinite(joints.jerk).any() else assumed
     if not np.isfinite(allowed).any():
         return []
@@ -230,13 +192,13 @@ def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
         return []
     task, cutting = driven.task, driven.cutting
     q = task.q_links
+    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
     rows = find_inside(driven.time, cutting)
+    rows = rows[~rests[rows]]
     if not len(rows):
         return []
     push = np.linalg.norm(fit_parabolas(q, driven.time, rows)[1], axis=1)
     rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
-    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
-    rows = rows[~rests[rows]]
     loads = load_springs(driven.moving, q, driven.time, cutting, rests, rows)
     most = float(np.linalg.norm(shift_tip(driven.moving, q[rows], loads[rows]), axis=1).max())
     if abs(most - bending.at_once) <= INERTIA_LEAST + INERTIA_SHARE * max(most, bending.at_once):

@@ -21,7 +21,6 @@ from compplan.reporting.style import format_mm, format_mm_change, format_number,
 if TYPE_CHECKING:
     from compplan.job.force_prediction import ForcePrediction
     from compplan.learning.campaign import PoseCampaign
-    from compplan.learning.certificate import Certificate
     from compplan.learning.teach import Teaching
     from compplan.studies.job_study import JobStudy
 
@@ -204,30 +203,6 @@ def open_teaching(teaching: Teaching, picture: Block) -> Opening:
     ]  # fmt: skip
     todo = "Cut the next part with the new program, measure it, and learn again with --robot OUT/robot."
     return Opening(verdict, "good", figures, picture, todo)
-
-
-def open_certificate(certificate: Certificate, picture: Block | None = None) -> Opening:
-    """Say what tolerance this robot keeps, and what to do first."""
-    reached = [r for r in certificate.references if r.promise is not None]
-    figures = [
-        KeyFigure(format_mm(r.promise.whole), f"95 % band on the {r.name}") for r in reached[:2] if r.promise
-    ]
-    accuracy = certificate.accuracy
-    if accuracy is not None and accuracy.again:
-        figures.append(KeyFigure(format_mm(accuracy.pooled), "repeatability RP, as ISO 9283 defines it"))
-    elif accuracy is not None:
-        figures.append(KeyFigure(format_mm(accuracy.rms), "rms error of the model over the log"))
-    known = certificate.known.grade == "measured"
-    if len(figures) < 3:
-        figures.append(KeyFigure("measured" if known else "assumed", "how surely the robot model is known"))
-    verdict = "This robot keeps no tolerance on any of the reference paths."
-    bands = [(r.promise.whole, r.name) for r in reached if r.promise is not None]
-    if bands:
-        band, name = min(bands)
-        verdict = f"With correction, this robot keeps a tolerance of {format_mm(band)} on the {name}."
-    steps = [str(step) for step in certificate.next_steps]
-    tone = "bad" if not reached else "good" if known else "unsure"
-    return Opening(verdict, tone, figures[:3], picture, steps[0] if steps else "")
 
 
 def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Block) -> Opening:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from compplan.errors import ShapeError
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import FLOOR
-from compplan.reporting.robot_bridges import bridge_gaps
 from compplan.reporting.robot_scene import Shape, draw_robot, draw_shapes, frame_scene, locate_links, place_shapes
 from compplan.reporting.style import AFTER, BEFORE, NEUTRAL, SEQUENTIAL, format_length, mark_decades
 from compplan.reporting.thinning import thin_path
@@ -46,8 +45,7 @@ def draw_cell(
     carried = locate_links(robot, q[start])[robot.base]
     points = 1e3 * (path[rows] @ carried[:3, :3].T + carried[:3, 3] if robot.ground else path[rows])
     own = place_shapes(robot, q[start])
-    bridges = bridge_gaps(robot, q[start], own)
-    figure = go.Figure([*draw_robot(robot, q[start], more=bridges), *draw_shapes(around)])
+    figure = go.Figure([*draw_robot(robot, q[start]), *draw_shapes(around)])
     for number, (name, colour, width) in enumerate(KINDS):
         if (told == number).any():
             mine = told[rows] == number

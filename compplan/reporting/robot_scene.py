@@ -18,9 +18,8 @@ from compplan.errors import ShapeError
 from compplan.reporting import figure as go
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.pose import move_joint
-from compplan.robot.primitives import triangulate_box, triangulate_cylinder, triangulate_rod
 from compplan.robot.shapes import find_mesh, read_form, read_origin
-from compplan.robot.solids import as_mesh, read_colour
+from compplan.robot.solids import as_mesh, read_colour, triangulate_box, triangulate_rod
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
 MESH_COLOURS = {
@@ -131,16 +130,15 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
     return shapes if rod is None else [*shapes, rod]
 
 
-def draw_robot(robot: Robot, q: Array, *, opacity: float = 1.0, more: Sequence[Shape] = ()) -> list[Any]:
+def draw_robot(robot: Robot, q: Array, *, opacity: float = 1.0) -> list[Any]:
     """Draw a robot as plotly traces, in millimetres.
 
     Args:
         robot: The robot.
         q: Joint positions. Shape (nq,). [rad or m]
         opacity: From 0 (invisible) to 1.
-        more: Shapes that are drawn as parts of it.
     """
-    shapes = [*place_shapes(robot, q), *more]
+    shapes = place_shapes(robot, q)
     return [_draw_mesh(shapes, robot.name, opacity)] if shapes else []
 
 
@@ -277,7 +275,8 @@ def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> t
         size = np.array(form[1])
         return triangulate_box(-0.5 * size, 0.5 * size)
     if geometry[0].tag == "cylinder":
-        return triangulate_cylinder(form[1], form[2], sections=28)
+        end = np.array([0.0, 0.0, 0.5 * form[2]])
+        return triangulate_rod(-end, end, form[1], sections=28)
     mesh = as_mesh(form)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
 

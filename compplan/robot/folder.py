@@ -111,6 +111,7 @@ def read_robot_folder(folder: Path) -> Robot:
     flange = _default_flange(joints) if table.flange is None else table.flange
     if flange not in chain_links:
         raise UnknownNameError("frame", flange, chain_links, file=elasticity_file, where="flange")
+    _check_flange(flange, arm_links, joints, elasticity_file)
     if table.part is not None:
         if table.part not in urdf.links:
             raise UnknownNameError("frame", table.part, list(urdf.links), file=elasticity_file, where="part")
@@ -200,6 +201,24 @@ def _has_moved(robot: Robot, before: Robot) -> bool:
         or not np.allclose(joint.axis, old.axis, rtol=0, atol=1e-14)
         for joint in robot.joints[robot.carrying :] if (old := believed.get(joint.name)) is not None
     )  # fmt: skip
+
+
+def _check_flange(flange: str, links: list[str], joints: list[Joint], file: Path) -> None:
+    """Refuse a flange frame that joints still move a tool against.
+
+    Args:
+        flange: The frame.
+        links: Links of the chain, base first.
+        joints: Joints between them.
+        file: elasticity.toml, for the message.
+
+    """
+    moving = [number for number, joint in enumerate(joints) if joint.kind != "fixed"]
+    behind = links[moving[-1] + 1 :] if moving else links
+    if flange not in behind:
+        beyond = [joint.name for joint in joints[links.index(flange) :] if joint.kind != "fixed"]
+        message = f"is {flange!r}, but {', '.join(beyond)} move what is mounted there; choose from {behind}"
+        raise InputError(message, file=file, where="flange")
 
 
 def _default_flange(joints: list[Joint]) -> str:

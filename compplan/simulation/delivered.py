@@ -17,23 +17,22 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from compplan.controllers.readback.controller import ReadCounting, read_counting
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
+from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
+from compplan.controllers.readback.frames import read_frame, read_part
+from compplan.controllers.readback.joint_table import Commanded, to_degrees, vote_on_choice, vote_on_table
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.poses import Move
+from compplan.controllers.readback.posture import read_words
+from compplan.controllers.readback.robot import JointTable, read_joints
 from compplan.controllers.readback.said import compare_said
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
+from compplan.controllers.readback.spoken import Spoken
 from compplan.robot import Array
-from compplan.second.controller import ReadCounting, read_counting
-from compplan.second.posture import read_words
-from compplan.second.robot import JointTable, read_joints
-from compplan.simulation.fitted import PlannedRows, find_rows, follow_moves
-from compplan.simulation.frames import read_frame, read_part
 from compplan.simulation.inertia import stand_stiff
-from compplan.simulation.joint_table import Commanded, to_degrees, vote_on_choice, vote_on_table
 from compplan.simulation.judge import Judge
 from compplan.simulation.reading import read_judge
-from compplan.simulation.spoken import Spoken
-from compplan.simulation.wanted import Vote
 
 #: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
 FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = {
@@ -55,6 +54,14 @@ JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 FEED_STEP = 0.06
 #: How closely moves stand for rows where the job does not say [mm], and cycle of a controller (assumed) [s].
 FIT, CYCLE = 0.002, 0.004
+
+
+@dataclass(frozen=True)
+class Vote:
+    """What a reading of written files finds: sentences against a plan, and what was not checked."""
+
+    breaches: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
@@ -115,11 +122,10 @@ def _read_back(
 ) -> Iterator[tuple[Path, list[Move] | BaseException]]:
     """Return the programs of a language and their moves, or what kept them from being read."""
     patterns, read = FORMS[language]
-    names = counting.names or tuple(f"A{k + 1}" for k in range(len(counting.zero)))
     files = _find_mains(folder, patterns, main)
     for file in files:
         try:
-            yield file, read_csv(file, names, counting.external) if read is None else read(file)
+            yield file, read_csv(file, counting.names, counting.external) if read is None else read(file)
         except STRANGE as error:
             yield file, error
     if not files:

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from compplan.controllers.readback.frames import read_frame, read_mounting
 from compplan.io.tables import read_text
 from compplan.robot import Array
-from compplan.simulation.frames import read_frame, read_mounting
 from compplan.simulation.judge import Judge, JudgeBuilder
 
 #: Link that carries it, mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg m^2] in that link's frame.

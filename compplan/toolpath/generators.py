@@ -6,7 +6,7 @@ All of them stand in the part frame: the circle and the spiral around `centre`, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -32,12 +32,14 @@ class ParametricCurve:
         point: Position at parameter u, 0 <= u <= end. (n,) -> (n, 3) [m]
         end: Greatest parameter.
         grid: Parameters, 0 and end among them, close enough that chords between them tell the length. Shape (m,).
+        corners: Parameters between 0 and end, in order, where the curve bends and a waypoint is put. Shape (k,).
 
     """
 
     point: Callable[[Array], Array]
     end: float
     grid: Array
+    corners: Array = field(default_factory=lambda: np.zeros(0))
 
     def lengths(self) -> Array:
         """Return the length of the curve up to each parameter of the grid. Shape (m,) [m]."""
@@ -101,7 +103,7 @@ class Pace:
 def walk_curve(
     curve: ParametricCurve, pace: Pace, *, axis: tuple[float, float, float] = UP, approach: float = 0.0
 ) -> Toolpath:
-    """Put waypoints on a curve at equal distances along it.
+    """Put waypoints on a curve at equal distances along it, between its corners where it has any.
 
     Args:
         curve: The curve, part frame.
@@ -115,7 +117,9 @@ def walk_curve(
     """
     lengths = curve.lengths()
     feed, count = pace.resolve(float(lengths[-1]))
-    position = curve.point(np.interp(np.linspace(0.0, lengths[-1], count), lengths, curve.grid))
+    corners = np.interp(curve.corners, curve.grid, lengths)
+    position = curve.point(np.interp(_place_stations(np.r_[0.0, corners, lengths[-1]], count), lengths, curve.grid))
+    count = len(position)
     direction = np.asarray(axis) / np.linalg.norm(axis)
     rapid = np.zeros(count, dtype=bool)
     if approach > 0.0:
@@ -125,6 +129,27 @@ def walk_curve(
     return Toolpath(
         position, np.tile(direction, (len(position), 1)), np.where(rapid, 0.0, feed), rapid, None, "part", "generator"
     )
+
+
+def _place_stations(bounds: Array, count: int) -> Array:
+    """Return lengths along a curve: its bounds, and between them about equal distances, `count` in all if enough.
+
+    Args:
+        bounds: Start, corners and end, as lengths along the curve, in order. Shape (k,). [m]
+        count: Number of stations.
+
+    """
+    spans = np.diff(bounds)
+    ideal = spans / spans.sum() * max(count - 1, len(spans))
+    pieces = np.maximum(np.floor(ideal), 1.0).astype(int)
+    missing = count - 1 - int(pieces.sum())
+    if missing > 0:
+        pieces[np.argsort(pieces - ideal)[:missing]] += 1
+    elif missing < 0:
+        pieces[np.argsort(-pieces)[:-missing]] -= 1
+        pieces = np.maximum(pieces, 1)
+    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(bounds, bounds[1:], pieces.tolist(), strict=False)]
+    return np.concatenate([*parts, bounds[-1:]])
 
 
 def _angles(turns: float) -> Array:
@@ -274,7 +299,8 @@ def generate_cone(
 
     one = np.concatenate([[0.0], np.linspace(1.0, 2.0, 2001)[:-1]])
     grid = np.concatenate([2.0 * level + one for level in range(count)] + [np.array([2.0 * count])])
-    return walk_curve(ParametricCurve(level_point, 2.0 * count, grid), pace, axis=axis, approach=approach)
+    corners = np.arange(1.0, 2.0 * count)
+    return walk_curve(ParametricCurve(level_point, 2.0 * count, grid, corners), pace, axis=axis, approach=approach)
 
 
 class GeneratorTable(StrictTable):

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.options import complete_robots
 from compplan.io.tables import dump_json
 from compplan.io.transaction import check_folder
 from compplan.reporting.writers.calibration import write_calibrated, write_controller_file
 from compplan.robot import load_robot
-from compplan.robot.calibration import FORMATS
 
 
 @click.command("calibration")
@@ -20,14 +19,9 @@ from compplan.robot.calibration import FORMATS
 @click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
               help="The type as it ships, which the controller's numbers count from.")  # fmt: skip
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="read: folder to write; write: file.")
-@click.option("--controller", type=click.Choice(list(FORMATS)), default="universal_robots",
-              help="write: format of the file (universal_robots).")  # fmt: skip
-@click.option("--own", type=click.Path(path_type=Path),
-              help="write: the file that the controller has now (kuka needs it; abb: its base frame).")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def command(direction: str, source: Path, robot_name: str, out: Path, controller: str, own: Path | None,
-            as_json: bool) -> None:  # fmt: skip
-    """Read a controller's calibration, the file SOURCE, into DIR/robot, or write it from the measured folder SOURCE.
+def command(direction: str, source: Path, robot_name: str, out: Path, as_json: bool) -> None:
+    """Read a UR controller's calibration, the file SOURCE, into DIR/robot, or write it from the measured folder SOURCE.
 
     What the controller's file cannot hold of a folder is listed with the tip error that it leaves.
 
@@ -39,7 +33,7 @@ def command(direction: str, source: Path, robot_name: str, out: Path, controller
         summary = write_calibrated(source, nominal, out)
         lines = [f"{nominal.name} with the geometry of {source} ({summary['format']})", f"wrote {out / 'robot'}"]
     else:
-        summary = write_controller_file(load_robot(source), nominal, controller, out, own)
+        summary = write_controller_file(load_robot(source), nominal, out)
         lines = [f"lost, tip error rms over {summary['poses']} drawn poses without load:"]
         lines += [f"  {row['rms_mm']:9.4f} mm  {row['what']}" for row in summary["lost"]]
         lines += [f"  {summary['left_rms_mm']:9.4f} mm  left in all"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.completion import robot_instead
+from compplan.cli.commands.options import robot_instead
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.io.tables import dump_json
 
@@ -14,7 +14,7 @@ from compplan.io.tables import dump_json
 @click.command("campaign")
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure.")
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @robot_instead
 @click.option("--log", "log", type=click.Path(path_type=Path), help="What has been measured already.")
 @click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",

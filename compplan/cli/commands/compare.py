@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from compplan.cli.commands.completion import robot_instead
+from compplan.cli.commands.options import robot_instead
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.io.tables import dump_json
 from compplan.job.names import STRATEGIES
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @click.command(epilog=f"Strategies: {', '.join(STRATEGIES)}.")
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @robot_instead
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (compare.json) to stdout.")
 def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:

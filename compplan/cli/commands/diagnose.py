@@ -7,8 +7,13 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.completion import complete_robots
-from compplan.cli.commands.measured import load_measured, measured_options, registered_parts, settle_questions
+from compplan.cli.commands.measured import (
+    load_measured,
+    measured_options,
+    registered_parts,
+    settle_questions,
+)
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.cli.commands.progress import show_progress
 from compplan.diagnosis import Diagnosis, Finding, diagnose_campaign
@@ -33,7 +38,7 @@ from compplan.reporting.writers.diagnosis import deliver_diagnosis
 @click.argument("measurements", type=click.Path(path_type=Path))
 @click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
               help="Robot folder, or name of a shipped robot.")  # fmt: skip
-@click.option("--out", required=True, type=OUT_FOLDER, help="Folder to write.")
+@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
 @click.option(
     "--without", multiple=True, metavar="EFFECT",
@@ -62,7 +67,7 @@ def command(
     parts = registered_parts(register, campaign)
     with show_progress() as progress:
         progress("questions")
-        asked = settle_questions(robot, campaign, parts, assume_ok)
+        asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table, assessment = deliver_diagnosis(diagnosis, out, progress)
     if as_json:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.doctor import Remark, examine_installation, examine_log, examine_robot
 from compplan.errors import InputError
 from compplan.io.origin import describe_origin
@@ -26,18 +26,13 @@ COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
 @click.argument("target", required=False)
 @click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
               help="Robot that the log was taken on: folder or shipped robot.")  # fmt: skip
-@click.option("--picture", type=click.Path(path_type=Path), default=None,
-              help="Draw how the robot's teach pendant counts tools (.svg, .png).")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def command(target: str | None, robot_name: str | None, picture: Path | None, as_json: bool) -> None:
+def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
     """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
 
     Example: compplan doctor measurements.csv --robot ur10
     """
     _refuse_others(target)
-    a_log = target is not None and Path(target).is_file()
-    if picture is not None and (a_log or (target is None and robot_name is None)):
-        raise InputError("--picture draws the flange of a robot: compplan doctor ROBOT --picture FILE")
     if target is not None and Path(target).is_file():
         findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))
     elif target is not None and Path(target).suffix.lower() == ".csv":
@@ -45,20 +40,13 @@ def command(target: str | None, robot_name: str | None, picture: Path | None, as
     elif target is not None and robot_name is not None:
         raise InputError(f"--robot says on which robot a log was taken, and {target!r} is no log: name one robot")
     elif target is not None or robot_name is not None:
-        robot = load_robot(target if target is not None else str(robot_name))
-        findings = examine_robot(robot)
-        if picture is not None:
-            from compplan.reporting.pendant_picture import save_pendant_picture
-
-            save_pendant_picture(robot, picture)
+        findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
     else:
         findings = examine_installation()
     if as_json:
         click.echo(dump_json({"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}))
         return
     _print_findings(findings)
-    if picture is not None:
-        click.echo(f"wrote {picture}")
 
 
 def _refuse_others(target: str | None) -> None:

@@ -7,8 +7,13 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.completion import complete_robots
-from compplan.cli.commands.measured import load_measured, measured_options, registered_parts, settle_questions
+from compplan.cli.commands.measured import (
+    load_measured,
+    measured_options,
+    registered_parts,
+    settle_questions,
+)
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.cli.commands.progress import show_progress
 from compplan.effects.asked import GEOMETRY
@@ -28,7 +33,7 @@ from compplan.reporting.writers.identify import describe_identification, write_i
 @click.argument("measurements", type=click.Path(path_type=Path), required=False)
 @click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
               help="Robot folder, or name of a shipped robot.")  # fmt: skip
-@click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write.")
+@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".')
 @click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint.")
 @click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".')

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import tomli_w
 
-from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.progress import show_progress
 from compplan.controllers.writers import WRITERS, list_languages
 from compplan.controllers.writers.counting import load_controller

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.completion import complete_robots, posture_kept
+from compplan.cli.commands.options import complete_robots, posture_kept
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.io.tables import dump_json
 
@@ -16,7 +16,7 @@ from compplan.io.tables import dump_json
 @click.argument("measured", type=click.Path(path_type=Path))
 @click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
               help="Robot folder that the part's program was planned with.")  # fmt: skip
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
 @click.option("--align", type=click.Choice(["datum", "best_fit"]),

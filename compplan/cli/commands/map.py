@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.cli.commands.progress import show_progress
 from compplan.effects import robot_effects
@@ -24,7 +24,7 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 @click.command()
 @click.argument("robot", shell_complete=complete_robots)
-@click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
               help="How the tool points; straight: wrist joints at zero.")  # fmt: skip
 @click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,

@@ -120,8 +120,17 @@ def read_log(log: Path | None, robot: Robot, instrument: Path | None = None) -> 
     return campaign
 
 
-def settle_questions(robot: Robot, campaign: Campaign, parts: Sequence[str], assume_ok: bool) -> list[str]:
+def settle_questions(
+    robot: Robot, campaign: Campaign, parts: Sequence[str], assume_ok: bool, *, events: bool = False
+) -> list[str]:
     """Ask what has to be settled before anything is fitted.
+
+    Args:
+        robot: The nominal robot.
+        campaign: What was measured.
+        parts: Frames that are fitted.
+        assume_ok: Whether every question is taken as answered.
+        events: Whether what follows models events of the campaign: they are stated then and not asked about.
 
     Returns:
         The questions as sentences, where they are assumed to be answered.
@@ -131,7 +140,8 @@ def settle_questions(robot: Robot, campaign: Campaign, parts: Sequence[str], ass
 
     """
     check_runs(campaign)
-    questions = [question.sentence for question in question_campaign(robot, campaign, parts)]
-    if questions and not assume_ok:
-        raise InputError(f"{questions[0]} (--assume-ok goes on as it is)", file=campaign.file)
-    return questions
+    questions = question_campaign(robot, campaign, parts)
+    open_ones = [question for question in questions if not (events and question.event)]
+    if open_ones and not assume_ok:
+        raise InputError(f"{open_ones[0].sentence} (--assume-ok goes on as it is)", file=campaign.file)
+    return [question.sentence for question in questions]

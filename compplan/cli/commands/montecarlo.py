@@ -24,7 +24,7 @@ LOG = logging.getLogger(__name__)
 @click.option("--samples", type=click.IntRange(2, 10_000_000), default=1000, show_default=True,
               help="Number of samples.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of everything.")
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes on this machine; default: one a core.")
 @click.option("--scheduler", help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers compute.")
 @click.option("--strategies", help="Names of the strategies, with commas; default: all that the robot can carry out of "

@@ -12,7 +12,7 @@ from compplan.io.tables import dump_json
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (place.json) to stdout.")
 def command(job: Path, folder: Path, as_json: bool) -> None:
     """Search where the part of JOB should stand: write place.json and report.html.

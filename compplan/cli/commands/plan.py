@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from compplan.cli.commands.completion import posture_kept, robot_instead
 from compplan.cli.commands.operations import carry_out_all
+from compplan.cli.commands.options import posture_kept, robot_instead
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.errors import CompplanError, InfeasibleError
 from compplan.io.tables import dump_json
@@ -21,11 +21,17 @@ STAGES = (
     "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
     "95 % band", "write",
 )  # fmt: skip
+#: What to do after a plan, by its status.
+NEXT = {
+    "solved": "compplan campaign designs measurements that narrow the 95 % band",
+    "not_confirmed": "do not run the programs before what keeps the plan from being confirmed is settled",
+    "infeasible": "compplan place finds a place of the part that is within reach",
+}
 
 
 @click.command()
 @click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @robot_instead
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
@@ -115,10 +121,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         for note in plan.notes:
             click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)
         click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
-        click.echo(
-            f"next: open {folder / 'report.html'}, or compplan view {folder}; compplan campaign designs measurements "
-            "that narrow the 95 % band"
-        )
+        click.echo(f"next: open {folder / 'report.html'}, or compplan view {folder}; {NEXT[plan.status]}")
     if plan.status != "solved":
         failing = sorted(plan.command.failures)
         limits = sorted(set(plan.command.failures.values()))

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from compplan.cli.commands.cam_options import keep_stated, take_cam_options
-from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.controllers.writers import WRITERS
 from compplan.errors import InputError
@@ -36,11 +36,11 @@ OPTIONS = {
 @take_cam_options
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
 @click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), header, footer, ..")
-@click.option("--out", "folder", type=OUT_FOLDER, help="Folder to write to (CAMFILE_program).")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(
     camfile: Path, robot: str, part: str, tool: str | None, tools: str | None, process: str | None,
-    programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None, folder: Path | None,
+    programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None, folder: Path,
     as_json: bool, **of_cam: Any,
 ) -> None:  # fmt: skip
     """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html.
@@ -50,7 +50,6 @@ def command(
     from compplan.cli.commands.plan import carry_out
     from compplan.reporting.writers.post import make_post_job
 
-    folder = folder or camfile.with_name(f"{camfile.stem}_program")
     stated = keep_stated(**of_cam)
     of_file = {**({} if cam is None else read_named_table(cam, "cam")[0]), **stated} if stated else cam
     stands_in = folder.absolute() / f"{camfile.stem}.toml"

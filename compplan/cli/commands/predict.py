@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.cli.commands.completion import complete_robots
 from compplan.cli.commands.measured import load_measured, measured_options
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.places import OUT_TABLE
 from compplan.io.origin import describe_origin
 from compplan.io.tables import dump_json

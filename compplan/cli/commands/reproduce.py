@@ -15,7 +15,7 @@ from compplan.reproduce.page import summarise_reproduction, write_reproduction
 
 @click.command()
 @click.argument("paper", metavar="|".join(PAPERS))
-@click.option("--out", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(paper: str, out: Path, as_json: bool) -> None:
     """Compute what a paper states, and show it beside the paper's figures.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.completion import complete_robots
+from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.places import OUT_FOLDER
 from compplan.io.tables import dump_json
 
@@ -17,7 +17,7 @@ from compplan.io.tables import dump_json
               help="Program of a log: one a log, in order, or one for all.")  # fmt: skip
 @click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
               help="Robot folder, or name of a shipped robot.")  # fmt: skip
-@click.option("--out", "folder", type=OUT_FOLDER, required=True, help="Folder to write to.")
+@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (trace.json) to stdout.")
 def command(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str, folder: Path, as_json: bool) -> None:
     """Hold each LOG of executed joints against its program: write trace.json, robot/ and report.html.

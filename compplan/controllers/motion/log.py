@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.motion.exports import TRACE_ENDINGS, read_kuka_trace, read_recording, rename_export
+from compplan.controllers.motion.exports import rename_export
 from compplan.controllers.motion.instructions import read_joints
 from compplan.controllers.writers.counting import from_controller, load_controller
 from compplan.errors import InputError
@@ -70,24 +70,17 @@ def read_log(file: Path, robot: Robot) -> Log:
     """Read LOG.csv and put torn readings right.
 
     Args:
-        file: A table, a recording (.mcap) of joint states, or a trace of KUKA (.dat, .r64).
+        file: The table.
         robot: The robot that was logged.
 
     Raises:
         InputError: With file and line, if it is no log of this robot.
 
     """
-    if file.suffix.lower() == ".mcap":
-        time, raw = read_recording(file, robot)
-        notes: list[str] = []
-    elif file.suffix.lower() in TRACE_ENDINGS:
-        time, counted, notes = read_kuka_trace(file, robot)
-        raw = from_controller(load_controller(robot), counted)
-    else:
-        table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
-        raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
-        if rename_export(table.headers["q1"]) != table.headers["q1"]:
-            raw = from_controller(load_controller(robot), np.where(robot.prismatic, 1e3 * raw, np.degrees(raw)))
+    table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
+    raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
+    if rename_export(table.headers["q1"]) != table.headers["q1"]:
+        raw = from_controller(load_controller(robot), np.where(robot.prismatic, 1e3 * raw, np.degrees(raw)))
     whole = np.isfinite(raw).all(axis=1) & np.isfinite(time)
     if not whole.all():
         notes.append(f"{int((~whole).sum())} rows without a joint are left out")

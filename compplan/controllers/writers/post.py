@@ -1,16 +1,20 @@
 """What stands around the moves of a program: a Jinja template a language, and one of a user's own in its place.
 
-A template gets the words of its language's writer; docs/programs.md names them. It runs in a sandbox, an unknown word
-is an error, and what comes out has to be plain ASCII in lines that the controller takes.
+A template gets the words of its language's writer; docs/programs.md names them. They are plain data (tables, lists,
+text, numbers) and the template runs in a sandbox that changes none of them, so that a template of another person
+cannot reach a file or a program. An unknown word is an error, and what comes out has to be plain ASCII in lines that
+the controller takes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
 
 from compplan.errors import InputError
 from compplan.io.notes import Stop
@@ -134,8 +138,9 @@ def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> 
 
     own = program.post.template
     text = read_post(language) if own is None else read_text(own)
+    data = to_plain({"header": program.header, "footer": program.footer, **words})
     try:
-        made = _environment().from_string(text).render({"header": program.header, "footer": program.footer, **words})
+        made = _environment().from_string(text).render(data)
     except TemplateError as error:
         line = getattr(error, "lineno", None)
         raise InputError(f"is no template of {language}: {error.message or error}", file=own, where=line) from None
@@ -164,11 +169,38 @@ def read_post(language: str) -> str:
     return file.read_text(encoding="utf-8")
 
 
+def to_plain(value: Any) -> Any:
+    """Return a value as tables, lists, text, numbers, truth values and None, all that a template may hold.
+
+    The cell's own template file is left out: its path is an object with methods that write files.
+
+    Raises:
+        TypeError: If a value is of any other type.
+
+    """
+    if value is None or type(value) in (str, int, float, bool):
+        return value
+    if isinstance(value, Post):
+        return {key: to_plain(entry) for key, entry in vars(value).items() if key != "template"}
+    if is_dataclass(value) and not isinstance(value, type):
+        return to_plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(key): to_plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return to_plain(value.tolist())
+    for kind in (str, int, float):
+        if isinstance(value, kind):
+            return kind(value)
+    raise TypeError(f"{type(value).__name__} is no plain data for a template")
+
+
 @cache
 def _environment() -> Environment:
     from jinja2 import StrictUndefined
-    from jinja2.sandbox import SandboxedEnvironment
+    from jinja2.sandbox import ImmutableSandboxedEnvironment
 
-    return SandboxedEnvironment(
+    return ImmutableSandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False
     )

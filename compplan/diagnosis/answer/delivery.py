@@ -19,7 +19,7 @@ from compplan.diagnosis.answer.explanations import name_rivals
 from compplan.diagnosis.answer.posterior import state_uncertainty
 from compplan.diagnosis.answer.verdict import Verdict
 from compplan.diagnosis.answer.visits import list_visits
-from compplan.diagnosis.data.agreed import NEGLIGIBLE, SURE
+from compplan.diagnosis.data.agreed import NEGLIGIBLE, SURE, rank_number
 from compplan.diagnosis.data.channels import block_index, position_residual
 from compplan.diagnosis.doubt.blend import (
     Blend,
@@ -125,7 +125,7 @@ def deliver_folders(
     nested = first[2].nest_choice([held for _, _, held in useful], fold, seen)
     first = (*first[:2], nested)
     second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], Blend) or o[1])]
-    chosen = [first, *sorted(second, key=lambda o: o[2].rms)[:1]]
+    chosen = [first, *sorted(second, key=lambda o: rank_number(o[2].rms))[:1]]
     lawful = hold_out_lawful(folds, blend, seen)
     built = [(model, _build(fit, kind, model, held, sure, lawful)) for kind, model, held in chosen]
     delivered = [(_forms(model), delivery) for model, delivery in built if delivery is not None]

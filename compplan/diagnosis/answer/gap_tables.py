@@ -12,6 +12,9 @@ from compplan.diagnosis.data.agreed import ENOUGH_ROWS, FEW_ROWS, LISTED
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
+#: Decimals to which rows are dealt to regions and levels: micrometres and micronewtons, far above rounding (theory).
+RESOLVED = 6
+
 
 class GapTable:
     """Sums of squared deviation over parts of the rows, with intervals over drawn blocks.
@@ -67,7 +70,7 @@ def split_time(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> l
 
 def split_load(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:
     """Split the rows into unloaded ones and three levels of force."""
-    force = np.linalg.norm(np.nan_to_num(campaign.wrench[rows, :3]), axis=1)
+    force = np.linalg.norm(np.nan_to_num(campaign.wrench[rows, :3]), axis=1).round(RESOLVED)
     loaded = ~campaign.unloaded[rows]
     level = np.zeros(len(rows), int)
     if loaded.any():
@@ -84,9 +87,8 @@ def split_load(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> l
 
 def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:
     """Split the workspace by reach from the base axis and by height, three parts each."""
-    reach, height = np.hypot(position[:, 0], position[:, 1]), position[:, 2]
     parts = []
-    for values in (reach, height):
+    for values in (np.hypot(position[:, 0], position[:, 1]).round(RESOLVED), position[:, 2].round(RESOLVED)):
         edges = np.quantile(values, np.arange(4) / 3)
         parts.append((np.clip(np.searchsorted(edges[1:-1], values, side="right"), 0, 2), edges))
     (ring, ring_edges), (layer, layer_edges) = parts

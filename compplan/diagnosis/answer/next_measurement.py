@@ -23,7 +23,7 @@ from compplan.diagnosis.answer.measurement_moves import KINDS, MeasuringMove, la
 from compplan.diagnosis.answer.probe import probe_signature
 from compplan.diagnosis.answer.result import Diagnosis, place_table
 from compplan.diagnosis.answer.verdict import Finding
-from compplan.diagnosis.data.agreed import NEGLIGIBLE, SAMPLE, SURE
+from compplan.diagnosis.data.agreed import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.doubt.ambiguity import is_comparable
 from compplan.diagnosis.doubt.certainty import TEMPER
 from compplan.diagnosis.ledger.offers import registration_signatures
@@ -121,7 +121,7 @@ def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     at = linearize_scene(scene, attain_scene(scene), {effect.place: effect.parameters for effect in fit.state.effects})
     design = weigh_columns(fit, predict_columns(fit, at))
     tried = [(pair, best_proposal(pair, design, moves)) for pair in pairs]
-    proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -p.gain)
+    proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
     tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
     tables += [_inseparable(pair) for pair, found in tried if found is None]
     return tables[:MOST_MOVES]

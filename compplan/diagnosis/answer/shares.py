@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.answer.verdict import CLAIMED, Finding
-from compplan.diagnosis.data.agreed import ENOUGH_ROWS, LEVEL, SAMPLE, SEED
+from compplan.diagnosis.data.agreed import ENOUGH_ROWS, LEVEL, SAMPLE, SEED, rank_number
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.ledger.offers import REGISTRATION
 from compplan.diagnosis.search.state import FitState, attain_state
@@ -151,7 +151,7 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
     return Shares(
         by_place=add_up([*dict.fromkeys(first), CALIBRATION], places, stated, drawn, fate, noise),
         by_factor=add_up(drivers, factors, stated, drawn, fate, noise),
-        carriers=tuple(sorted(carriers, key=lambda c: -c.share.share)), together=together, noise=noise,
+        carriers=tuple(sorted(carriers, key=lambda c: -rank_number(c.share.share))), together=together, noise=noise,
         rows=motion.rows, gap=motion.gap.reshape(-1, 3), motions=_collect_motions(every, point),
     )  # fmt: skip
 
@@ -159,7 +159,7 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
 def _collect_motions(parts: Sequence[Part], shares: Sequence[float]) -> dict[str, Array]:
     """Return the motion of what is claimed, named by effect and place. Shape (r, 3) each. [m]"""
     motions: dict[str, Array] = {}
-    for part, _ in sorted(zip(parts, shares, strict=True), key=lambda pair: -pair[1]):
+    for part, _ in sorted(zip(parts, shares, strict=True), key=lambda pair: -rank_number(pair[1])):
         if part.place == CALIBRATION or part.probability >= CLAIMED:
             effect = part.effect.replace("_", " ")
             name = CALIBRATION if part.place == CALIBRATION else f"{effect}, {part.place}"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.answer.shares import Part, PosteriorMotion, Share, add_up, find_interval
-from compplan.diagnosis.data.agreed import SEED
+from compplan.diagnosis.data.agreed import SEED, rank_number
 from compplan.diagnosis.doubt.held_out import make_folds
 from compplan.diagnosis.ledger.evidence import combine_channels
 from compplan.diagnosis.ledger.ledger import Ledger, select_rows
@@ -114,7 +114,7 @@ def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors |
         names = list(dict.fromkeys(home[side] for home in homes))
         return add_up(names, [(home[side],) for home in homes], point, drawn, here, noise)
 
-    return SmallErrors(total(0), total(1), tuple(sorted(groups, key=lambda group: -group.share.share)))
+    return SmallErrors(total(0), total(1), tuple(sorted(groups, key=lambda group: -rank_number(group.share.share))))
 
 
 def kind_of(name: str, loaded: bool) -> str:

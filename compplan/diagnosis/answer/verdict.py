@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import ROUNDING, STEPS, SURE, beats_chance
+from compplan.diagnosis.data.agreed import ROUNDING, STEPS, SURE, beats_chance, rank_number
 from compplan.diagnosis.data.questions import NO_EFFECT
 from compplan.diagnosis.doubt.ambiguity import BELOW_NOISE, Rival, find_rivals
 from compplan.diagnosis.doubt.bounds import find_breach
@@ -140,7 +140,7 @@ def reach_verdict(fit: Fit, doubt: Doubt) -> Verdict:
         weigh_claim(fit, doubt, c, (repeated[c], imitated[c], alike[c]), structure, gear=c in gears)
         for c in doubt.model.claims
     ]
-    findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -f.explained)
+    findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -rank_number(f.explained))
     small = NAMEABLE * structure.floor
     if fit.problem.register:
         # where even the frames were unknown the robot is far from calibrated: what is small beside the gap is no cause
@@ -261,7 +261,7 @@ def leave_shapeless(structure: Structure, findings: Sequence[Finding]) -> Struct
     curves = [
         replace(f, effect=Effect(UNMODELLED, f.effect.joint, "its own angle"), rivals=()) for f in found if not f.beyond
     ]
-    every = sorted((*structure.dependences, *curves), key=lambda f: -f.explained)
+    every = sorted((*structure.dependences, *curves), key=lambda f: -rank_number(f.explained))
     return replace(structure, left=True, dependences=tuple(every))
 
 
@@ -367,10 +367,10 @@ def find_dependences(doubt: Doubt, structure: Structure) -> tuple[Finding, ...]:
         owners = [n for n, s in enumerate(ledger.signatures) if s.name == UNMODELLED]
         owners = [n for n in owners if np.isin(ledger.columns(n), columns).all()]
         moves = {n: motion_at(doubt, ledger.columns(n), values) for n in owners}
-        largest = ledger.signatures[max(moves, key=lambda n: moves[n])]
+        largest = ledger.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
         effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
         found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))
-    return tuple(sorted(found, key=lambda f: -f.explained))
+    return tuple(sorted(found, key=lambda f: -rank_number(f.explained)))
 
 
 def noise_floor(fit: Fit) -> float:

@@ -20,8 +20,21 @@ LISTED = 12
 STEPS = 12
 #: Relative error that halves the digits of a float: what is smaller is rounding (theory).
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
+#: Decimals of log evidences, and digits of other numbers, by which candidates are ordered (theory: rounding errors of
+#: linear algebra lie far below; a difference of .001 in log evidence is no difference).
+DECIMALS, DIGITS = 3, 4
 #: Seed of every draw (assumed: any other would do).
 SEED = 20
+
+
+def rank_evidence(value: float) -> float:
+    """Return a log evidence to be ordered by: candidates that differ in rounding errors alone keep their order."""
+    return round(float(value), DECIMALS)
+
+
+def rank_number(value: float) -> float:
+    """Return a share or a length to be ordered by: candidates that differ in rounding errors alone keep their order."""
+    return float(f"{value:.{DIGITS}g}")
 
 
 def beats_chance(tried: int) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import NEGLIGIBLE
+from compplan.diagnosis.data.agreed import NEGLIGIBLE, rank_number
 from compplan.diagnosis.ledger.gains import combine_ledger
 from compplan.diagnosis.ledger.offers import REGISTRATION
 from compplan.diagnosis.ledger.unmodelled import UNMODELLED
@@ -46,7 +46,7 @@ class Rival:
 
 
 def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[Rival]:
-    """Compare a claim's trace with what every other effect can explain, best first.
+    """Compare a claim's trace with what every other effect can explain, best first, ties in the order of the ledger.
 
     The share is the squared cosine of the angle between the claim's trace and the other's space, after base and tool
     frames have been taken out of both.
@@ -72,7 +72,7 @@ def find_rivals(fit: Fit, signature: int, values: Array | None = None) -> list[R
         rival = Rival(other.place, share, (1.0 - share) * energy, len(theirs))
         if other.place not in best or rival.share > best[other.place].share:
             best[other.place] = rival
-    return sorted(best.values(), key=lambda r: -np.float32(r.share))  # the last digits are noise
+    return sorted(best.values(), key=lambda r: -rank_number(r.share))
 
 
 def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
@@ -97,7 +97,7 @@ def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tupl
             theirs = ledger.columns(number)
             share = _share(free, columns, values, theirs, energy)
             tries.append((share, -number, _solve_trace(free, columns, values, theirs)))
-    share, number, found = max(tries, key=lambda entry: entry[:2])
+    share, number, found = max(tries, key=lambda entry: (rank_number(entry[0]), entry[1]))
     return -number, found, (1.0 - share) * energy
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import STEPS
+from compplan.diagnosis.data.agreed import STEPS, rank_evidence
 from compplan.diagnosis.ledger.evidence import FIRST_STEPS, START, Hyper, Prior, find_posterior
 from compplan.diagnosis.ledger.gains import Gain
 from compplan.diagnosis.ledger.ledger import Ledger, extend_ledger, forms_that_hold
@@ -166,5 +166,5 @@ def _leave_out(search: Search, model: Model) -> Model:
         held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
         posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=STEPS)
         score = start.score - start.posterior.log_evidence + posterior.log_evidence
-        best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: m.score)
+        best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: rank_evidence(m.score))
     return best

@@ -31,6 +31,8 @@ from compplan.robot import Array
 #: Radians that a cause turns by over one standard deviation of what it follows (assumed: from nearly straight to a wave
 #: that a few dozen poses just show).
 ROUGHNESS = (0.5, 1.0, 2.0)
+#: A cause of which more than this share is explained is explained whole: the rest is rounding.
+WHOLE = 1.0 - 64.0 * ROUNDING
 
 
 def rate_imitations(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
@@ -68,7 +70,7 @@ def rate_imitations(fit: Fit, doubt: Doubt) -> dict[Claim, float]:
         values = np.array([len(block) for block in blocks])[:, None]
         shares = 1.0 - (1.0 - shares) * count / np.maximum(count - values, 1.0)
         best = shares.max(axis=0, initial=0.0)
-        result[claim] = float((np.sum(best >= min(share, 1.0)) + 0.5) / (len(kept) + 1.0))
+        result[claim] = float((np.sum(best >= min(share, WHOLE)) + 0.5) / (len(kept) + 1.0))
     return result
 
 

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import STEPS
+from compplan.diagnosis.data.agreed import STEPS, rank_evidence
 from compplan.diagnosis.ledger.evidence import (
     FIRST_STEPS,
     Hyper,
@@ -225,7 +225,7 @@ class Search:
         scored = [
             Gain(g.signature, g.log_evidence + several + (odds[g.signature] + of_size[g.size]), g.size) for g in gains
         ]
-        return sorted(scored, key=lambda g: -g.log_evidence)
+        return sorted(scored, key=lambda g: -rank_evidence(g.log_evidence))
 
     @cached_property
     def _placed(self) -> list[tuple[int, tuple[str | int | None, ...], list[int]]]:
@@ -321,7 +321,7 @@ def add_claim(search: Search, model: Model) -> Model:
         if gain.log_evidence < -CLOSE:
             break
         tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
-        if tried.score > best.score:
+        if rank_evidence(tried.score) > rank_evidence(best.score):
             best = tried
     return best
 
@@ -333,7 +333,7 @@ def _remove(search: Search, model: Model) -> Model:
         columns = search.ledger.columns
         weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
         smaller = [search.model(search.without(model.claims, claim), model.posterior.hyper) for claim in weak]
-        best = max(smaller, key=lambda m: m.score, default=model)
+        best = max(smaller, key=lambda m: rank_evidence(m.score), default=model)
         if best.score <= model.score:
             return model
         model = best

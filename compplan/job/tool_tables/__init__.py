@@ -1,15 +1,9 @@
-"""Tool tables: our own, and the exports of CAM systems, controls and catalogues whose form is documented.
+"""Tool tables: CSV, TOML, and tool libraries of Fusion.
 
 | form | told by | length | cutter |
 |---|---|---|---|
 | CSV, TOML | a head line with `number`; `[[tool]]` | length_mm | diameter_mm, teeth, corner_radius_mm .. |
 | Fusion, JSON (.json, .tools) | `data`, `post-process` | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
-| HSM, XML (.xml, .hsmlib) | `tool-library` | the holder's gauge-length + body-length | diameter, corner-radius .. |
-| ISO 13399 (.p21, GTC package) | ISO-10303-21, NUMERICAL_VALUE | - | DC ZEFP RE APMX LCF SIG |
-| MTConnect, XML | CuttingToolLifeCycle | FunctionalLength (LF) | DC RE APMX SIG |
-| FreeCAD (.fctb, .fctl) | `parameter` | - | Diameter Flutes CuttingEdgeHeight TipAngle .. |
-| LinuxCNC tool.tbl | lines `T1 P1 Z.. D..` | Z | D |
-| Heidenhain TOOL.T | a line BEGIN TOOL | L | R, R2, CUT |
 
 A length counts from the gauge line of the spindle to the tip. Each form is one file here, which holds its `words`,
 `recognise(text)` and `read(text, path, unit)`; a new one is a file and a line.
@@ -32,7 +26,7 @@ from compplan.job.tool_tables.listed import LibraryTool
 
 #: Longest tool that is taken for true. [mm]
 LONGEST_MM = 5_000.0
-#: Greatest size of a zipped library, or one in UTF-16, that is read. [bytes]
+#: Greatest size of an unpacked library that is read. [bytes]
 LARGEST = 50_000_000
 
 
@@ -49,9 +43,7 @@ class ToolForm(Protocol):
 
 
 #: Forms of tool tables, by the name of their file; the first that recognises a text reads it.
-FORMS: Registry[ToolForm] = Registry[ToolForm](
-    ("fusion", "freecad", "iso13399", "hsm", "mtconnect", "heidenhain", "linuxcnc", "toml_table", "csv_table"), __name__
-)
+FORMS: Registry[ToolForm] = Registry[ToolForm](("fusion", "toml_table", "csv_table"), __name__)
 
 
 def read_tool_library(path: str | Path, unit: str | None = None) -> tuple[LibraryTool, ...]:
@@ -78,38 +70,22 @@ def read_tool_library(path: str | Path, unit: str | None = None) -> tuple[Librar
 
 
 def _read(path: Path) -> str:
-    """Return the text of a table: what a zipped library of Fusion or a GTC package holds, XML in UTF-16 too."""
+    """Return the text of a table; that of the one .json of a zipped library of Fusion."""
     head = path.read_bytes()[:4] if path.is_file() else b""
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff") and path.stat().st_size < LARGEST:
-        content = path.read_bytes()
-        note_input(path, content)
-        return content.decode("utf-16", errors="replace").partition("?>")[2]
     if head != b"PK\x03\x04":
         return read_text(path)
     content = path.read_bytes()
     note_input(path, content)
     try:
-        texts = list(_unpack(content, path))
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            found = [info for info in archive.infolist() if info.filename.lower().endswith(".json")]
+            if len(found) != 1:
+                raise InputError("does not hold one tools.json, expected a zipped tool library of Fusion", file=path)
+            if found[0].file_size > LARGEST:
+                raise InputError(f"unpacks to more than {LARGEST // 1_000_000} MB of tools", file=path)
+            return archive.read(found[0]).decode("utf-8-sig")
     except (OSError, zipfile.BadZipFile, UnicodeDecodeError, RuntimeError) as error:
         raise InputError(f"is no zipped tool library: {error}", file=path) from None
-    if not texts:
-        raise InputError("holds neither one tools.json nor .p21 files, expected a zipped tool library", file=path)
-    return "\n".join(texts)
-
-
-def _unpack(content: bytes, path: Path, nested: bool = False) -> Iterator[str]:
-    """Unpack the texts of a zipped library: its one .json, else all .p21, each of which may be zipped once more."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        for suffix in (".json", ".p21", ".p21.zip"):
-            found = [info for info in archive.infolist() if info.filename.lower().endswith(suffix)]
-            if sum(info.file_size for info in found) > LARGEST:
-                raise InputError(f"unpacks to more than {LARGEST // 1_000_000} MB of tools", file=path)
-            if not found or (suffix == ".json" and len(found) > 1) or (suffix == ".p21.zip" and nested):
-                continue
-            for info in found:
-                inner = archive.read(info)
-                yield from _unpack(inner, path, nested=True) if suffix == ".p21.zip" else (inner.decode("utf-8-sig"),)
-            return
 
 
 def take_tool(tools: Sequence[LibraryTool], number: int, name: str, path: str | Path) -> LibraryTool | None:

@@ -21,7 +21,7 @@ class LibraryTool:
     """One tool of a table; None is not said.
 
     Attributes:
-        number: T number; None in a catalogue.
+        number: T number.
         name: Name or description.
         length_mm: From the gauge line of the spindle to the tip.
         kind: "mill", "drill", "other" for shapes that no force model here has, "" where nothing says it.
@@ -31,7 +31,7 @@ class LibraryTool:
 
     """
 
-    number: int | None
+    number: int
     name: str = ""
     length_mm: float | None = None
     kind: str = ""
@@ -48,7 +48,7 @@ class LibraryTool:
     @property
     def call(self) -> str:
         """What a message calls it."""
-        return f"{self.name!r}" if self.number is None else f"T{self.number}"
+        return f"T{self.number}"
 
 
 def check_number(word: object, path: Path, where: int | None, what: str) -> float:
@@ -83,15 +83,14 @@ def round_ball(words: str, diameter: float | None, corner: float | None) -> floa
     return 0.5 * diameter if not corner and diameter and "ball" in words.lower() else corner
 
 
-def read_scale(unit: str, path: Path, tool: int | str) -> float:
+def read_scale(unit: str, path: Path, tool: int) -> float:
     """Return millimetres a unit; a unit that nobody states is refused."""
     lower = unit.lower()
     if lower.startswith("milli") or lower == "mm":
         return 1.0
     if lower.startswith("inch") or lower == "in":
         return INCH
-    call = f"T{tool}" if isinstance(tool, int) else tool
-    raise InputError(f"{call} states no unit of its lengths; write [tools] unit = \"mm\" or \"inch\"", file=path)
+    raise InputError(f"T{tool} states no unit of its lengths; write [tools] unit = \"mm\" or \"inch\"", file=path)
 
 
 def as_mapping(value: object) -> Mapping[str, Any]:

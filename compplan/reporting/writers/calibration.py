@@ -14,7 +14,7 @@ from compplan.io.origin import describe_origin
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import check_file, replace_folder
 from compplan.robot import Array, Robot
-from compplan.robot.calibration import FORMATS, OwnFile, find_format
+from compplan.robot.calibration import find_format, universal_robots
 from compplan.robot.calibration.geometry import turn_zeros
 from compplan.robot.folder import write_robot_folder
 from compplan.simulation.calibration_loss import POSES, judge_losses
@@ -28,7 +28,7 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
     """
     text = read_text(file)
     form = find_format(text, file)
-    zero, _ = _find_zeros(nominal)
+    zero = _find_zeros(nominal)
     robot = turn_zeros(form.read(text, file, turn_zeros(nominal, zero)), -zero)
     robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
     summary = {"schema": 1, "robot": nominal.name, "format": form.name, "made_by": describe_origin()}
@@ -38,43 +38,34 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
     return summary
 
 
-def write_controller_file(
-    robot: Robot, nominal: Robot, controller: str, file: Path, own: Path | None = None
-) -> dict[str, Any]:
-    """Write a controller's calibration from a measured robot folder; return what it loses.
+def write_controller_file(robot: Robot, nominal: Robot, file: Path) -> dict[str, Any]:
+    """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold.
 
     Args:
         robot: The robot as measured.
         nominal: The robot of this type as it ships.
-        controller: Name of the format.
         file: The file to write.
-        own: The file that the controller has now, for formats that change it.
 
     Raises:
-        InputError: If the controller's format is not written, or the robots are of other kinds.
+        InputError: If the robots are of different kinds, or are no Universal Robots arms.
     """
-    write = FORMATS[controller].write
-    if write is None:
-        written = [name for name, form in FORMATS.items() if form.write is not None]
-        raise InputError(f"--controller {controller} is read only, choose from {written}")
     if robot.joint_names != nominal.joint_names:
         raise InputError(f"robot {robot.name!r} has other joints than {nominal.name!r}, expected a folder made from it")
     check_file(file)
-    zero, sense = _find_zeros(nominal)
-    have = None if own is None else OwnFile(read_text(own), own, sense)
-    text, held = write(turn_zeros(robot, zero), turn_zeros(nominal, zero), have)
-    form = FORMATS[controller]
+    zero = _find_zeros(nominal)
+    form = universal_robots
+    text, held = form.write(turn_zeros(robot, zero), turn_zeros(nominal, zero))
     losses, left = judge_losses(robot, turn_zeros(held, -zero), nominal, form.lacks)
     rows = [{"what": loss.what, "rms_mm": float(f"{loss.rms * 1e3:.4g}")} for loss in losses]
     write_text(file, text)
     return {
-        "schema": 1, "robot": robot.name, "format": controller, "poses": POSES, "lost": rows,
+        "schema": 1, "robot": robot.name, "format": form.name, "poses": POSES, "lost": rows,
         "left_rms_mm": float(f"{left * 1e3:.4g}"), "advice": form.advice, "made_by": describe_origin(),
     }  # fmt: skip
 
 
-def _find_zeros(nominal: Robot) -> tuple[Array, Array]:
-    """Return the joints where the controller shows zero [rad or m], and how it counts each, 1 or -1. Shapes (n,)."""
+def _find_zeros(nominal: Robot) -> Array:
+    """Return the joints at which the controller shows zero. Shape (n,). [rad or m]"""
     counting = load_controller(nominal)
     zero = np.linalg.solve(counting.matrix, -counting.zero)
-    return np.where(nominal.prismatic, zero * 1e-3, np.radians(zero)), np.sign(np.diag(counting.matrix))
+    return np.where(nominal.prismatic, zero * 1e-3, np.radians(zero))

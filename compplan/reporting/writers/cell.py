@@ -27,7 +27,7 @@ from compplan.io.tables import write_json, write_table
 from compplan.reporting.robot_scene import FINEST, MESH_COLOURS, locate_links, place_shapes
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool
-from compplan.robot.primitives import triangulate_box, triangulate_cylinder
+from compplan.robot.solids import triangulate_box, triangulate_rod
 
 if TYPE_CHECKING:
     from compplan.diagnosis.answer.result import Diagnosis
@@ -178,8 +178,8 @@ def _describe_spindle(plan: Plan) -> list[dict[str, Any]]:
     shapes = []
     for name, radius, low, high in (("cutter", 0.06, 0.0, 0.45), ("spindle", 0.22, 0.4, 1.0)):
         size = min(radius * height, 0.09)
-        upright, faces = triangulate_cylinder(size, (high - low) * height, sections=24)
-        vertices = upright - [0.0, 0.0, 0.5 * (low + high) * height]
+        start, end = np.array([0.0, 0.0, -low * height]), np.array([0.0, 0.0, -high * height])
+        vertices, faces = triangulate_rod(start, end, size, sections=24)
         shapes.append(_describe_shape(f"{name}, drawn", robot.tcp, TOOL_COLOUR, vertices, faces))
     return shapes
 

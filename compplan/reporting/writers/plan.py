@@ -86,8 +86,8 @@ def write_beside(plan: Plan, part: Path) -> None:
 
 def read_back(plan: Plan, folder: Path) -> Plan:
     """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
+    from compplan.controllers.readback.joint_table import Commanded
     from compplan.simulation.delivered import vote_on_delivery
-    from compplan.simulation.joint_table import Commanded
 
     job, robot = plan.job, plan.robot.folder
     if job is None or robot is None or job.mounted is not None:

@@ -16,6 +16,7 @@ from compplan.plan.plan import plan_job
 from compplan.plan.result import Plan
 from compplan.reporting.writers.operations import deliver_operations
 from compplan.reporting.writers.plan import deliver_plan, note_programs
+from compplan.robot.folder import find_robot_folder
 
 #: A table of a job: its keys, or a TOML file that holds them (alone, or as a job).
 Table = Mapping[str, Any] | str | Path
@@ -71,13 +72,13 @@ def post(
         cam: [cam]: how the file is read.
         plan: [plan]: strategy, tolerance, posture.
         output: [output]: signals (io), header, footer.
-        out: Folder to write to; left out: CAMFILE_program beside the file.
+        out: Folder to write to; left out: out.
 
     Raises:
         InputError: If something is not what it has to be; nothing is written then.
 
     """
-    folder = Path(out) if out is not None else Path(camfile).with_name(f"{Path(camfile).stem}_program")
+    folder = Path("out" if out is None else out)
     job = make_post_job(
         camfile, robot=robot, part=part, program=program, tool=tool, tools=tools, process=process, cam=cam, plan=plan,
         output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
@@ -115,6 +116,7 @@ def make_post_job(
         InputError: If a table is not what it has to be.
 
     """
+    find_robot_folder(robot)
     languages = [program] if isinstance(program, str) else list(program)
     data: dict[str, Any] = {
         "schema": 1,

@@ -1,22 +1,17 @@
 """Calibration files of robot controllers, one file a format: read into a robot, and written from one.
 
-Each format offers `name`, `words`, `recognise(text)`, `read(text, file, nominal) -> Robot` and
-`write(robot, nominal, own)`, which returns the text and the robot as the controller then believes it; `write` is None
-for a format that is only read.
-What a written file has no numbers for is said in `lacks`, what to do with it in `advice`.
-A new format is one new file and one line here. Joints stand at the controller's zero at q = 0 here.
+Each format offers `name`, `words`, `recognise(text)` and `read(text, file, nominal) -> Robot`. `universal_robots` also
+writes its file. A new format is one new file and one line here. All joints are at the controller's zero at q = 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
 from compplan.io.plugins import Registry
 from compplan.robot import Robot
-from compplan.robot.calibration.numbers import OwnFile
 
 
 class CalibrationFormat(Protocol):
@@ -24,9 +19,6 @@ class CalibrationFormat(Protocol):
 
     name: str
     words: str
-    lacks: str
-    advice: str
-    write: Callable[[Robot, Robot, OwnFile | None], tuple[str, Robot]] | None
 
     def recognise(self, text: str) -> bool:
         """Tell whether a text is of this format."""
@@ -37,12 +29,9 @@ class CalibrationFormat(Protocol):
         ...
 
 
-_OWN = ("universal_robots", "ur_kinematics", "kuka", "fanuc", "abb")
+_OWN = ("universal_robots", "ur_kinematics")
 #: Every format, by its name, which is that of its module.
 FORMATS: Registry[CalibrationFormat] = Registry[CalibrationFormat](_OWN, __name__)
-
-#: Files that are known and not read: what their text holds, and why.
-REFUSED = {"$DMR_GRP": "FANUC master counts: the joint angles hold them already; lengths stand in symotn.va"}
 
 
 def find_format(text: str, file: Path) -> CalibrationFormat:
@@ -55,5 +44,5 @@ def find_format(text: str, file: Path) -> CalibrationFormat:
         if form.recognise(text):
             return form
     known = "; ".join(form.words for form in FORMATS.values())
-    reason = next((why for mark, why in REFUSED.items() if mark in text), "no calibration file that is known")
-    raise InputError(f"is {reason}, expected {known}; any other robot: measure it and use compplan diagnose", file=file)
+    message = f"is no calibration file that is known, expected {known}"
+    raise InputError(f"{message}; any other robot: measure it and use compplan diagnose", file=file)

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.robot import Array, Joint, Robot
-from compplan.robot.mounting import mounted_tool
 from compplan.robot.pose import build_pose, move_joint
 
 #: Axes that enclose less count as parallel, their common normal would lie kilometres away; at one metre 1 um. [rad]
@@ -88,49 +87,6 @@ def turn_zeros(robot: Robot, q: Array) -> Robot:
             joint, index = replace(joint, placement=joint.placement @ move_joint(joint, q[index])), index + 1
         joints.append(joint)
     return replace(robot, joints=tuple(joints))
-
-
-def face_axes(zero: ZeroPose, nominal: Robot) -> ZeroPose:
-    """Return the axes with the senses that the nominal robot's joints have.
-
-    Raises:
-        InputError: If the robot has another number of axes.
-    """
-    own = find_zero_pose(nominal).direction
-    if own.shape != zero.direction.shape or nominal.prismatic.any():
-        raise InputError(f"robot {nominal.name!r} has {len(own)} axes, expected an arm of {len(zero.point)} that turn")
-    sense = np.where(np.einsum("ij,ij->i", own, zero.direction) < 0.0, -1.0, 1.0)
-    return replace(zero, direction=zero.direction * sense[:, None])
-
-
-def tool_zero(zero: ZeroPose, nominal: Robot) -> ZeroPose:
-    """Return axes and flange of a model that ends at the maker's tool 0, which is the TCP of the robot as it ships."""
-    return replace(zero, flange=zero.flange @ np.linalg.inv(mounted_tool(nominal)))
-
-
-def place_flange(zero: ZeroPose, q: Array) -> tuple[Array, Array]:
-    """Return the flange, and the axes as they stand, of an arm whose joints all turn.
-
-    Args:
-        zero: Axes and flange at the zero pose.
-        q: Joint angles. Shape (n,). [rad]
-
-    Returns:
-        Pose of the flange, shape (4, 4), and pose by which each axis has moved, shape (n, 4, 4). [m]
-    """
-    pose, moved = np.eye(4), []
-    for axis, point, angle in zip(zero.direction, zero.point, q, strict=True):
-        moved.append(pose)
-        turn = Rotation.from_rotvec(axis * angle).as_matrix()
-        pose = pose @ build_pose(point - turn @ point, turn)
-    return pose @ zero.flange, np.array(moved)
-
-
-def shift_zeros(zero: ZeroPose, q: Array) -> ZeroPose:
-    """Return axes and flange as they stand at q, which is the zero of new joint angles. Shape (n,). [rad]"""
-    flange, moved = place_flange(zero, q)
-    point = np.einsum("kij,kj->ki", moved[:, :3, :3], zero.point) + moved[:, :3, 3]
-    return ZeroPose(np.einsum("kij,kj->ki", moved[:, :3, :3], zero.direction), point, flange)
 
 
 def _turn_between(old: Array, new: Array) -> Array:

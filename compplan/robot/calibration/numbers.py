@@ -3,29 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from compplan.errors import InputError
 from compplan.io.tables import is_plain
-from compplan.robot import Array
-
-
-@dataclass(frozen=True, eq=False)
-class OwnFile:
-    """The file that a controller has now.
-
-    Attributes:
-        text: Its text.
-        file: Where it stands, for messages.
-        sense: How the controller counts a joint that grows in the robot folder, 1 or -1. Shape (n,).
-    """
-
-    text: str
-    file: Path
-    sense: Array
 
 
 def read_numbers(words: str, count: int, name: str, file: Path, line: int) -> list[float]:

@@ -14,7 +14,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.robot import Array, Robot
 from compplan.robot.calibration.geometry import ZeroPose, find_zero_pose, fit_dh, move_axes, walk_dh
-from compplan.robot.calibration.numbers import OwnFile, keep_once, read_numbers, require_names
+from compplan.robot.calibration.numbers import keep_once, read_numbers, require_names
 
 name = "universal_robots"
 words = "calibration.conf of Universal Robots (delta_theta, delta_a, delta_d, delta_alpha)"
@@ -52,13 +52,12 @@ def read(text: str, file: Path, nominal: Robot) -> Robot:
     return move_axes(nominal, walk_dh(dh), file)
 
 
-def write(robot: Robot, nominal: Robot, own: OwnFile | None = None) -> tuple[str, Robot]:
+def write(robot: Robot, nominal: Robot) -> tuple[str, Robot]:
     """Return the calibration.conf of a robot, and the robot that its controller then believes.
 
     Args:
         robot: The robot as measured.
         nominal: The robot of this type as it ships.
-        own: The controller's file as it is now: not needed.
 
     Raises:
         InputError: If the robots have not the axes of a Universal Robots arm.

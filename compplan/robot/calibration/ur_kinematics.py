@@ -22,9 +22,6 @@ name = "ur_kinematics"
 words = "kinematics YAML of the ROS driver of Universal Robots (x y z roll pitch yaw a link)"
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 VALUES = ("x", "y", "z", "roll", "pitch", "yaw")
-#: The driver reads such a file, the controller does not.
-lacks = advice = ""
-write = None
 
 
 def recognise(text: str) -> bool:

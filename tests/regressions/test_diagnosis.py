@@ -1,0 +1,108 @@
+"""Diagnosis: ties, events inside a run, and folders as they are read back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import known_campaigns
+import numpy as np
+import pytest
+from commandline import run_command
+from simulated_campaigns import measure, plan_rows, write_small_robot
+
+import compplan as cp
+from compplan.io.tables import write_table
+from compplan.measurement.campaign import Campaign
+from compplan.robot import Robot
+
+
+@pytest.mark.parametrize(
+    "name", ["errors of no effect", "two zeros that are one length", "late on a path", "a zero near the noise"]
+)
+def test_rounding_changes_no_line_of_a_diagnosis(name: str) -> None:
+    known = known_campaigns.CAMPAIGNS[name]
+    robot = known_campaigns.make_robot(known.joints)
+    campaign = known_campaigns.draw(known, robot)
+    answers = []
+    for seed in (0, 2):
+        random = np.random.default_rng(seed)
+        shaken = replace(
+            campaign,
+            position=campaign.position + random.normal(0.0, 1e-12, campaign.position.shape),
+            q=campaign.q + random.normal(0.0, 1e-13, campaign.q.shape),
+        )
+        known_campaigns_draw = known_campaigns.draw
+        known_campaigns.draw = lambda _, __, rows=shaken: rows
+        try:
+            answers.append(known_campaigns.diagnose_known(name))
+        finally:
+            known_campaigns.draw = known_campaigns_draw
+    assert list(known_campaigns.differences(*answers)) == []
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return write_small_robot(tmp_path_factory.mktemp("robot") / "small")
+
+
+def write_log(campaign: Campaign, file: Path) -> Path:
+    columns: dict[str, Any] = {"run": campaign.run, "time_s": campaign.time, "sigma_mm": campaign.sigma * 1e3}
+    columns |= {f"q{k + 1}_deg": np.degrees(campaign.q[:, k]) for k in range(campaign.q.shape[1])}
+    names = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+    columns |= {name: campaign.wrench[:, k] for k, name in enumerate(names)}
+    columns |= {f"{axis}_mm": campaign.position[:, k] * 1e3 for k, axis in enumerate("xyz")}
+    write_table(file, columns, decimals=6)
+    return file
+
+
+def shift(name: str, row: int, values: Sequence[float]) -> cp.Effect:
+    keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+    return cp.Effect(name, None, None, {"row": row, **dict(zip(keys, values, strict=True))})
+
+
+FRAME, FLANGE = (1.2e-3, -8e-4, 1e-3, 3e-4, -2e-4, 5e-4), (8e-4, 0.0, -1e-3, 2e-3, 0.0, 3e-3)
+
+
+@pytest.mark.parametrize(
+    ("row", "effect", "values"),
+    [(30, "frame_shift", FRAME), (30, "tool_shift", FLANGE), (20, "tool_shift", FLANGE)],
+    ids=["a frame shift in a run", "a flange that slips in a run", "a flange that slips between runs"],
+)
+def test_a_shift_is_named_and_not_taken_for_jogging(
+    row: int, effect: str, values: Sequence[float], robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    rows = plan_rows(robot, 1, poses=40, loads=0)
+    log = write_log(measure(robot, rows, [shift(effect, row, values)], 1, orientation=False), tmp_path / "log.csv")
+    words = ["diagnose", log, "--robot", robot.folder, "--out", tmp_path / "out"]
+    answer = run_command(words, monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    assert f"{effect}: probability 0.9" in answer.out and "jogged" not in answer.out
+
+
+def wear(robot: Robot, campaign: Campaign, most: float) -> Campaign:
+    """Shorten the tool steadily through the second run."""
+    worn = np.zeros(len(campaign))
+    inside = campaign.run == "static_2"
+    worn[inside] = np.linspace(0.0, most, int(inside.sum()))
+    axis = cp.predict_campaign(robot, campaign).rotation[:, :, 2]
+    return replace(campaign, position=campaign.position + axis * worn[:, None])
+
+
+def test_a_tool_that_wears_in_a_run_is_not_taken_for_jogging(robot: Robot) -> None:
+    rows = plan_rows(robot, 1, poses=40, loads=0)
+    worn = wear(robot, measure(robot, rows, [], 1, orientation=False), 1.5e-3)
+    found = cp.diagnose(worn, robot)
+    assert found.gap.held_out_after < 0.5 * found.gap.held_out_before
+
+
+def test_poses_off_the_model_without_an_event_are_still_asked_about(robot: Robot) -> None:
+    rows = plan_rows(robot, 1, poses=40, loads=0)
+    zero = cp.Effect("joint_offset", "joint_3", None, {"offset_rad": 1e-3})
+    sound, off = (measure(robot, rows, effects, 1, orientation=False) for effects in ([], [zero]))
+    mixed = np.where((rows.run == "static_2")[:, None], off.position, sound.position)
+    with pytest.raises(cp.InputError, match="jogged by hand"):
+        cp.diagnose(replace(sound, position=mixed), robot)

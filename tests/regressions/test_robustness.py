@@ -1,0 +1,188 @@
+"""Inputs that once ended in an internal fault, a hang, a wrong refusal or an answer without a reason."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import compplan as cp
+from tests.commandline import run_command
+
+ROOT = Path(__file__).parents[2]
+JOB = """schema = 1
+name = "job"
+robot = "{robot}"
+toolpath = {toolpath}
+[part]
+position_mm = [1700.0, 0.0, 900.0]
+[process]
+model = "constant"
+force_N = [0.0, 0.0, -100.0]
+frame = "base"
+[plan]
+strategy = "none"
+rotate_about_tool_axis = false
+tolerance_mm = {tolerance}
+{more}
+"""
+CIRCLE = '{ generator = "circle", radius_mm = 10.0, feed_mm_s = 10.0, waypoints = 20 }'
+
+
+def write_job(
+    folder: Path, *, robot: str = "kuka_kr270", toolpath: str = CIRCLE, tolerance: float = 10.0, more: str = ""
+) -> Path:
+    file = folder / "job.toml"
+    file.write_text(JOB.format(robot=robot, toolpath=toolpath, tolerance=tolerance, more=more))
+    return file
+
+
+# ---- reading back, reasons and next steps
+
+
+def test_a_joint_table_of_a_robot_without_controller_toml_is_confirmed(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "robots" / "kuka_kr270", tmp_path / "arm")
+    (tmp_path / "arm" / "controller.toml").unlink()
+    job = write_job(tmp_path, robot="arm", more='[output]\nprograms = ["csv"]')
+    cp.plan(job, out=tmp_path / "out")
+    written = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert written["status"] == "solved", written["verdict"]["sentence"]
+
+
+@pytest.mark.parametrize("spacing", ["step_mm = 2.0", "waypoints = 90", "rate_hz = 5.0"])
+@pytest.mark.parametrize("pace", ["feed_mm_s = 10.0", "duration_s = 60.0"])
+def test_a_z_level_cone_is_read_a_second_time(spacing: str, pace: str, tmp_path: Path) -> None:
+    cone = 'generator = "isf_cone", diameter_mm = 60.0, depth_mm = 3.0, wall_angle_deg = 60.0, pitch_mm = 1.0'
+    path = f'{{ {cone}, path = "z_level", approach_mm = 5.0, {pace}, {spacing} }}'
+    plan = cp.plan(write_job(tmp_path, toolpath=path))
+    assert plan.status == "solved", plan.explain_failures()
+    assert plan.unread == "" and plan.verdict.word == "keeps"
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 10.0])
+def test_a_plan_that_is_not_confirmed_says_why_and_what_is_next(
+    tolerance: float, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    (tmp_path / "part.nc").write_text(
+        "G21 G90 G54\nG0 X0 Y0 Z20\nM3 S1000\nG1 Z0 F600\nG1 X20\nG0 Z20\nG81 X30 Y10 Z-5 R2 F100\nG80\nG0 Z20\nM30\n"
+    )
+    job = write_job(tmp_path, toolpath='"part.nc"', tolerance=tolerance, more='[cam]\ncycles = "skip"')
+    done = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    written = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert done.status == 3 and written["status"] == "not_confirmed"
+    reason = "holes of the file are not cut"
+    assert reason in written["failure"] and any(reason in note for note in written["notes"])
+    assert any(reason in note for note in written["stops"])
+    assert reason in done.out and reason in done.err
+    for told in (done.out, written["verdict"]["sentence"], written["verdict"]["change"]):
+        assert "campaign" not in told and "Measure the robot" not in told, told
+
+
+# ---- one rule for all commands
+
+
+def test_to_frame_without_pandas_names_the_extra(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    plan = cp.plan(write_job(tmp_path))
+    with pytest.raises(cp.InputError, match=r"compplan\[frames\]"):
+        plan.to_frame()
+
+
+@pytest.mark.parametrize("verb", ["plan", "compare"])
+def test_a_path_without_a_part_frame_is_refused_in_python_as_on_the_command_line(
+    verb: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    (tmp_path / "part.nc").write_text("G21 G90 G54\nG0 X0 Y0 Z20\nG1 Z0 F600\nG1 X20\nM30\n")
+    for source in (tmp_path / "part.nc", {"position_mm": [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]], "feed_mm_s": 20.0}):
+        with pytest.raises(cp.InputError, match="part frame"):
+            getattr(cp, verb)(source, robot="kuka_kr270")
+    words = ["post", tmp_path / "part.nc", "--robot", "kuka_kr270", "--program", "krl", "--out", tmp_path / "out"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and "--part" in done.err
+
+
+FOLDERS = {
+    "compare": "job.toml", "map": "kuka_kr270 --points 2", "identify": "log.csv --robot kuka_kr270",
+    "forces": "job.toml", "plan": "job.toml", "post": "part.nc --robot kuka_kr270 --part 1700,0,900 --program krl",
+    "diagnose": "log.csv --robot kuka_kr270", "place": "job.toml", "reproduce": "dumas2011",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", sorted(FOLDERS))
+def test_every_command_that_writes_a_folder_writes_to_out(command: str, monkeypatch, capsys) -> None:
+    help_text = run_command([command, "--help"], monkeypatch, capsys).out
+    assert "default: out" in " ".join(help_text.split()), help_text
+
+
+def test_a_plan_without_out_is_written_to_out(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run_command(["plan", write_job(tmp_path)], monkeypatch, capsys)
+    assert done.status == 0 and (tmp_path / "out" / "plan.json").is_file(), done.err
+
+
+def test_an_unknown_robot_is_refused_with_the_same_words_everywhere(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_job(tmp_path)
+    (tmp_path / "log.csv").write_text("q1_deg\n0\n")
+    (tmp_path / "part.nc").write_text("G21 G0 X0 Y0 Z0\nG1 X1 F60\n")
+    lines = [
+        "plan job.toml --robot nope", "post part.nc --robot nope --part 1,0,0 --program krl", "map nope",
+        "predict log.csv --robot nope --out p.csv", "diagnose log.csv --robot nope", "doctor nope",
+    ]  # fmt: skip
+    told = {run_command(line.split(), monkeypatch, capsys).err for line in lines}
+    with pytest.raises(cp.InputError) as refused:
+        cp.plan(write_job(tmp_path), robot="nope")
+    with pytest.raises(cp.InputError) as posted:
+        cp.post("part.nc", robot="nope", part=[1.0, 0.0, 0.0], program="krl")
+    assert told == {f"error: {refused.value}\n"} and str(posted.value) == str(refused.value)
+
+
+# ---- faults that paths, robots and signals led to
+
+
+@pytest.mark.parametrize("strategy", ["none", "nlp"])
+def test_a_path_that_turns_back_each_millimetre_is_planned(strategy: str) -> None:
+    there_and_back = {"x_mm": [0.0, 1.0] * 15, "y_mm": 0.0, "z_mm": 0.0, "feed_mm_s": 20.0}
+    plan = cp.plan(there_and_back, robot="kuka_kr270", part=(1700, 0, 900), plan={"strategy": strategy})
+    assert plan.status == "solved", plan.explain_failures()
+
+
+@pytest.mark.parametrize("flange", ["base_link", "link_3"])
+def test_a_flange_above_the_joints_is_refused(flange: str, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "robots" / "kuka_kr270", tmp_path / "arm")
+    file = tmp_path / "arm" / "elasticity.toml"
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("flange")]
+    at = next(number for number, line in enumerate(lines) if line.startswith("tcp"))
+    file.write_text("\n".join([*lines[: at + 1], f'flange = "{flange}"', *lines[at + 1 :]]) + "\n")
+    with pytest.raises(cp.InputError, match=r"elasticity.toml: flange: .*joint_6"):
+        cp.load_robot(tmp_path / "arm")
+
+
+#: Sends SIGTERM to this process while a module is imported; the import fails by it, as those of compiled modules do.
+TERMINATED = """
+import os, signal, sys, time
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "trimesh" or name == "pinocchio":
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(1.0)
+            except SystemExit:
+                raise ImportError("initialization failed") from None
+sys.meta_path.insert(0, Finder())
+from compplan.cli import main
+main(["map", "kuka_kr270", "--points", "2"])
+"""
+
+
+def test_a_signal_during_imports_ends_the_run_without_an_internal_fault(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", TERMINATED], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 143 and done.stderr == "", done.stderr
