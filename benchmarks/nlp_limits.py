@@ -16,17 +16,17 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+from compplan.plan.freedom import Freedom, find_freedom
+from compplan.plan.ground import state_ground
+from compplan.plan.one_program import Point, Prices, build_program
+from compplan.plan.program_step import solve_program
 from scipy.interpolate import CubicSpline
 
 from benchmarks.plan_check.job import Array
 from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.job.job import check_job
 from compplan.plan.feed import FeedWish, TorqueRules
-from compplan.plan.freedom import Freedom, find_freedom
-from compplan.plan.ground import state_ground
-from compplan.plan.one_program import Point, Prices, build_program
 from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.program_step import solve_program
 from compplan.plan.run_meter import RunMeter
 from compplan.uncertainty.slopes import read_force_spread
 

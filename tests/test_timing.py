@@ -9,10 +9,10 @@ from oracles.forces import DrivenRows, _speeds
 from scipy.interpolate import CubicSpline
 
 from compplan.plan.agreement import _moving_feed
-from compplan.plan.fastest_run import time_cut
 from compplan.plan.motion_limits import measure_use, spread_factors
 from compplan.plan.narrow import overlap_legs
 from compplan.plan.timing import find_slowdown, time_rapids
+from compplan.planning.timing import time_cut
 
 
 def times(along, speed):

@@ -30,7 +30,6 @@ from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
 from compplan.plan.path_problem import count_equations
-from compplan.plan.refine import StartChoice, better_start
 from compplan.plan.result import Plan
 from compplan.plan.run_meter import BAND_ROWS, RunMeter, spread_tip
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
@@ -38,6 +37,8 @@ from compplan.plan.strategies.lost_motion import state_sides
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.plan.votes import cast_votes
+from compplan.planning.candidates import better_start
+from compplan.planning.redundancy import Asked
 from compplan.posture.finished import RobotMeasure
 from compplan.posture.keep import Lock, find_kept_start, read_lock
 from compplan.posture.stance import Wish, check_start
@@ -274,8 +275,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         force = options.force or read_force_spread(None)
         meter = RunMeter(options.feed, force, partial(_state_task, robot, chain, options), DAMPING)
         tool_x = np.asarray(options.tool_x, float)
-        choice = StartChoice(robot, nominal, tool_x, options.wish, request, meter, options.tube)
-        start = better_start(start, choice)
+        start = better_start(start, Asked(robot, nominal, tool_x, meter, options.tube))
     task = _state_task(robot, chain, options, start)
     faded, share = fade_robot(robot, start.q, task.wrench)
     if faded is robot:

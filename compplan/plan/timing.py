@@ -1,7 +1,7 @@
 """When the robot is where: the fastest run along the commanded path within the programmed feed and the rate limits.
 
-Cuts are timed as [Pham2018] does: joint velocity and acceleration limits, the programmed feed as the upper bound, from
-rest to rest (`compplan.plan.fastest_run`), then smoothed (`compplan.plan.profile`). Where smoothing or the division of
+Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
+from rest to rest, then smoothed (`compplan.planning.timing`). Where smoothing or the division of
 the path leaves a difference of joint positions beyond a limit, the run is slowed down there. At a corner that is
 rounded within less than a run needs to come to rest, it comes to rest in its middle, and starts before that: both
 overlap. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
@@ -17,12 +17,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, subdivide, time_cut
-from compplan.plan.jerk_run import RateLimits, shorten_run
 from compplan.plan.motion_limits import Torques, difference_motion, measure_smooth_use, measure_use, spread_factors
 from compplan.plan.narrow import INERTIA_WINDOWS, find_narrow, overlap_legs
-from compplan.plan.profile import Profile, ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
+from compplan.planning.timing import (
+    NO_LIMIT,
+    Profile,
+    TorqueParts,
+    ease_duration,
+    ease_times,
+    smooth_profile,
+    subdivide,
+    time_cut,
+)
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 
@@ -34,8 +41,6 @@ FULL_USE, SLOW_ROUNDS = 0.999, 8
 END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
 #: Windows of smoothing that are tried where a limit of the jerk slows a run down, in those of the task.
 WINDOWS = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
-#: Waypoints of a run that is shortened within its jerk at most.
-MOST_JERK = 4000
 #: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
 FULL_SPEED_AFTER = 0.5
 
@@ -200,8 +205,6 @@ def _time_run(
     task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array
 ) -> Array:
     """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
-    if task.jerk_limits is not None and len(along) <= MOST_JERK:
-        return _jerk_run(task, along, q, rows, slow)
     time, rounds = _smooth_run(task, along, q, rows, slow, task.smoothing)
     if rounds == 1 or (task.jerk_limits is None and rounds <= SLOW_ROUNDS):
         return time
@@ -211,36 +214,6 @@ def _time_run(
             break
         time = min(time, other, key=lambda each: float(each[-1]))
     return time
-
-
-def _jerk_run(
-    task: PlanTask, along: Array, q: Array, rows: TorqueParts | None, slow: Array
-) -> Array:
-    """Time one run whose jerk has limits: smoothed as others where that keeps them, else the shortest."""
-    if len(along) < 3:
-        fine, between = subdivide(along, q)
-        return _jerk_run(task, fine, between, None, np.interp(fine, along, slow))[[0, -1]]
-    most = _most_push(task, task.smoothing)
-    limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
-    fastest = time_cut(along, q, *limits, rows, slow=slow, gentle=most)[2]
-    assert task.jerk_limits is not None
-
-    def excess(time: Array) -> float:
-        """Return the factor by which a run is too fast."""
-        return float(_use_of(task, q, time, rows).max())
-
-    best = _smooth(task, along, fastest, task.smoothing)
-    if excess(best.time) <= 1.0:
-        return best.time
-    wider = (_smooth(task, along, fastest, factor * task.smoothing) for factor in WINDOWS)
-    best = min((best, *wider), key=lambda each: float(each.time[-1]) * max(excess(each.time), 1.0))
-    rates = RateLimits(np.r_[limits[0], 1.0], np.r_[limits[1], most], np.r_[FULL_USE * task.jerk_limits, np.inf],
-                       task.smoothing * sum(INERTIA_WINDOWS) if task.inertia else 0.0)
-    runs = [best.time]
-    if fastest[1:-1].all():  # a run that stands still on its way is no run from rest to rest
-        runs.append(shorten_run(np.column_stack([q, along]), along, best.speed, fastest, rates, slow))
-    held = [time * max(excess(time) / FULL_USE, 1.0) for time in runs]
-    return min(held, key=lambda each: float(each[-1]))
 
 
 def _most_push(task: PlanTask, window: float) -> float:

@@ -16,19 +16,17 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from compplan.errors import ConvergenceError
-from compplan.plan.run_meter import BAND_ROWS, RunMeter, TimedStart, spread_tip
+from compplan.plan.run_meter import RunMeter, spread_tip
 from compplan.plan.task import PlanTask
-from compplan.plan.timing import cutting_runs, time_rapids
+from compplan.plan.timing import cutting_runs
 from compplan.planning.costs import Band, Cost, Smoothness, Time, Travel
 from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, Limit, LoadedPose, VelocityLimit
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.problem import Problem
 from compplan.posture.lattice import orient_tool
-from compplan.posture.start import Bettered, PostureRequest, Start, stand
+from compplan.posture.start import PostureRequest, Start, stand
 from compplan.posture.summary import Stance, summarise_costs
 from compplan.robot import Array, Robot
-from compplan.statics.chain import Chain, locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.contact import path_axes
@@ -137,13 +135,13 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
 
     """
     rows, robot = free.rows, task.robot
-    k, nq = len(rows), robot.nq
+    k, request = len(rows), task.start.request if task.start is not None else None
     along = np.r_[0.0, np.cumsum(task.step_time)][rows]
     rapid = np.r_[False, task.nominal.rapid[1:]]
     place = {row: number for number, row in enumerate(rows.tolist())}
     runs = tuple((place[a], place[b]) for a, b in cutting_runs(rapid, task.rests)
                  if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
-    room = np.minimum(robot.room(task.start.request.settings.limit_margin) if task.start and task.start.request else 0.0,
+    room = np.minimum(0.0 if request is None else robot.room(request.settings.limit_margin),
                       np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0))
     room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
     bias = np.zeros((k, task.chain.n_springs))

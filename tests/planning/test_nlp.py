@@ -30,7 +30,7 @@ def test_the_loaded_pose_and_its_derivative_are_those_of_the_exact_equilibrium(n
     slope = ca.Function("slope", loaded.sx_in(), [ca.jacobian(loaded(*loaded.sx_in())[0], loaded.sx_in(0))])
     for _ in range(5):
         q = rng.uniform(np.maximum(robot.lower, -1.0), np.minimum(robot.upper, 1.0))
-        wrench, bias = np.r_[rng.normal(scale=100.0, size=3), rng.normal(scale=5.0, size=3)], rng.normal(size=chain.n_springs)
+        wrench, bias = rng.normal(scale=[100.0] * 3 + [5.0] * 3), rng.normal(size=chain.n_springs)
         numbers = (q, wrench, bias, np.zeros(chain.n_springs), 1.0)
         exact = attain_pose(chain, q[None], wrench[None], torque_bias=bias[None])
         position, rotation, theta = (np.array(each) for each in loaded(*numbers))
