@@ -5,8 +5,8 @@
     subject to  rows of every limit within its bounds   `compplan.planning.limits`
 
 The loaded pose enters as an equality: steps of the fixed point theta <- C (J(q, theta)^T w + tau) from the equilibrium
-at the initial guess are part of the expression, so that its derivatives are exact. Every limit and cost is a function of
-one station; `Function.map` puts it on all of them. IPOPT solves it with the exact Hessian of the Lagrangian.
+at the initial guess are part of the expression, so that its derivatives are exact. Every limit and cost is a function
+of one station; `Function.map` puts it on all of them. IPOPT solves it with the exact Hessian of the Lagrangian.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -51,7 +52,7 @@ OPTIONS: dict[str, Any] = {
     "linear_solver": "mumps",
 }
 #: Where the speed is a variable: no joint position has to be exact, the dense solution makes it so.
-TIMED: dict[str, Any] = {"mu_init": 1e-1, "tol": 1e-6, "constr_viol_tol": 1e-8}
+TIMED: dict[str, Any] = {"mu_init": 1e-2, "tol": 1e-6, "constr_viol_tol": 1e-8}
 
 
 class Solution(NamedTuple):
@@ -171,7 +172,8 @@ def _state_sight(problem: Problem) -> tuple[sparse.csc_matrix, tuple[int, int, i
         before, after = offsets[kind], offsets[-1] - offsets[kind + 1]
         return sparse.hstack([sparse.csr_matrix((k * height, before)), part, sparse.csr_matrix((k * height, after))])
 
-    own, ahead = sparse.identity(k), sparse.csr_matrix((np.ones(k), (np.arange(k), np.minimum(np.arange(k) + 1, k - 1))))
+    later = np.minimum(np.arange(k) + 1, k - 1)
+    own, ahead = sparse.identity(k), sparse.csr_matrix((np.ones(k), (np.arange(k), later)))
     parts = [(see(own, 0, nq), nq), (see(ahead, 0, nq), nq)]
     if problem.timed:
         half = sparse.diags(np.divide(0.5, problem.steps, where=problem.steps > 0.0, out=np.zeros(k)))
@@ -203,7 +205,7 @@ def solve_program(program: Program, problem: Problem, guess: Solution | None = N
     k, nq = problem.q_start.shape
     clock, offsets = time.process_time(), program.offsets
     begin, lower, upper = np.zeros(offsets[-1]), np.full(offsets[-1], -np.inf), np.full(offsets[-1], np.inf)
-    joints, squares, slacks = (slice(a, b) for a, b in zip(offsets[:3], offsets[1:4], strict=True))
+    joints, squares, slacks = (slice(a, b) for a, b in pairwise(offsets[:4]))
     lower[joints], upper[joints] = problem.lower.ravel(), problem.upper.ravel()
     begin[joints] = (problem.guess if guess is None else guess.q).ravel()
     if problem.timed:
@@ -280,7 +282,7 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     band = ca.SX.sym("band", 1 if problem.counts_band else 0)
     fields = [("position", 3), ("rotation", 9), ("wrench", 6), ("bias", chain.n_springs), ("theta", chain.n_springs),
-              ("loaded", 1), ("q_start", nq), ("bent", nq), ("step", 1), ("pace", 1),
+              ("loaded", 1), ("q_start", nq), ("step", 1), ("pace", 1),
               ("shift", 3)]  # fmt: skip
     fields += [("turn", 9)] if problem.turn is not None else []
     fields += [(limit.name, limit.numbers.shape[1]) for limit in problem.limits if limit.numbers is not None]
@@ -297,12 +299,11 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     if not problem.spin_free:
         missed.append(ca.dot(wanted[:, 1], rotation[:, 0]))
     none = ca.SX(0, 1)
-    change = speed.get("change", none)
     station = Station(
-        q=q, q_next=ahead, departure=q - data["q_start"], rate=speed.get("rate", none), change=change,
-        bend=change - data["bent"] if problem.timed else none, square=speed.get("square", none),
-        square_next=speed.get("square_next", none), push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band,
-        slack=slack, excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wanted=data["position"],
+        q=q, q_next=ahead, departure=q - data["q_start"], rate=speed.get("rate", none),
+        change=speed.get("change", none), square=speed.get("square", none), square_next=speed.get("square_next", none),
+        push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band, slack=slack, excess=excess,
+        missed=ca.vertcat(*missed), position=position, rotation=rotation, wanted=data["position"],
         deflection=deflection, wrench=data["wrench"], frames=locate_symbolic(chain, q),
         numbers={limit.name: data[limit.name] for limit in problem.limits if limit.numbers is not None},
     )  # fmt: skip
@@ -312,9 +313,8 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
 def _pack(problem: Problem) -> Array:
     """Put the numbers of every station side by side, in the order of `_state_station`. Shape (k, c)."""
     k = len(problem)
-    bent = problem.rates[1] @ problem.q_start if problem.timed else np.zeros_like(problem.q_start)
     parts = [problem.position, _flat(problem.rotation), problem.wrench, problem.bias, problem.theta,
-             problem.loaded[:, None], problem.q_start, bent, problem.steps[:, None],
+             problem.loaded[:, None], problem.q_start, problem.steps[:, None],
              np.divide(1.0, problem.steps, where=problem.steps > 0.0, out=np.zeros(k))[:, None],
              np.zeros((k, 3)) if problem.shift is None else problem.shift]  # fmt: skip
     parts += [_flat(problem.turn)] if problem.turn is not None else []

@@ -116,8 +116,9 @@ class Problem:
                 a, b = self.along[j] - self.along[j - 1], self.along[j + 1] - self.along[j]
                 at = float(self.along[i] - self.along[j])
                 near = slice(j - 1, j + 2)
-                first[i, near] = [(2 * at - b) / (a * (a + b)), (b - a - 2 * at) / (a * b), (2 * at + a) / (b * (a + b))]
-                second[i, near] = [2 / (a * (a + b)), -2 / (a * b), 2 / (b * (a + b))]
+                left, right, whole = a * (a + b), b * (a + b), a * b
+                first[i, near] = [(2 * at - b) / left, (b - a - 2 * at) / whole, (2 * at + a) / right]
+                second[i, near] = [2 / left, -2 / whole, 2 / right]
         return first, second
 
     @cached_property
@@ -139,7 +140,6 @@ class Station:
         departure: q less the posture that was chosen. Shape (nq). [rad or m]
         rate: Derivative of q along the programmed time. Shape (nq). [rad/s or m/s]
         change: Its second derivative. Shape (nq). [rad/s^2 or m/s^2]
-        bend: Second derivative of the departure. Shape (nq). [rad/s^2 or m/s^2]
         square: Square of the speed as a share of the programmed feed.
         square_next: That of the next station.
         push: Half the derivative of the square along the programmed time. [1/s]
@@ -164,7 +164,6 @@ class Station:
     departure: ca.SX
     rate: ca.SX
     change: ca.SX
-    bend: ca.SX
     square: ca.SX
     square_next: ca.SX
     push: ca.SX

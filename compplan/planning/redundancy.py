@@ -43,7 +43,7 @@ REACHED = 1e-6
 #: Motion that travel is counted in: an axis that turns or slides. [rad, m]
 UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
 #: Weight of q'' / a_max, which keeps the solution smooth where nothing else does.
-SMOOTH = 1e-3
+SMOOTH = 0.3
 #: Rows at which what the columns of the band do not hold is measured, and its least share of the variance.
 REST_ROWS, LEAST_REST = 40, 1e-4
 
