@@ -36,8 +36,8 @@ from compplan.uncertainty.slopes import pick_rows
 
 LOG = logging.getLogger(__name__)
 
-#: Stations at most, and waypoints up to which all are stations.
-STATIONS, FEW = 150, 200
+#: Stations at most, and waypoints up to which all are stations; in a tube each of them may move.
+STATIONS, FEW, FEW_IN_TUBE = 150, 300, 600
 #: A waypoint is reached where it misses the pose by less. [m and rad]
 REACHED = 1e-6
 #: Motion that travel is counted in: an axis that turns or slides. [rad, m]
@@ -114,7 +114,7 @@ def find_free(task: PlanTask, stance: Stance, asked: Asked) -> Free | None:
     settings, arm, robot = stance.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
-    rows = _pick_rows(task)
+    rows = _pick_rows(task, FEW_IN_TUBE if asked.tube > 0.0 else FEW)
     tube = _allow_tube(task, rows, asked.tube)
     names += [*(robot.joint_names[j] for j in arm.held), *(name for name, size in tube.items() if size.any())]
     if not names or len(arm.arm) != 6 or len(rows) < 3 or not settings.free_spin:
@@ -286,7 +286,7 @@ def _read_angles(
     return -np.unwrap(turn[:, 2]), leads - lead, leans - lean
 
 
-def _pick_rows(task: PlanTask) -> NDArray[np.int_]:
+def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
     """Pick waypoints of the runs of a cut: all of few, else evenly in time and in bends of the path; ends included."""
     time, chosen = np.r_[0.0, np.cumsum(task.step_time)], list[NDArray[np.int_]]()
     runs = [run for run in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
@@ -301,7 +301,7 @@ def _pick_rows(task: PlanTask) -> NDArray[np.int_]:
     for first, last in runs:
         own = density[first : last + 1] - density[first]
         most = max(int(STATIONS * own[-1] / 2.0), 3)
-        at = np.arange(last - first + 1) if count <= FEW else np.searchsorted(own, np.linspace(0.0, own[-1], most))
+        at = np.arange(last - first + 1) if count <= few else np.searchsorted(own, np.linspace(0.0, own[-1], most))
         found = np.unique(np.r_[first, first + np.clip(at, 0, last - first), last])
         chosen.append(found[np.r_[True, np.diff(time[found]) > 1e-6 * total]])
     return np.unique(np.concatenate(chosen))
