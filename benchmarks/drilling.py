@@ -34,7 +34,7 @@ def predict(material: str, size: float, feed: float, *, thinned: bool) -> tuple[
     path = np.zeros((40, 3))
     path[:, 2] = np.linspace(1e-3, -2e-3 * size, 40)
     block = build_block(np.array([-0.1, -0.1, -0.1]), np.array([0.1, 0.1, 0.0]), np.eye(3))
-    found = find_engagement(process.cutter(), path, np.ones(40, bool), block)[0]
+    found = find_engagement(process.cutter(), path, np.ones(40, bool), block)
     wrench = process.shape(found).wrench(process.resistance, np.full(40, 5e-4 * feed))[-1]
     return float(wrench[2]), float(wrench[5])
 

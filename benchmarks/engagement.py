@@ -94,7 +94,7 @@ def paths() -> dict[str, tuple[float, float, np.ndarray]]:
 def engage(radius: float, corner: float, path: np.ndarray) -> Engagement:
     block = build_block(BLOCK[0] * 1e-3, BLOCK[1] * 1e-3, np.eye(3))
     cutter = Cutter(radius * 1e-3, 0.03, corner * 1e-3)
-    return find_engagement(cutter, path * 1e-3, np.ones(len(path), bool), block)[0]
+    return find_engagement(cutter, path * 1e-3, np.ones(len(path), bool), block)
 
 
 def compare() -> list[tuple[str, float, float, float]]:
@@ -143,7 +143,7 @@ def measure_cost(corner: float, lean: float, count: int = 50_000) -> tuple[float
     turn = lean * np.sin(path[:, :2] / 0.02)
     axis = np.column_stack([np.sin(turn), np.sqrt(1.0 - (np.sin(turn) ** 2).sum(axis=1))])
     start = time.process_time()
-    found, _ = find_engagement(Cutter(5e-3, 0.03, corner), path, np.ones(len(path), bool), block, axis=axis)
+    found = find_engagement(Cutter(5e-3, 0.03, corner), path, np.ones(len(path), bool), block, axis=axis)
     shape_milling(found, 2, (0.0, 0.0, 0.0))
     return time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 

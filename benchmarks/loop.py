@@ -79,6 +79,7 @@ radius_mm = {radius}
 feed_mm_s = 10.0
 waypoints = {waypoints}
 [part]
+touched_off = false
 position_mm = {place}
 [process]
 model = "constant"

@@ -184,7 +184,7 @@ def predict(case: Case, at: float) -> tuple[np.ndarray, np.ndarray]:
     row = int(np.argmin(np.abs(s - at)))
     block = build_block(BLOCK[0] * 1e-3, BLOCK[1] * 1e-3, np.eye(3))
     cutter = Cutter(RADIUS * 1e-3, 0.03, case.corner * 1e-3)
-    found = find_engagement(cutter, path * 1e-3, np.ones(len(path), bool), block, axis=axis)[0]
+    found = find_engagement(cutter, path * 1e-3, np.ones(len(path), bool), block, axis=axis)
     feed = np.full(len(path), FEED * 1e-3)
     mean = shape_milling(found, TEETH, MATERIAL.exponent).wrench(MATERIAL, feed)[row]
     spindle = Spindle(TEETH, 100.0, HELIX, case.runout * 1e-3)

@@ -29,7 +29,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 LISTS = [Path(__file__).with_name(f"{name}.toml") for name in ("planted", "planted_blind", "planted_more")]
 #: What may come of a mistake, the good first.
-OUTCOMES = ("seen", "refused", "internal fault", "read once", "called solved", "not planted")
+OUTCOMES = ("seen", "refused", "internal fault", "called solved", "not planted")
 #: Longest time of a plan. [s]
 LONGEST = 400
 PROGRAMS = '["krl", "val3", "fanuc_ls", "rapid", "urscript", "sinumerik", "inform", "kawasaki_as", "csv"]'
@@ -114,9 +114,7 @@ def plan_with(package: Path, job: Path) -> tuple[str, str]:
         return "too long", ""
     said = (done.stderr.strip().splitlines() or [""])[-1]
     try:
-        plan = json.loads(done.stdout)
-        once = plan["status"] == "solved" and "not read a second time" in plan["verdict"]["sentence"]
-        return "read once" if once else str(plan["status"]), said
+        return str(json.loads(done.stdout)["status"]), said
     except (json.JSONDecodeError, KeyError):
         return f"exit {done.returncode}", said
 
@@ -125,7 +123,7 @@ def tell_outcome(status: str) -> str:
     """Return which of `OUTCOMES` a status is."""
     if status in ("not_confirmed", "infeasible", "exit 3"):
         return "seen"
-    named = {"exit 2": "refused", "solved": "called solved", "read once": status, "not planted": status}
+    named = {"exit 2": "refused", "solved": "called solved", "not planted": status}
     return named.get(status, "internal fault")
 
 

@@ -21,8 +21,7 @@ HEAD = """# What is read
 
 Programs in the exact form of common posts, heads and ends included (`tests/truth`). Every move, rapid end and arc of a
 reading is compared with the moves that the standards ask for, worked out by hand. The first reader makes plans, the
-second one (`compplan/second`) shares nothing with it and votes on them; what it cannot tell keeps the verdict of a
-plan from `keeps`. Written by `python -m benchmarks.truth`.
+second one (`tests/oracles/cam`) shares nothing with it and serves tests alone. Written by `python -m benchmarks.truth`.
 
 """
 

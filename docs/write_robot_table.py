@@ -7,8 +7,8 @@ from pathlib import Path
 
 from compplan.controllers.writers.counting import load_controller
 from compplan.robot import load_robot, robot_folders
-from compplan.robot.folder import read_rating
 from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.rating import read_rating
 
 PAGE = Path(__file__).with_name("robots.md")
 TITLES = ("folder", "payload", "reach", "joints", "tool leaves along", "springs", "grade", "controller")
@@ -19,9 +19,10 @@ def write_table() -> str:
     lines = [f"| {' | '.join(TITLES)} |", "|---" * len(TITLES) + "|"]
     for name in robot_folders():
         robot = load_robot(name)
-        payload, reach = read_rating(robot) or (None, None)
+        rating = read_rating(robot)
         facts = (
-            name, "-" if payload is None else f"{payload:g} kg", "-" if reach is None else f"{reach:.2f} m", robot.nq,
+            name, "-" if rating is None else f"{rating.payload:g} kg",
+            "-" if rating is None else f"{rating.reach:.2f} m", robot.nq,
             f"{name_axis(outward_axis(robot))} of `flange`", len(robot.springs), robot.grade,
             load_controller(robot).name,
         )  # fmt: skip

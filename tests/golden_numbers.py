@@ -31,7 +31,6 @@ COMMANDS = {
     "plan": "plan job.toml --out out",
     "plan a cut": "plan mill.toml --out out",
     "forces and a log": "forces mill.toml --log cutting.csv --out out",
-    "forces and chatter": "forces stable.toml --out out",
     "forces of holes": f"forces {EXAMPLES / 'forces' / 'plate.toml'} --out out",
     "forces of forming": f"forces {EXAMPLES / 'forces' / 'isf_cone.toml'} --out out",
     "map": "map robot --points 5 --azimuth-deg 30 --out out",
@@ -61,8 +60,6 @@ Folded = dict[str, list[float]]
 def run_command_line(words: str, folder: Path) -> tuple[Path, str]:
     """Run a command in a copy of the good inputs. Returns the folder that it wrote and what it printed."""
     shutil.copytree(GOOD, folder, dirs_exist_ok=True)
-    mill = (folder / "mill.toml").read_text(encoding="utf-8")
-    (folder / "stable.toml").write_text(mill.replace("[output]", "[stability]\n[output]"), encoding="utf-8")
     (folder / "out").mkdir(exist_ok=True)
     before = Path.cwd()
     os.chdir(folder)

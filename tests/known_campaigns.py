@@ -1,7 +1,6 @@
 """Small campaigns whose truth is known, and every number that a diagnosis says of each.
 
-`python tests/known_campaigns.py` writes tests/known_truth.json anew (with names: those campaigns). Which numbers of the
-diagnosis they see moved: tests/known_numbers.py.
+`python tests/known_campaigns.py` writes tests/known_truth.json anew (with names: those campaigns).
 """
 
 from __future__ import annotations

@@ -37,12 +37,12 @@ def test_rapid_lasts_one_move(read) -> None:
 
 
 def test_the_tool_axis_stays_until_another_is_given(read) -> None:
-    cam = read("UNITS/MM\nMULTAX/ON\nFEDRAT/60\nGOTO/0,0,0,0,3,4\nGOTO/1,0,0\nGOTO/2,0,0,1,0,0\n")
+    cam = read("UNITS/MM\nMULTAX/ON\nFEDRAT/60\nFROM/0,0,0,0,3,4\nGOTO/1,0,0\nGOTO/2,0,0,1,0,0\n")
     assert cam.toolpath.axis == pytest.approx(np.array([[0, 0.6, 0.8], [0, 0.6, 0.8], [1, 0, 0]]))
 
 
 def test_continued_records_and_comments_are_joined(read) -> None:
-    assert ends(read("UNITS/MM $$ metric\nFEDRAT/60\nGOTO/0,0,0\nGOTO/ 1.0, $\n  2.0, 3.0\n$$ end\n"))[-1] == [1, 2, 3]
+    assert ends(read("UNITS/MM $$ metric\nFEDRAT/60\nFROM/0,0,0\nGOTO/ 1.0, $\n  2.0, 3.0\n$$ end\n"))[-1] == [1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -52,17 +52,17 @@ def test_continued_records_and_comments_are_joined(read) -> None:
      ("SPINDL/600,CLW\nFEDRAT/0.1,MMPR", 1.0), ("SPINDL/600\nFEDRAT/PERREV,0.1", 1.0)],
 )  # fmt: skip
 def test_feeds_in_every_unit(read, feed: str, expected: float) -> None:
-    cam = read(f"UNITS/MM\n{feed}\nGOTO/0,0,0\nGOTO/1,0,0\n")
+    cam = read(f"UNITS/MM\n{feed}\nFROM/0,0,0\nGOTO/1,0,0\n")
     assert cam.toolpath.feed[-1] * 1e3 == pytest.approx(expected)
 
 
 def test_inches_are_stated_or_follow_from_the_feed(read) -> None:
-    assert ends(read("UNITS/INCHES\nFEDRAT/1\nGOTO/0,0,0\nGOTO/1,0,0\n"))[-1] == [25.4, 0, 0]
-    cam = read("FEDRAT/IPM,1\nGOTO/0,0,0\nGOTO/1,0,0\n")
+    assert ends(read("UNITS/INCHES\nFEDRAT/1\nFROM/0,0,0\nGOTO/1,0,0\n"))[-1] == [25.4, 0, 0]
+    cam = read("FEDRAT/IPM,1\nFROM/0,0,0\nGOTO/1,0,0\n")
     assert ends(cam)[-1] == [25.4, 0, 0] and "inch is taken from it" in cam.facts.notes[0]
 
 
-ARC = "UNITS/MM\nFEDRAT/60\nGOTO/20,0,0\n{}\nGOTO/10,10,0\n"
+ARC = "UNITS/MM\nFEDRAT/60\nFROM/20,0,0\n{}\nGOTO/10,10,0\n"
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_the_sense_of_arcs_may_be_demanded(read) -> None:
 
 
 def test_arcs_that_would_all_turn_back_are_turned_round(read) -> None:
-    lines, x = ["UNITS/MM", "FEDRAT/60", "GOTO/0,0,0"], 0
+    lines, x = ["UNITS/MM", "FEDRAT/60", "FROM/0,0,0"], 0
     for _ in range(4):  # straight up, a half circle to the right, straight down, one to the left
         lines += [f"GOTO/{x},10,0", f"CIRCLE/{x + 1},10,0,0,0,1,1", f"GOTO/{x + 2},10,0", f"GOTO/{x + 2},0,0"]
         lines += [f"CIRCLE/{x + 3},0,0,0,0,-1,1", f"GOTO/{x + 4},0,0"]
@@ -103,24 +103,24 @@ def test_arcs_that_would_all_turn_back_are_turned_round(read) -> None:
 
 
 def test_an_arc_about_a_tilted_axis_stays_in_its_plane(read) -> None:
-    cam = read("UNITS/MM\nFEDRAT/60\nGOTO/0,10,0,1,0,0\nCIRCLE/0,0,0,1,0,0,10\nGOTO/0,0,10\n")
+    cam = read("UNITS/MM\nFEDRAT/60\nFROM/0,10,0,1,0,0\nCIRCLE/0,0,0,1,0,0,10\nGOTO/0,0,10\n")
     assert cam.facts.cutting_length_mm == pytest.approx(5 * np.pi)
     assert np.abs(cam.toolpath.position[:, 0]).max() < 1e-12
     assert cam.toolpath.axis[-1].tolist() == [1, 0, 0]
 
 
 def test_arcs_with_a_start_direction_and_arcs_by_letters(read) -> None:
-    head = "UNITS/MM\nFEDRAT/60\nGOTO/20,0,0\nINDIRV/0,-1,0\n"
+    head = "UNITS/MM\nFEDRAT/60\nFROM/20,0,0\nINDIRV/0,-1,0\n"
     catia = "TLON,GOFWD/ (CIRCLE/ 10,0,0,$\n 10.0),ON,(LINE/ 10,0,0,$\n10,10,0)\n"
     assert read(head + catia).facts.cutting_length_mm == pytest.approx(15 * np.pi)
-    letters = "UNITS/MM\nFEDRAT/60\nGOTO/20,0,0\nCIRCLE/X,10,Y,10,I,-10,J,0{}\n"
+    letters = "UNITS/MM\nFEDRAT/60\nFROM/20,0,0\nCIRCLE/X,10,Y,10,I,-10,J,0{}\n"
     assert read(letters.format("")).facts.cutting_length_mm == pytest.approx(15 * np.pi)
     assert read(letters.format(",CCLW")).facts.cutting_length_mm == pytest.approx(5 * np.pi)
 
 
 def test_holes_of_a_cycle_are_no_cutting_moves(read) -> None:
     holes = "CYCLE/DRILL,5\nGOTO/2,0,0\nGOTO/3,0,0\nCYCLE/OFF\n"
-    text = f"UNITS/MM\nFEDRAT/60\nGOTO/0,0,0\nGOTO/1,0,0\n{holes}GOTO/3,1,0\n"
+    text = f"UNITS/MM\nFEDRAT/60\nFROM/0,0,0\nGOTO/1,0,0\n{holes}GOTO/3,1,0\n"
     cam, cut = read(text, cycles="skip"), read(text)
     assert (cut.facts.cutting_moves, cut.facts.cycles, cut.facts.cutting_length_mm) == (2, 2, 2)
     assert cut.toolpath.cutting_length == pytest.approx(12e-3)  # two holes of 5 mm more
@@ -129,17 +129,17 @@ def test_holes_of_a_cycle_are_no_cutting_moves(read) -> None:
 
 
 def test_vendor_records_are_read_past_with_a_note(read) -> None:
-    cam = read("UNITS/MM\nFEDRAT/60,MMPM\nWPLANE/XY\nGOTO/0,0,0\nTLCOMP/ON\nGOTO/1,0,0\nGOHOME/Z\n")
+    cam = read("UNITS/MM\nFEDRAT/60,MMPM\nWPLANE/XY\nFROM/0,0,0\nTLCOMP/ON\nGOTO/1,0,0\nGOHOME/Z\n")
     assert cam.facts.cutting_moves == 1
     assert [note.split(": ")[1][:13] for note in cam.facts.notes] == [
-        "record WPLANE", "the first GOT", "TLCOMP is lef", "GOHOME is lef",
+        "record WPLANE", "TLCOMP is lef", "GOHOME is lef",
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("UNITS/MM\nGOTO/0,0,0\nNURBS/3,4", r":3: NURBS \(NURBS\) is not read"),
+        ("UNITS/MM\nFROM/0,0,0\nNURBS/3,4", r":3: NURBS \(NURBS\) is not read"),
         ("L1 = LINE/0,0,1,1", r":1: part program statement"),
         ("UNITS/MM\nCOPY/1,TRANSL", r":2: COPY \(repeated paths\)"),
         ("UNITS/FEET", r":1: unit 'FEET', choose from MM, INCHES"),
@@ -156,7 +156,7 @@ def test_what_is_not_read_is_refused_with_its_line(read, text: str, sentence: st
 
 
 def test_a_file_of_unknown_suffix_is_read_as_what_its_text_says(read) -> None:
-    assert read("UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", ".txt").facts.kind == "apt"
+    assert read("UNITS/MM\nFROM/0,0,0\nGOTO/1,0,0\n", ".txt").facts.kind == "apt"
     assert read("N1 G21 G0 X0 Y0 Z0\nN2 G1 X1 F9\n", ".txt").facts.kind == "gcode"
 
 
@@ -178,7 +178,7 @@ def test_numbers_are_read_whole_and_frames_are_not_skipped(read, record: str, se
 
 def test_frames_that_change_nothing_are_read(read) -> None:
     still = "TRANS/0,0,0\nROTATE/TABLE,0.0\n"
-    assert read(f"UNITS/MM\n{still}FEDRAT/60\nGOTO/0,0,0\nGOTO/5,0,0,\n").facts.cutting_moves == 1
+    assert read(f"UNITS/MM\n{still}FEDRAT/60\nFROM/0,0,0\nGOTO/5,0,0,\n").facts.cutting_moves == 1
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def ends(cam: CamFile) -> list[list[float]]:
 
 
 def test_the_shipped_engraving_has_the_facts_that_another_interpreter_found() -> None:
-    facts = read_cam(SHIPPED).facts
+    facts = read_cam(SHIPPED, CamTable(from_mm=[0.0, 0.0, 0.0])).facts
     assert (facts.cutting_moves, facts.rapid_moves, facts.unmoved_blocks, facts.unit) == (2376, 1, 5, "mm")
     assert facts.cutting_length_mm == pytest.approx(661.800463, rel=1e-7)
     assert np.array(facts.box_mm) == pytest.approx(np.array([[0, -58.1149, -1], [102.3526, 0, 1]]))
@@ -53,11 +53,11 @@ def test_inches_scale_lengths_and_feeds(read) -> None:
         assert cam.toolpath.feed[-1] == pytest.approx(0.0254)
 
 
-def test_a_unit_that_is_not_stated_is_assumed_and_noted(read) -> None:
-    assert ends(read("G1 X1 F60\n", unit="inch"))[-1] == [25.4, 0, 0]
-    cam = read("G1 X1 F60\n")
-    assert ends(cam)[-1] == [1, 0, 0]
-    assert "line 1: no unit is stated (G20, G21): mm is assumed" in cam.facts.notes
+def test_a_unit_that_is_not_stated_is_asked_for(read) -> None:
+    assert ends(read("G0 X0 Y0 Z0\nG1 X1 F60\n", unit="inch"))[-1] == [25.4, 0, 0]
+    assert ends(read("G0 X0 Y0 Z0\nG1 X1 F60\n", unit="mm"))[-1] == [1, 0, 0]
+    with pytest.raises(InputError, match=r"part\.nc:2: no unit of length is stated"):
+        read("G0 X0 Y0 Z0\nG1 X1 F60\n")
 
 
 def test_incremental_moves_count_from_where_the_tool_is(read) -> None:
@@ -156,13 +156,13 @@ def test_reversed_arc_centres_are_told_and_may_be_demanded(read) -> None:
         ("IF R1>5 GOTOF A", r":1: R\[1\] has no value"),
         ("G21\nM98 P100", r":2: subprogram call M98 P100: O100 is not in this file"),
         ("G65 P9000", r":1: subprogram call G65 P9000: O9000 is not in this file"),
-        ("G68 R30", r":1: a rotation or scale about the tool's place, whose X is not known"),
+        ("G21 G68 R30", r":1: a rotation or scale about the tool's place, whose X is not known"),
         ("G68.2 P2 X0", r":1: G68.2 is read in G90, as Euler angles or with P1"),
         ("G51 X0 Y0 Z0 P1000000", r":1: G51 scales by"),
-        ("G91 G16 X1 Y2", r":1: polar coordinates \(G16\) with a radius in G91"),
-        ("X10 Y5", r":1: coordinates before any motion code"),
+        ("G21 G91 G16 X1 Y2", r":1: polar coordinates \(G16\) with a radius in G91"),
+        ("G21 X10 Y5", r":1: coordinates before any motion code"),
         ("G66 P9000", r":1: G66 \(modal macro calls\) is not read"),
-        ("G5 X1 Y1 I1 J1 P1 Q1", r":1: G5 \(splines\)"),
+        ("G21 G5 X1 Y1 I1 J1 P1 Q1", r":1: G5 \(splines\)"),
         ("G6.2 P3", r":1: G6.2 \(NURBS\)"),
         ("G71 P1 Q2", r":1: G71 as a lathe cycle"),
         ("G1 X--5 F1", r":1: cannot read 'X--5'"),
@@ -324,10 +324,10 @@ def run(monkeypatch, *arguments: str) -> int:
 
 def test_convert_writes_the_table_and_prints_the_facts(tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "path.csv"
-    assert run(monkeypatch, str(SHIPPED), "--out", str(out)) == 0
+    assert run(monkeypatch, str(SHIPPED), "--out", str(out), "--from", "0,0,0") == 0
     assert "cutting moves   2376, 661.800 mm" in capsys.readouterr().out
     assert read_toolpath(out).cutting_length == pytest.approx(0.6618, rel=1e-4)
-    assert run(monkeypatch, str(SHIPPED), "--out", str(out), "--max-step-mm", "0.1", "--json") == 0
+    assert run(monkeypatch, str(SHIPPED), "--out", str(out), "--from", "0,0,0", "--max-step-mm", "0.1", "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["cutting_moves"] == 2376 and facts["waypoints"] == len(read_toolpath(out)) > 6000
 

@@ -51,9 +51,9 @@ def test_home_in_absolute_coordinates_goes_through_its_point(read) -> None:
 
 
 def test_a_cut_from_the_machines_home_is_refused(read) -> None:
-    with pytest.raises(InputError, match=r"part.nc:4: a cut begins at the machine's home"):
+    with pytest.raises(InputError, match=r"part.nc:4: a cut begins where Z of the tool is not known"):
         read("G21 G90 M3 S900\nG28 G91 Z0\nG90 G0 X0 Y0\nG1 Z-1 F60\nX5\n", ".nc")
-    with pytest.raises(InputError, match=r"part.nc:5: an arc begins where nobody knows"):
+    with pytest.raises(InputError, match=r"part.nc:5: a cut begins where Z of the tool is not known"):
         read(HEAD + "G28 G91 Z0\nG90\nG2 X10 R5 F60\n", ".nc")
 
 

@@ -237,7 +237,7 @@ def test_the_tool_direction_of_vectors_turns_along_the_move(read) -> None:
 
 
 def test_inches_and_feeds_by_the_turn_and_the_dwell(read) -> None:
-    cam = read("G70 G90 G17\nS600 M3\nG0 X0 Y0 Z1\nG95 G1 X1 F0.01\nG94 X2 F60\nG4 F2.5\nG4 S30\nM30\n")
+    cam = read("G700 G90 G17\nS600 M3\nG0 X0 Y0 Z1\nG95 G1 X1 F0.01\nG94 X2 F60\nG4 F2.5\nG4 S30\nM30\n")
     assert ends(cam) == [[0, 0, 25.4], [25.4, 0, 25.4], [50.8, 0, 25.4]]
     assert (cam.toolpath.feed[1:] * 1e3).tolist() == pytest.approx([2.54, 25.4])
     assert [event.value for event in cam.toolpath.events if event.kind == "dwell"] == [2.5, 3.0]

@@ -135,7 +135,7 @@ def test_work_offsets_that_the_program_states_move_the_path(read) -> None:
 def test_machine_moves_are_kept_where_the_offset_is_known(read) -> None:
     cam = read("G10 L2 P1 X0 Y0 Z100\n" + HEAD + "G53 G0 Z150\nG1 Z0 F9\n")
     assert length(cam) == 50 and not cam.facts.notes
-    assert "machine coordinates (G53) are left out" in read(HEAD + "G53 G0 Z150\nG1 Z1 F9\n").facts.notes[0]
+    assert "machine coordinates (G53) are left out" in read(HEAD + "G53 G0 Z150\nG0 Z9\nG1 Z1 F9\n").facts.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -144,8 +144,8 @@ def test_machine_moves_are_kept_where_the_offset_is_known(read) -> None:
         ("G2 I5 Z-1 P1000000 F9", r"arc of P1e\+06 turns, expected a whole number from 1 to 10000"),
         ("G2 I500 Z-1 P9999 F9", "more than 2000000 waypoints"),
         ("G91 G81 X1 Z-1 R1 L3000000 F9", "cycle with 3000000 repeats, at most 10000"),
-        ("G2 X10 R1000000000000 F9", r"arc of radius 1e\+12 mm, at most 1e\+06 mm"),
-        ("G1 X1000000000 F9", r"coordinate 1e\+09 mm"),
+        ("G2 X10 R1000000000000. F9", r"arc of radius 1e\+12 mm, at most 1e\+06 mm"),
+        ("G1 X1000000000. F9", r"coordinate 1e\+09 mm"),
         ("G1 X1" + "0" * 20_000, "line of 20005 characters, at most 10000"),
     ],
 )
@@ -232,10 +232,10 @@ def test_a_file_without_cuts_says_so(tmp_path: Path) -> None:
 
 
 def test_notes_stay_with_the_toolpath_and_strict_refuses_them(read, tmp_path: Path) -> None:
-    read("G0 X0 Y0 Z0\nG1 X1 F9\n")
-    note = "part.nc, line 1: no unit is stated (G20, G21): mm is assumed."
+    read("G21 M77\nG0 X0 Y0 Z0\nG1 X1 F9\n")
+    note = "part.nc, line 1: M77 is not read."
     assert read_toolpath(tmp_path / "part.nc").notes == (note,)
-    with pytest.raises(InputError, match=r"part.nc: 1 notes, strict allows none; the first: line 1: no unit"):
+    with pytest.raises(InputError, match=r"part.nc: 1 notes, strict allows none; the first: line 1: M77 is"):
         read_toolpath(tmp_path / "part.nc", cam=CamTable(strict=True))
     job = check_job({"schema": 1, "robot": "x", "toolpath": {"file": "part.nc", "strict": True}, "cam": {"unit": "mm"}})
     assert job.toolpath == "part.nc" and job.cam.strict and job.cam.unit == "mm"
@@ -245,7 +245,7 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
     from compplan.plan.plan import plan_job
     from compplan.reporting.writers.plan import summarise_plan
 
-    (tmp_path / "part.nc").write_text("G0 X0 Y0 Z0\nG41\nG1 X20 F600\n")
+    (tmp_path / "part.nc").write_text("G21 M77\nG0 X0 Y0 Z0\nG41\nG1 X20 F600\n")
     data = {
         "schema": 1, "robot": "staubli_tx200", "toolpath": "part.nc", "plan": {"strategy": "mirror"},
         "part": {"position_mm": [1500.0, 0.0, 183.0]}, "process": {"model": "constant", "force_N": [0.0, 0.0, 100.0]},
@@ -253,9 +253,9 @@ def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
     }  # fmt: skip
     notes = json.loads(json.dumps(summarise_plan(plan_job(check_job(data, tmp_path / "job.toml")))["notes"]))
     assert [note for note in notes if note.startswith("part.nc, line")] == [
-        "part.nc, line 2: G41 compensates wear alone: the path is that of the tool's centre, as compensation = "
+        "part.nc, line 1: M77 is not read.",
+        "part.nc, line 3: G41 compensates wear alone: the path is that of the tool's centre, as compensation = "
         "centre_line says.",
-        "part.nc, line 1: no unit is stated (G20, G21): mm is assumed.",
     ]
 
 

@@ -9,7 +9,6 @@ import trimesh
 from compplan.errors import InputError
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
-from compplan.process.look import Above
 from compplan.process.meeting import find_engagement
 from compplan.process.stock import build_block, build_height_map, read_mesh
 
@@ -25,7 +24,7 @@ def straight(start: tuple[float, float, float], end: tuple[float, float, float],
 def engage(cutter: Cutter, path: np.ndarray, cutting: np.ndarray | None = None) -> Engagement:
     block = build_block(*(BLOCK * 1e-3), np.eye(3))
     every = np.ones(len(path), bool) if cutting is None else cutting
-    return find_engagement(cutter, path * 1e-3, every, block)[0]
+    return find_engagement(cutter, path * 1e-3, every, block)
 
 
 def test_a_slot_is_engaged_on_the_whole_front() -> None:
@@ -114,7 +113,7 @@ def test_a_tool_that_leans_cuts_what_its_silhouette_shows(cutter: Cutter, lean: 
     axis = np.array([*lean, 1.0]) / np.linalg.norm([*lean, 1.0])
     path = np.vstack([straight((-60, 0, -2), (0, 0, -2)), straight((0, 2, -2), (-60, 2, -2))]) * 1e-3
     block, every = build_block(*(BLOCK * 1e-3), np.eye(3)), np.ones(len(path), bool)
-    found = find_engagement(cutter, path, every, block, axis=np.tile(axis, (len(path), 1)))[0]
+    found = find_engagement(cutter, path, every, block, axis=np.tile(axis, (len(path), 1)))
     y = np.arange(-10.0, 12.0, 0.02)
     first = silhouette(cutter, axis, y) - 2.0
     second = silhouette(cutter, axis, y - 2.0) - 2.0
@@ -130,62 +129,17 @@ def test_a_ball_does_not_feel_how_its_axis_turns_round_its_centre() -> None:
     axis = np.column_stack([np.sin(lean), 0.0 * lean, np.cos(lean)])
     block = build_block(*(BLOCK * 1e-3), np.eye(3))
     tips = (centre - 3.0 * axis) * 1e-3
-    found = find_engagement(BALL, tips, np.ones(len(tips), bool), block, axis=axis)[0]
+    found = find_engagement(BALL, tips, np.ones(len(tips), bool), block, axis=axis)
     segment = 9 * np.arccos(2 / 3) - 2 * np.sqrt(5)
     travelled = np.linalg.norm(np.diff(tips, axis=0), axis=1)  # section is volume a length of the tip's path
     assert found.section[20:] * travelled[19:] == pytest.approx(np.full(41, segment * 1e-9), rel=0.02)
 
 
-def test_rapid_moves_take_nothing_away_and_are_named_where_they_meet_material() -> None:
+def test_rapid_moves_take_nothing_away() -> None:
     path = np.vstack([straight((-60, 0, -2), (0, 0, -2)), straight((-60, 0, -2), (0, 0, -2))])
-    cutting = np.arange(len(path)) > 61
     block = build_block(*(BLOCK * 1e-3), np.eye(3))
-    found, meets = find_engagement(FLAT, path * 1e-3, cutting, block)
+    found = find_engagement(FLAT, path * 1e-3, np.arange(len(path)) > 61, block)
     assert not found.touches[:61].any() and found.touches[-1]
-    assert meets.rapid[30] and not meets.rapid[0] and not meets.rapid[62:].any() and not meets.shank.any()
-
-
-def crash(path: np.ndarray, rapid: list[int], cutter: Cutter = FLAT, shank: float | None = None) -> tuple[int, int]:
-    """Count what crashes, rapid moves and waypoints of the shank; the moves that end at `rapid` are rapid."""
-    cutting = np.ones(len(path), bool)
-    cutting[rapid] = False
-    block = build_block(*(BLOCK * 1e-3), np.eye(3))
-    found = find_engagement(cutter, np.asarray(path, float) * 1e-3, cutting, block, above=Above(shank))[1]
-    assert not found.rapid[cutting].any()
-    return int(found.rapid.sum()), int(found.shank.sum())
-
-
-SLOT = [(-60, 0, 5), (-60, 0, -4), *((x, 0, -4) for x in range(-59, 1))]
-
-
-@pytest.mark.parametrize("cutter", [FLAT, BALL], ids=["flat", "ball"])
-@pytest.mark.parametrize(("last", "crashes"), [
-    ((0, 0, 5), 0),  # straight up out of the slot
-    ((-60, 0, -4), 0),  # back through the slot
-    ((0, 30, -4), 1),  # aside at depth
-    ((60, 0, -4), 1),  # on through what stands
-    ((0, 0, -6), 1),  # into the floor
-    ((-60, 0, -4.05), 0),  # a skim is none
-])  # fmt: skip
-def test_a_rapid_move_crashes_where_material_stands_on_its_way(cutter: Cutter, last: tuple, crashes: int) -> None:
-    assert crash(np.array([*SLOT, last]), [0, 1, len(SLOT)], cutter)[0] == crashes
-
-
-@pytest.mark.parametrize("height", [-1.0, -10.0])
-def test_a_rapid_move_that_begins_and_ends_beside_the_stock_crashes_between(height: float) -> None:
-    assert crash(np.array([(-80, 0, 10), (-80, 0, height), (80, 0, height)]), [0, 1, 2])[0] == 1
-    assert crash(np.array([(-80, 0, 10), (-80, 57, height), (80, 57, height)]), [0, 1, 2])[0] == 0
-
-
-@pytest.mark.parametrize(("flute", "runs_in"), [(5.0, False), (4.2, False), (3.0, True), (1.0, True)])
-def test_a_flute_that_is_shorter_than_the_cut_brings_the_shank_into_the_stock(flute: float, runs_in: bool) -> None:
-    found = crash(np.array(SLOT), [0, 1], shank=1e-3 * flute)[1]
-    assert (found > 40) == runs_in and (found == 0) != runs_in
-
-
-def test_a_shank_may_stand_in_a_slot_that_was_cut_down_in_levels() -> None:
-    levels = [(x, 0, z) for z in (-2, -4, -6, -8) for x in (range(-60, 61) if z % 4 else range(60, -61, -1))]
-    assert crash(np.array([(-60, 0, 5), *levels]), [0], shank=3e-3) == (0, 0)
 
 
 def test_a_mesh_of_a_box_is_engaged_as_the_box() -> None:
@@ -193,7 +147,7 @@ def test_a_mesh_of_a_box_is_engaged_as_the_box() -> None:
     mesh.apply_translation([0, 0, -0.01])
     columns, note = build_height_map(mesh, np.eye(3), 1e-3)
     path = straight((-60, 10, -2), (0, 10, -2)) * 1e-3
-    found = find_engagement(FLAT, path, np.ones(len(path), bool), columns)[0]
+    found = find_engagement(FLAT, path, np.ones(len(path), bool), columns)
     assert note == ""
     assert found.section[-1] == pytest.approx(20e-6, rel=2e-3)
 
@@ -260,7 +214,7 @@ def two_passes(given: np.ndarray, lower: float) -> np.ndarray:
     cutting = np.ones(2 * len(x), bool)
     cutting[len(x)] = False
     block = build_block(np.array([0.0, -40.0, -30.0]) * 1e-3, np.array([36.0, 0.0, 0.0]) * 1e-3, np.eye(3))
-    found, _ = find_engagement(Cutter(5e-3, 0.03), np.vstack([first, second]) * 1e-3, cutting, block)
+    found = find_engagement(Cutter(5e-3, 0.03), np.vstack([first, second]) * 1e-3, cutting, block)
     return found.section[len(x) :][(x > 5.0) & (x < 26.6)] * 1e6  # its front is at 30 then
 
 

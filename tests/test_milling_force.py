@@ -10,7 +10,6 @@ from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
 from compplan.process.meeting import find_engagement
 from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
-from compplan.process.stability import find_gains
 from compplan.process.stock import build_block
 
 FLAT = Cutter(5e-3, 0.03)
@@ -20,7 +19,7 @@ PLAIN = Coefficients((800.0, 320.0, 0.0))
 def engage(cutter: Cutter, start: tuple[float, float, float], end: tuple[float, float, float]) -> Engagement:
     path = np.array(start) + np.linspace(0, 1, 61)[:, None] * np.subtract(end, start)
     block = build_block(np.array([-0.05, -0.05, -0.02]), np.array([0.05, 0.05, 0.0]), np.eye(3))
-    return find_engagement(cutter, path * 1e-3, np.ones(61, bool), block)[0]
+    return find_engagement(cutter, path * 1e-3, np.ones(61, bool), block)
 
 
 def mean(found: Engagement, material: Coefficients, feed_per_tooth: float, teeth: int = 2) -> np.ndarray:
@@ -59,19 +58,6 @@ def test_the_exponent_makes_thin_chips_dear() -> None:
     assert ratio == pytest.approx(2**0.75, rel=1e-6)
 
 
-def test_a_chip_that_grows_answers_with_the_slope_of_its_law() -> None:
-    """F = K b h^(1 - m) with h in mm: dF/dh = (1 - m) K b h^-m; at half a turn into a slot h is the feed per tooth."""
-    found = engage(FLAT, (-60, 0, -2), (0, 0, -2)).take(np.array([60]))
-    feed, m = np.array([0.08e-3]), 0.25
-    plain = find_gains(found, Coefficients((800.0, 0.0, 0.0)), feed)
-    thin = find_gains(found, Coefficients((800.0, 0.0, 0.0), exponent=(m, 0.0, 0.0)), feed)
-    size, thinner = (np.abs(gains[0]).max(axis=(1, 2)) for gains in (plain, thin))
-    cutting = size > 0.0
-    assert size.max() == pytest.approx(800.0e6 * 2e-3, rel=0.02)
-    ratio = thinner[cutting] / size[cutting]  # least where the chip is thickest
-    assert ratio.min() == pytest.approx((1 - m) * 0.08**-m, rel=0.02)
-
-
 def test_a_plunge_and_a_lift_do_not_push_sideways() -> None:
     down = engage(FLAT, (0, 0, 1), (0, 0, -3))
     wrench = mean(down, MATERIALS["al7075_t6"], 0.05e-3)
@@ -80,7 +66,7 @@ def test_a_plunge_and_a_lift_do_not_push_sideways() -> None:
     path = np.zeros((40, 3))
     path[:, 2] = np.r_[np.linspace(1, -3, 20), np.linspace(-3, 5, 20)]
     block = build_block(np.array([-0.05, -0.05, -0.02]), np.array([0.05, 0.05, 0.0]), np.eye(3))
-    found = find_engagement(FLAT, path * 1e-3, np.ones(40, bool), block)[0]
+    found = find_engagement(FLAT, path * 1e-3, np.ones(40, bool), block)
     shape = shape_milling(found, 2, (0.0, 0.0, 0.0))
     force = shape.wrench(MATERIALS["al7075_t6"], np.full(40, 5e-5))
     assert force[20] == pytest.approx(force[19])  # at rest, engaged as it came
@@ -140,7 +126,7 @@ def test_pecks_push_only_where_the_hole_is_not_yet() -> None:
     depth = np.concatenate([np.linspace(*way) for way in ways])
     path = np.column_stack([np.zeros((len(depth), 2)), depth])
     block = build_block(np.array([-0.05, -0.05, -0.05]), np.array([0.05, 0.05, 0.0]), np.eye(3))
-    found = find_engagement(process.cutter(), path * 1e-3, np.ones(len(depth), bool), block)[0]
+    found = find_engagement(process.cutter(), path * 1e-3, np.ones(len(depth), bool), block)
     thrust = process.shape(found).wrench(process.resistance, np.full(len(depth), 5e-5))[:, 2]
     assert thrust[70] > 0.0 and not thrust[72:120].any()  # up, and down again through the hole
     assert thrust[-1] == pytest.approx(thrust[70], rel=1e-6)
@@ -162,7 +148,7 @@ def test_the_thrust_of_a_drill_grows_while_its_point_enters_and_ends_in_the_air(
     path = np.zeros((120, 3))
     path[:, 2] = np.r_[np.linspace(0.5, -9.5, 100), np.linspace(-9.5, 3.0, 20)]
     block = build_block(np.array([-0.05, -0.05, -0.005]), np.array([0.05, 0.05, 0.0]), np.eye(3))
-    found = find_engagement(process.cutter(), path * 1e-3, np.ones(120, bool), block)[0]
+    found = find_engagement(process.cutter(), path * 1e-3, np.ones(120, bool), block)
     thrust = process.shape(found).wrench(process.resistance, np.full(120, 5e-5))[:, 2]
     into = thrust[: np.searchsorted(-path[:100, 2], 5.0)]  # until the point comes out below
     assert (np.diff(into) > -1e-6).all() and into[-1] > 0.0

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from compplan.reporting import forces_page, learn_page, posture_section, promise_section, stability_section
+from compplan.reporting import forces_page, learn_page, posture_section, promise_section
 from compplan.uncertainty.band import PARTS
 
 
@@ -29,17 +29,6 @@ def test_costs_that_only_the_chosen_posture_has_stand_beside_a_dash() -> None:
     table = posture_section._list_costs(stance, ({**plain, "driven_s": 3.0}, plain))  # type: ignore[arg-type]
     (row,) = (row for row in table.rows if str(row[1]).startswith("3"))
     assert row[2] == "\u2013"
-
-
-def test_lobes_stand_over_turns_a_minute_and_depths_in_mm() -> None:
-    speed = np.array([50.0, 100.0, 150.0])
-    drawn = SimpleNamespace(
-        speed=speed, zero_order=np.full(3, 2e-3), few_speed=speed, semi_discretised=np.full(3, 3e-3),
-        mode_coupling=np.inf, depth=1e-3,
-    )  # fmt: skip
-    zero, semi, job = stability_section._draw_map(drawn).data
-    assert list(zero.x) == list(semi.x) == [3000.0, 6000.0, 9000.0] and list(job.x) == [6000.0]
-    assert (list(zero.y), list(semi.y), list(job.y)) == ([2.0] * 3, [3.0] * 3, [1.0])
 
 
 def test_the_section_that_is_swept_is_drawn_in_square_millimetres(monkeypatch: pytest.MonkeyPatch) -> None:

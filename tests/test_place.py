@@ -15,7 +15,6 @@ from compplan.plan.plan import job_robot
 from compplan.posture.place import Rater, place_part, summarise_placement
 from compplan.posture.settings import PostureSettings
 from compplan.reporting.place_map import draw_place_map
-from compplan.reporting.place_page import describe_placement
 
 TABLE = {
     "schema": 1,
@@ -54,30 +53,6 @@ def test_the_result_is_plain_json_with_a_picture(placed) -> None:
     summary = json.loads(json.dumps(summarise_placement(result, job), allow_nan=False))
     assert summary["schema"] == 1 and summary["ratio"] == pytest.approx(result.ratio)
     assert [trace.type for trace in draw_place_map(result).data] == ["heatmap", "scatter", "scatter"] * 2
-
-
-class ChattersNear:
-    """A cut that chatters wherever the part stands nearer than 1.9 m."""
-
-    source = "assumed"
-
-    def __init__(self, nominal) -> None:
-        self.near = nominal.position[:, 0].mean() < 1.9
-
-    def touches(self, waypoints):
-        return np.ones(len(waypoints), bool)
-
-    def excess(self, q, waypoints, reserve):
-        return np.full(len(q), float(self.near))
-
-
-def test_of_two_places_the_one_without_chatter_is_chosen_though_more_is_left_there(placed) -> None:
-    job, plain = placed
-    found = place_part(job, job_robot(job), chatter=ChattersNear)
-    summary = summarise_placement(found, job)
-    assert plain.position[0] < 1.9 <= found.position[0]
-    assert summary["chatter"]["at"] == 0 < summary["chatter"]["of"]
-    assert "The cut chatters at 0 of 40 waypoints" in describe_placement(summary)
 
 
 def test_places_out_of_reach_are_rated_as_such() -> None:

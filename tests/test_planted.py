@@ -24,13 +24,13 @@ def test_every_mistake_can_be_planted_and_has_a_job(file: Path, tmp_path: Path) 
         assert write_job(tmp_path / name, name, own).is_file()
 
 
-def test_faults_refusals_and_paths_read_once_are_no_votes() -> None:
-    statuses = ["not_confirmed", "infeasible", "exit 3", "exit 2", "exit 1", "too long", "read once", "solved"]
+def test_faults_and_refusals_are_not_seen_mistakes() -> None:
+    statuses = ["not_confirmed", "infeasible", "exit 3", "exit 2", "exit 1", "too long", "solved"]
     assert [tell_outcome(status) for status in statuses] == [
-        "seen", "seen", "seen", "refused", "internal fault", "internal fault", "read once", "called solved",
+        "seen", "seen", "seen", "refused", "internal fault", "internal fault", "called solved",
     ]  # fmt: skip
     rows = [{"area": "reader", "status": status} for status in statuses] + [{"area": "writer", "status": "solved"}]
     assert write_counts(rows).splitlines()[2:] == [
-        "| reader | 8 | 3 | 1 | 2 | 1 | 1 | 0 |", "| writer | 1 | 0 | 0 | 0 | 0 | 1 | 0 |",
-        "| all | 9 | 3 | 1 | 2 | 1 | 2 | 0 |",
+        "| reader | 7 | 3 | 1 | 2 | 1 | 0 |", "| writer | 1 | 0 | 0 | 0 | 1 | 0 |",
+        "| all | 8 | 3 | 1 | 2 | 2 | 0 |",
     ]  # fmt: skip

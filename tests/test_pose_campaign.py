@@ -328,6 +328,8 @@ def test_sockets_are_put_up_elsewhere_where_the_arm_does_not_meet_a_place(monkey
 def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, tmp_path, monkeypatch, capsys) -> None:
     """Joints are what is measured: the log is whole as it is written for a robot that is as modelled."""
     out = tmp_path / "poses"
+    text = small_job.read_text(encoding="utf-8")
+    small_job.write_text(text.replace("[part]\n", "[part]\ntouched_off = false\n"), encoding="utf-8")
     words = ["campaign", small_job, "--poses", "24", "--with", "sockets", "--length-mm", "200", "--register", "tool",
              "--weights-kg", "0,60", "--sigma-mm", "0.02", "--out", out]  # fmt: skip
     answer = run_command(words, monkeypatch, capsys)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.job.job import Job
 from compplan.measurement.distance import band_radius, calibrate_band
 from compplan.plan.plan import PlanOptions, plan_compensation
 from compplan.robot import load_robot
@@ -21,6 +20,7 @@ from compplan.toolpath.toolpath import place_toolpath
 from compplan.uncertainty.assumed import free_base, known_uncertainty
 from compplan.uncertainty.band import draw_paths, linearise_path, promise_path, split_covariance
 from compplan.uncertainty.slopes import ForceSpread, measure_slopes, stage_path
+from compplan.uncertainty.touch_off import TouchedPart
 from tests.arms import one_joint_arm
 from tests.drawn_robots import draw_field, draw_robots, draw_values, sample_promise
 
@@ -125,18 +125,12 @@ def test_a_part_that_was_touched_off_moves_with_the_first_joint_zero() -> None:
     robot = replace(robot, uncertainty=Uncertainty("measured", "test", (zero, tool), np.eye(2), repeatability=0.0))
     q = np.radians([20.0, -70, 90, 0, 60, 0]) + np.linspace(0, 0.2, 4)[:, None]
     scene = stage_path(robot, q, np.zeros((4, 6)))
-    reach = np.linalg.norm(linearise_path(scene, robot.uncertainty, SURE, np.ones(4, bool)).tip[:, :2], axis=1)
-    job = {"schema": 1, "robot": "kuka_kr270", "toolpath": "path.csv"}
-    job["process"] = {"model": "constant", "force_N": [0.0, 0.0, 0.0]}
-    corners = [[0, 0, 0], [9, 0, 0], [0, 9, 0]]
-    found = {"datum_mm": {"plane": corners, "line": corners[:2], "point": corners[0]}}
-    placed, touched, fitted, measured = (
-        Job.model_validate({**job, "part": part})
-        for part in ({}, {"touched_off": True}, found, {**found, "touched_off": False})
-    )
-    for told, share in ((None, 1.0), (placed, 1.0), (measured, 1.0), (touched, 0.0), (fitted, 0.0)):
-        promise = promise_path(robot, scene, np.ones(4, bool), SURE, job=told)
-        assert promise.radius == pytest.approx(share * 1.959964 * turn * reach, rel=2e-3)
+    tip = linearise_path(scene, robot.uncertainty, SURE, np.ones(4, bool)).tip
+    touched = TouchedPart(robot, q[:3], tip[:3], None)
+    for found, share in ((None, 1.0), (touched, 0.0)):
+        promise = promise_path(robot, scene, np.ones(4, bool), SURE, touched=found)
+        reach = np.linalg.norm(tip[:, :2], axis=1)
+        assert promise.radius == pytest.approx(share * 1.959964 * turn * reach, rel=2e-3, abs=1e-8)
 
 
 def test_lost_motion_counts_by_the_direction_of_travel(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ JOB: dict[str, Any] = {
     "schema": 1,
     "robot": "kuka_kr270",
     "toolpath": {"generator": "circle", "radius_mm": 60.0, "feed_mm_s": 20.0, "waypoints": 40},
-    "part": {"position_mm": [1900.0, 0.0, 700.0]},
+    "part": {"position_mm": [1900.0, 0.0, 700.0], "touched_off": False},
     "tool": {"position_mm": [150.0, 0.0, 250.0], "rotation_deg": [0.0, 30.0, 0.0], "mass_kg": 20.0},
     "process": {"model": "constant", "force_N": [300.0, 400.0, 500.0]},
 }

@@ -88,7 +88,7 @@ def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, ca
         "def recognise(text):\n    return text.startswith('dots')\n"
         "def read(text, file, options):\n"
         "    rows = [line.split() for line in text.splitlines()[1:]]\n"
-        "    code = 'G21 G90 F600\\n' + ''.join(f'G1 X{x} Y{y} Z0\\n' for x, y in rows)\n"
+        "    code = 'G21 G90 F600 G0 X0 Y0 Z0\\n' + ''.join(f'G1 X{x} Y{y} Z0\\n' for x, y in rows)\n"
         "    cam = gcode.read(code, file, options)\n"
         "    return dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, kind='dots'))\n",
     )

@@ -6,24 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from commandline import run_command
 
 from compplan.errors import InputError
-from compplan.io.notes import Crash
 from compplan.job.job import check_job, load_job
 from compplan.job.loading import load_path
 from compplan.job.operations import split_job
 from compplan.job.tool_tables import read_tool_library
-from compplan.plan.plan import plan_job
 from compplan.process.blank import Cut, take_away, triangulate_stock
 from compplan.process.cutter import Cutter
-from compplan.process.finished import PartMeshTable, check_part, measure_distance
-from compplan.process.look import Above
 from compplan.process.materials import MATERIALS
 from compplan.process.meeting import find_engagement
 from compplan.process.stock import StockColumns, build_block, read_mesh
-from compplan.toolpath.toolpath import Toolpath
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FLAT = Cutter(5e-3, 0.03)
@@ -58,7 +52,7 @@ def test_a_slot_is_missing_in_what_is_left_and_the_next_tool_meets_only_the_rest
     left = take_away(block, [cut(line((-60, 0, -3), (60, 0, -3)))])
     assert volume(left) == pytest.approx(100 * 100 * 20 - 100 * 10 * 3, rel=1e-3)  # a grid of 0.5 mm
     wider = cut(line((-60, 0, -3), (60, 0, -3)), cutter=Cutter(8e-3, 0.03))
-    found = find_engagement(wider.cutter, wider.position, wider.cutting, left)[0]
+    found = find_engagement(wider.cutter, wider.position, wider.cutting, left)
     assert found.section[60] == pytest.approx(6 * 3e-6, rel=0.01)
 
 
@@ -109,102 +103,6 @@ def test_what_is_left_is_written_and_can_be_the_stock_of_the_next_job(tmp_path, 
     left = read_mesh(tmp_path / "out" / "stock.stl", "mm", "", job)
     hole = np.pi * 2.5**2 * 4.0  # below the floor of the pocket, nearly
     assert left.volume * 1e9 == pytest.approx(50 * 40 * 10 - 507.0 - hole, rel=1.5e-3)
-
-
-def finish(depth: float, part: float, table: dict) -> tuple[list[str], dict]:
-    """Notes and the part's check of a floor that is milled at a depth; its finished surface stands at another [mm]."""
-    path = np.vstack([[-10e-3, 5e-3, 20e-3], line((-10, 5, -depth), (50, 5, -depth), (50, 12, -depth),
-                                                  (-10, 12, -depth)), [-10e-3, 12e-3, 20e-3]])  # fmt: skip
-    rapid = np.zeros(len(path), bool)
-    rapid[[0, 1, -1]] = True
-    toolpath = Toolpath(path, np.tile(UP, (len(path), 1)), np.where(rapid, 0.0, 0.02), rapid)
-    box = trimesh.creation.box(bounds=[[0, 0, -20], [40, 17, -part]])
-    box.export(table["folder"] / "part.stl")
-    process = {"model": "end_mill", "diameter_mm": 10.0, "teeth": 2, "spindle_rpm": 9000.0, "material": "al6082_t6",
-               "stock": {"block_mm": [[0.0, 0.0, -20.0], [40.0, 17.0, 0.0]]}, "part": {"mesh": "part.stl"}}  # fmt: skip
-    data = {"schema": 1, "robot": "kuka_kr16_2", "toolpath": "x.csv", "process": process}
-    nominal, law = load_path(check_job(data, table["folder"] / "job.toml", toolpath=toolpath))
-    assert law.cutting is not None and law.cutting.part is not None
-    return [note for note in nominal.notes if isinstance(note, Crash)], law.cutting.part
-
-
-@pytest.mark.parametrize(("depth", "part"), [(2.0, 2.0), (1.6, 2.0), (2.3, 2.0)])
-def test_gouge_and_what_is_left_on_a_floor_are_its_depth_beside_the_parts(depth, part, tmp_path) -> None:
-    crashes, found = finish(depth, part, {"folder": tmp_path})
-    flat = found.clearance[np.isfinite(found.clearance)]
-    assert np.median(flat) == pytest.approx(1e-3 * (part - depth), abs=1e-9)
-    assert bool(crashes) == (depth > 2.2)
-    if depth < 2.0:
-        assert np.median(found.left) == pytest.approx(0.4e-3, abs=1e-9)
-    if crashes:
-        assert "0.3 mm into the finished part" in crashes[0]
-
-
-@pytest.mark.parametrize("triangles", [0, 6], ids=["coarse mesh", "fine mesh"])
-def test_a_ball_whose_axis_swings_keeps_its_distance_from_a_floor(triangles: int, tmp_path) -> None:
-    box = trimesh.creation.box(bounds=[[0, 0, -20], [40, 20, 0]])
-    for _ in range(triangles):
-        box = box.subdivide()
-    box.export(tmp_path / "part.stl")
-    turn = np.radians(20.0) * np.sin(np.arange(17))
-    axis = np.column_stack([np.sin(turn), np.zeros(17), np.cos(turn)])
-    centre = np.column_stack([np.linspace(4e-3, 36e-3, 17), np.full(17, 10e-3), np.full(17, 4.2e-3)])
-    found = check_part(
-        PartMeshTable(mesh="part.stl"), Cutter(4e-3, 0.03, 4e-3), centre - 4e-3 * axis, axis, np.arange(17) > 0,
-        np.eye(3), tmp_path / "job.toml",
-    )  # fmt: skip
-    assert np.isnan(found.clearance[0])
-    nearest = np.hypot(4.2e-3, 0.1 * np.sqrt(2.0) * 4e-3) - 4e-3  # points stand 0.2 radii apart
-    assert found.clearance[1:].min() >= 0.2e-3 - 1e-9
-    assert found.clearance[1:].max() <= nearest
-
-
-@pytest.mark.parametrize("cutter", [FLAT, Cutter(5e-3, 0.03, 1.5e-3), Cutter(5e-3, 0.03, 5e-3),
-                                    Cutter(5e-3, 0.03, point=2.0)], ids=["flat", "round", "ball", "drill"])  # fmt: skip
-def test_the_distance_from_a_cutter_is_that_to_its_drawn_outline(cutter: Cutter) -> None:
-    rho = np.linspace(0.0, cutter.radius, 4000)
-    side = np.column_stack([np.full(4000, cutter.radius), np.linspace(cutter.end, 0.03, 4000)])
-    outline = np.vstack([np.column_stack([rho, cutter.height(rho)]), side])
-    draw = np.random.default_rng(3)
-    point = np.column_stack([draw.uniform(0, 8e-3, 300), draw.uniform(-3e-3, 12e-3, 300)])
-    away, way = measure_distance(cutter, *point.T)
-    inside = (point[:, 0] < cutter.radius) & (point[:, 1] > cutter.height(np.minimum(point[:, 0], cutter.radius)))
-    near = np.linalg.norm(point[:, None] - outline, axis=2).min(axis=1)
-    sharp = (away > 0) & ((cutter.corner == 0) | (cutter.point < np.pi))  # beyond a sharp edge it is a lower bound
-    assert away[~sharp] == pytest.approx(np.where(inside, -near, near)[~sharp], abs=5e-6)
-    assert (away[sharp] <= near[sharp] + 5e-6).all() and (away[sharp] > 0).all()
-    assert np.linalg.norm(way, axis=1) == pytest.approx(np.ones(300))
-
-
-@pytest.mark.parametrize(("nose", "width", "depth", "crashes"), [
-    (12.0, 30.0, 15.0, True),  # the nose goes 3 mm below the top
-    (16.0, 30.0, 15.0, False),
-    (12.0, 9.0, 15.0, False),  # it goes down in its own slot
-])  # fmt: skip
-def test_a_holder_crashes_where_it_is_wider_than_the_slot_and_lower_than_the_stock(nose, width, depth, crashes) -> None:
-    path = line((-80, 0, -depth), (0, 0, -depth))
-    holder = 1e-3 * np.array([[nose, width / 2], [nose + 40, width / 2]])
-    block = build_block(*(BLOCK * 1e-3), np.eye(3))
-    cutting = np.ones(len(path), bool)
-    found = find_engagement(FLAT, path, cutting, block, above=Above(None, holder))[1].holder
-    assert found.any() == crashes
-    if crashes:
-        assert np.flatnonzero(found)[0] == pytest.approx(80 - 50 - width / 2, abs=2)
-
-
-def test_a_plan_whose_tool_goes_rapid_through_its_stock_is_not_solved(tmp_path: Path) -> None:
-    path = line((0, 0, 5), (0, 0, -2), (30, 0, -2), (30, 20, -2), (30, 20, 5), step=2.0)
-    rapid = np.zeros(len(path), bool)
-    rapid[:4] = rapid[-4:] = True
-    rapid[20:28] = True
-    toolpath = Toolpath(path, np.tile(UP, (len(path), 1)), np.where(rapid, 0.0, 0.02), rapid)
-    data = {"schema": 1, "robot": "kuka_kr16_2", "toolpath": "x.csv",
-            "part": {"position_mm": [1000.0, 0.0, 600.0]}, "tool": {"position_mm": [0.0, 0.0, 150.0], "mass_kg": 4.0},
-            "process": {"model": "end_mill", "diameter_mm": 8.0, "spindle_rpm": 9000.0, "material": "al6082_t6",
-                        "stock": {"block_mm": [[-20.0, -20.0, -10.0], [60.0, 40.0, 0.0]]}}}  # fmt: skip
-    plan = plan_job(check_job(data, tmp_path / "job.toml", toolpath=toolpath))
-    assert plan.status == "not_confirmed"
-    assert "Rapid moves go through the stock" in plan.explain_failures()
 
 
 def test_the_holder_of_a_tool_table_stands_on_the_tool_from_its_nose_up(tmp_path: Path) -> None:

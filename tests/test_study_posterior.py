@@ -31,7 +31,7 @@ JOB = {
     "schema": 1,
     "robot": "kuka_kr270",
     "toolpath": {"generator": "circle", "radius_mm": 80.0, "feed_mm_s": 20.0, "waypoints": 24},
-    "part": {"position_mm": [1800.0, 0.0, 800.0]},
+    "part": {"position_mm": [1800.0, 0.0, 800.0], "touched_off": False},
     "process": {"model": "constant", "force_N": [300.0, 200.0, 500.0]},
     "plan": {"rotate_about_tool_axis": False},
 }
@@ -165,7 +165,7 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
     one = np.ones((2, 1, 3))
     worker = SimpleNamespace(
         spring_gain=np.array([1.0, 0.0]), spring_factor=np.ones(1), theta=np.zeros((1, 3)), placements=None,
-        offset=np.zeros((3, 3)),
+        offset=np.zeros((3, 3)), touch=None,
     )  # fmt: skip
     cells = SimpleNamespace(
         zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=[2.0 * one], link=[0.5 * one], factor=np.ones((1, 1)),

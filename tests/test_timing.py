@@ -1,6 +1,5 @@
 """Timing: closed forms of rapid moves and cuts, and limits that are kept."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np

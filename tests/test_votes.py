@@ -65,7 +65,8 @@ def test_a_tool_that_leans_takes_its_x_along_and_a_kept_program_stands_so_again(
 ) -> None:
     (tmp_path / "part.nc").write_text(NC)
     leaning = '[plan]\nrotate_about_tool_axis = false\n[posture]\nlead_deg = 8.0\nlean_deg = 8.0\n'
-    (tmp_path / "part.toml").write_text(JOB + leaning)
+    absolute = JOB.replace("[part]\n", "[part]\ntouched_off = false\n")
+    (tmp_path / "part.toml").write_text(absolute + leaning)
     plan = plan_job(load_job(tmp_path / "part.toml"))
     leant = np.arccos(np.clip((plan.task.nominal.axis * plan.task.upright).sum(axis=1), -1.0, 1.0))
     assert np.degrees(leant).max() > 5.0 and plan.breaches == ()

@@ -221,7 +221,8 @@ def write_job(shop: Shop, folder: Path, seed: int, place: Path) -> Path:
     force = FORCE * rng.uniform(0.0, 1.0) * rng.standard_normal(3)
     table = {
         "schema": 1, "name": f"executed_{seed}", "robot": str(folder.resolve()), "toolpath": "job.csv",
-        "part": {"position_mm": at.round(3).tolist(), "rotation_deg": turn_of(turn).round(6).tolist()},
+        "part": {"position_mm": at.round(3).tolist(), "rotation_deg": turn_of(turn).round(6).tolist(),
+                 "touched_off": False},
         "process": {"model": "constant", "force_N": force.round(2).tolist(), "frame": "base"},
         "plan": {"tolerance_mm": tolerance}, "output": {"programs": [shop.make]},
     }  # fmt: skip

@@ -55,7 +55,8 @@ def write_job(folder: Path, seed: int, *, inertia: bool = True) -> Path:
         robot = _calibrate(folder, robot)
     table = {
         "schema": 1, "name": name, "robot": robot, "toolpath": f"{name}.csv",
-        "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist()},
+        "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist(),
+                 "touched_off": False},
         "tool": tool, "process": force,
         "plan": {"tolerance_mm": round(float(10 ** rng.uniform(*TOLERANCE)), 3), "inertia": inertia},
     }  # fmt: skip

@@ -43,7 +43,8 @@ def write_drawn(folder: Path, seed: int) -> Path:
     rotation = turn_of(pose[:3, :3] @ np.diag([1.0, -1.0, -1.0]))  # the tool axis points back to the spindle: -z
     job = {
         "schema": 1, "name": name, "robot": robot, "toolpath": f"{name}.csv",
-        "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist()},
+        "part": {"position_mm": (1e3 * pose[:3, 3]).round(3).tolist(), "rotation_deg": rotation.round(6).tolist(),
+                 "touched_off": False},
         "tool": tool, "process": draw_force(rng, arm, pose), "plan": _draw_wishes(rng),
     }  # fmt: skip
     if rng.random() < 0.3:

@@ -55,9 +55,13 @@ def write_jobs(folder: Path) -> dict[str, Path]:
 
 
 def leave_inertia(file: Path) -> Path:
-    """Have a job leave the inertia of the motion alone, unless it asks for it: the cell holds the arm at rest."""
+    """Let a job leave the inertia of the motion alone, unless it asks for it: the cell holds the arm at rest.
+
+    Its part frame is absolute, as the cell's is.
+    """
     job = tomllib.loads(file.read_text(encoding="utf-8"))
     job.setdefault("plan", {}).setdefault("inertia", False)
+    job.setdefault("part", {}).setdefault("touched_off", False)
     file.write_text(tomli_w.dumps(job), encoding="utf-8")
     return file
 

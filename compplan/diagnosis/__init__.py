@@ -9,8 +9,7 @@
 The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models. Five
 rooms, each of which reads those before it: `data` (residuals and their noise) -> `ledger` (inner products, evidence)
 -> `search` (rounds of exact models) -> `doubt` (what speaks against a claim) -> `answer` (verdict, folder, where, what
-next). Each room's own docstring says what comes in, what goes out and by which equation;
-docs/concepts/diagnosis_numbers.md lists every number with its reason.
+next). Each room's own docstring says what comes in, what goes out and by which equation.
 """
 
 from compplan.diagnosis.answer.result import Candidate, Diagnosis, Gap

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from compplan.effects import (
@@ -14,6 +16,9 @@ from compplan.effects import (
 )
 from compplan.robot import Array, Robot
 
+#: Effects that depend on the motion before or on the time: they count as zero at the touched points.
+TRANSIENT = ("backlash", "thermal_drift", "tracking_lag")
+
 
 def attain_with_effects(robot: Robot, q: Array, wrench: Array, step_time: Array) -> tuple[Array, Array]:
     """Predict the attained pose of a robot with the effects of its folder: position (n, 3) [m], orientation (n, 3, 3).
@@ -24,3 +29,9 @@ def attain_with_effects(robot: Robot, q: Array, wrench: Array, step_time: Array)
     effects = [effect for effect in robot_effects(robot) if not is_of_instrument(effect.name)]
     attained = attain_scene(apply_effects(stage_scene(robot, campaign, later=True), effects))
     return attained.position, attained.rotation
+
+
+def rest_robot(robot: Robot) -> Robot:
+    """Return the robot without the effects that depend on the motion before or on the time."""
+    kept = tuple(table for table in robot.effects if table.get("effect") not in TRANSIENT)
+    return robot if len(kept) == len(robot.effects) else replace(robot, effects=kept)

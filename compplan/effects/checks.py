@@ -8,9 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.names import EFFECTS
-from compplan.robot import Robot
+from compplan.robot import Array, Robot
+from compplan.robot.elasticity import SOFTEST
 
 #: Words of a rule that are no bounds of numbers: a row, a flag, a joint or joints of the robot, axes of a wrench.
 ROW, FLAG, JOINT, JOINTS, AXES = "row", "flag", "joint", "joints", ("base", "sensor")
@@ -143,6 +147,30 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
             message = f"is {value:g}, expected 0 or more"
             raise InputError(message, file=file, where=f"{where}.parameters.{key}")
     _check_lengths(table, robot, file, where)
+
+
+def limit_sizes(robot: Robot, signature: Signature, sizes: Array) -> Array:
+    """Return sizes of an effect's parameters within what a robot folder may hold: the reader's limits.
+
+    Args:
+        robot: The robot that the effect is added to; its springs take their part of a compliance.
+        signature: Place and form of the effect.
+        sizes: The parameters. Shape (k,). [SI]
+    """
+    rule: Rule | None = RULES.get(signature.name) or getattr(EFFECTS.get(signature.name), "rule", None)
+    most = np.full(len(sizes), np.inf)
+    for number, key in enumerate(signature.keys):
+        name, _, item = key.partition("#")
+        bound = None if rule is None else rule.keys.get(name)
+        if isinstance(bound, int | float):
+            most[number] = bound
+        if name.startswith("compliance"):
+            joint = signature.fixed[JOINTS][int(item)] if item and JOINTS in signature.fixed else signature.joint
+            axis = signature.axis or "own"
+            held = sum(s.compliance for s in robot.springs if (s.joint, s.axis) == (joint, axis))
+            softest = SOFTEST["t" if "m_per_N" in name and "Nm" not in name else "r"]
+            most[number] = min(most[number], (1.0 - 1e-9) * max(softest - held, 0.0))
+    return np.clip(sizes, -most, most)
 
 
 def _check_place(table: Mapping[str, Any], rule: Rule, robot: Robot, file: Path | None, where: str) -> None:

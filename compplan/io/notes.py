@@ -11,12 +11,6 @@ class Stop(str):
     __slots__ = ()
 
 
-class Crash(Stop):
-    """A stop that no program settles: a plan that has one is not solved."""
-
-    __slots__ = ()
-
-
 def list_stops(notes: Iterable[str]) -> list[str]:
     """Return the notes that have to be settled before the machine moves."""
     return [note for note in notes if isinstance(note, Stop)]

@@ -28,6 +28,8 @@ from compplan.io.transaction import replace_file
 Array = NDArray[np.float64]
 #: Greatest size of a text file that is read. [bytes]
 MOST_BYTES = 512 * 2**20
+#: Greatest size of a number in a table, in the unit of its column.
+GREATEST = 1e12
 #: How Python holds a byte of a path that is no UTF-8.
 NO_LETTER = re.compile("[\ud800-\udfff]")
 
@@ -60,6 +62,20 @@ class Table:
     units: Mapping[str, str]
     lines: NDArray[np.int64]
     notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no measurement or path holds, before anything is computed from them.
+
+        Raises:
+            InputError: With the first row that holds one.
+
+        """
+        for key, column in self.values.items():
+            size = np.abs(column) / (UNITS[unit][1] if (unit := self.units.get(key, "")) else 1.0)
+            if size.max(initial=0.0, where=np.isfinite(size)) > GREATEST:
+                row = int(np.flatnonzero(size > GREATEST)[0])
+                message = f"column '{self.headers[key]}' is {size[row]:.3g} in size, at most {GREATEST:g} is read"
+                raise self.error(message, row)
 
     def __len__(self) -> int:
         return len(self.lines)

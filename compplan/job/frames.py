@@ -194,11 +194,14 @@ class PartTable(PoseTable):
     """[part]: pose of the part frame, seen from the robot base (from the link that carries the part, where one does).
 
     Or the points that it is found from.
+
+    touched_off: Whether the part was found by touching it with this robot and tool; otherwise the frame is absolute in
+        the robot base (tracker, calibrated cell).
     """
 
     points_mm: PointPairs | None = None
     datum_mm: Datums | None = None
-    touched_off: bool | None = None
+    touched_off: bool = True
 
     @model_validator(mode="after")
     def _check_one(self) -> PartTable:
@@ -207,6 +210,11 @@ class PartTable(PoseTable):
         if len(found) + bool(said) > 1:
             raise ValueError(f"is said by {', '.join([*sorted(said), *found])}: expected one way only")
         return self
+
+    @property
+    def touched_points(self) -> Array | None:
+        """Touched points in the part frame; None where they are not stated. Shape (k, 3). [m]."""
+        return None if self.points_mm is None else 1e-3 * np.asarray(self.points_mm.nominal)
 
     @property
     def fit(self) -> FittedFrame | None:

@@ -19,7 +19,7 @@ from compplan.job.frames import LONGEST_PATH, PartTable, PositionerTable, ToolTa
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
-from compplan.job.stability import StabilityTable
+from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools, lay_cutter
 from compplan.process.force_law import turns_with_travel
@@ -27,9 +27,6 @@ from compplan.process.force_lesson import LearnedForce
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.library import lay_material
 from compplan.process.process import Process
-from compplan.process.process_stiffness import CouplingTable
-from compplan.process.tool_beam import ToolBeamTable
-from compplan.process.walls import SurfaceTable
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -192,10 +189,6 @@ class Job(StrictTable):
     tool: ToolTable | None = None
     tool_table: ToolsTable | None = Field(default=None, alias="tools")
     process: Process = ColumnsProcess()
-    coupling: CouplingTable | None = None
-    stability: StabilityTable = StabilityTable(judge=False)
-    tool_beam: ToolBeamTable | None = None
-    surface: SurfaceTable | None = None
     plan: PlanTable = PlanTable()
     tolerance: ToleranceTable = ToleranceTable()
     output: OutputTable = OutputTable()
@@ -305,8 +298,8 @@ class Job(StrictTable):
 
     @property
     def touched_off(self) -> bool:
-        """Whether the part was found with the robot itself: stated, else where its frame is fitted to points."""
-        return self.part.fit is not None if self.part.touched_off is None else self.part.touched_off
+        """Whether the part was found by touching it with this robot and tool; otherwise its frame is absolute."""
+        return self.part.touched_off
 
     @property
     def tool_x_base(self) -> Array:
@@ -330,6 +323,7 @@ def check_job(
         InputError: With file and key.
 
     """
+    refuse_removed(data, file)
     plain = data = dict(data)
     tools: tuple[NumberedTool, ...] = ()
     if isinstance(data.get("tool"), list):

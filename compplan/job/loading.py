@@ -17,7 +17,6 @@ from compplan.process.cutting import CuttingTable, prepare_cutting
 from compplan.process.force_law import ForceLaw, compare_zero, read_stock_top
 from compplan.process.force_lesson import LearnedForce, read_learned_force
 from compplan.process.process import describe_process
-from compplan.process.process_stiffness import read_coupling
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.corners import KEPT, SLOWED, round_corners
 from compplan.toolpath.generators import generate_toolpath
@@ -144,8 +143,7 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         said = (f"What {missing} operations before this one cut is left in its stock (assumed): no [[tool]] describes "
                 "them.", *said)  # fmt: skip
     note = " ".join([*([note] if note else []), *list_remarks(said)])
-    coupling = read_coupling(job.coupling, job.T_base_part[:3, :3], cutting, job.process.model, job.file)
-    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting, coupling)
+    law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting)
     with _name_job(job):
         wrench = law.predict(nominal)
     _check_load(wrench, job)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers import WRITERS
 from compplan.controllers.writers.pendant import locate_pendant
+from compplan.job.called_tools import CalledTool
 from compplan.job.names import EFFECTS, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS, ForceModel
 from compplan.process.materials import MATERIALS
@@ -27,6 +28,8 @@ SHORT: dict[str, tuple[str, ...] | None] = {
     "output": ("programs",),
 }  # fmt: skip
 
+#: Keys of a force model that stay out until somebody wants them.
+OPTIONAL = ("# required", "# stock_top_mm")
 #: What a schema says of a number, in words.
 BOUNDS = {"exclusiveMinimum": "more than", "minimum": "at least", "exclusiveMaximum": "less than", "maximum": "at most"}
 #: The text, with marks where the registries say what can be chosen.
@@ -102,16 +105,54 @@ def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
     return f"{head}{first}\n{straight}{keys}{rest}"
 
 
-def number_tools(text: str, numbers: Sequence[int]) -> str:
-    """Let a job's text have one [[tool]] for each T number, all like its [tool]; one number leaves it as it is."""
+def number_tools(text: str, tools: Sequence[CalledTool]) -> str:
+    """Let a job's text describe the tools of its CAM file.
+
+    Several tools give one [[tool]] each, all like its [tool]; the cut of a single one goes into [process].
+    """
+    if len(tools) == 1:
+        return _describe_cut(text, tools[0])
     found = re.search(r"(?m)^(?:# )?\[tool\].*?\n(?=\n)", text, flags=re.DOTALL)
-    if found is None or len(numbers) < 2:
+    if found is None or not tools:
         return text
     body = re.sub(r"(?m)^# (?=\w+ = )", "", found.group().partition("\n")[2])
-    blocks = []
-    for number in numbers:
-        blocks.append(f"[[tool]]                            # T{number} of the CAM file\nnumber = {number}\n{body}")
+    blocks = [
+        f"[[tool]]                            # {tool.label} of the CAM file\n{tool.key}\n{tool.process}{body}"
+        for tool in tools
+    ]
     return text[: found.start()] + "\n".join(blocks) + text[found.end() :]
+
+
+def choose_process(text: str, model: str) -> str:
+    """Let a force model that suits the toolpath stand in place of sheet forming: its lines, and no other model's."""
+    head, process, rest = _split_process(text)
+    lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
+    first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
+    last = next(k for k, line in enumerate(lines) if k > first and line.startswith("# model = "))
+    own = [line.removeprefix("# ") for line in lines[first:last] if not line.startswith(OPTIONAL)]
+    left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
+    note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
+    return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
+
+
+def _describe_cut(text: str, tool: CalledTool) -> str:
+    """Put the drill or the spindle speed of the one tool of a CAM file into [process]."""
+    head, process, rest = _split_process(text)
+    if tool.drills:
+        lines = process.splitlines(keepends=True)
+        kept = [line for line in lines[1:] if line.startswith("# ") and "assumed: put yours" not in line]
+        own = [f"{key} = {json.dumps(value)}\n" for key, value in tool.cut.items()]
+        process = "".join([lines[0], "# the numbers of the cut are assumed: put yours\n", *own, *kept])
+    elif tool.spindle_rpm is not None:
+        line = f"{f'spindle_rpm = {tool.spindle_rpm}':<36}# S of the CAM file"
+        process = re.sub(r"(?m)^spindle_rpm = .*$", line, process, count=1)
+    return head + process + rest
+
+
+def _split_process(text: str) -> tuple[str, str, str]:
+    """Return a job's text before its table [process], the table and the text after it."""
+    head, process, rest = re.split(r"(?<=\n)(\[process\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
+    return head, process, rest
 
 
 def set_place(text: str, position_mm: list[float], comment: str) -> str:

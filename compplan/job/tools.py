@@ -20,8 +20,8 @@ from compplan.toolpath.operations import Operation
 
 #: Force models that a tool table knows the cutter of, and what it says of it.
 CUTTERS = {
-    "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm", "holder_mm"),
-    "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg", "holder_mm"),
+    "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm"),
+    "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg"),
     "milling": ("diameter_mm",),
 }
 #: Keys of [tool] that name the cutter's file.
@@ -190,7 +190,7 @@ def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
     """Return what a tool table says of a cutter, in the words of [process]; its `kind` beside them."""
     said = {
         "diameter_mm": entry.diameter_mm, "teeth": entry.teeth, "corner_radius_mm": entry.corner_radius_mm,
-        "flute_mm": entry.flute_mm, "point_deg": entry.point_deg, "holder_mm": entry.holder_mm or None,
+        "flute_mm": entry.flute_mm, "point_deg": entry.point_deg,
         "kind": entry.kind,
     }  # fmt: skip
     return {key: value for key, value in said.items() if value is not None}

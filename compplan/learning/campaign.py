@@ -161,7 +161,8 @@ def design_campaign(
     solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
     known, scene, rows, notes = _stage_purpose(plan, shop, lowest, solids)
     # poses narrow the robot alone: what of the force goes with it counts as apart
-    path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows), tie=None)
+    touched = task.touched if shop.purpose == PATH else None
+    path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows, touched=touched), tie=None)
     design = Design(known, path, shop.sigma, shop.frames)
     if shop.purpose == CALIBRATION:
         design = take_frames(design, scene)
@@ -198,7 +199,7 @@ def _stage_purpose(
     task, robot = plan.task, plan.robot
     if shop.purpose == PATH:
         scene = stage_path(robot, plan.q, task.wrench, task.step_time)
-        return known_uncertainty(robot, plan.job), scene, task.cut, list_assumed(robot)
+        return known_uncertainty(robot), scene, task.cut, list_assumed(robot)
     known = widen_uncertainty(robot, shop.loaded)
     reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
     # loads as they come on the path: the fit has to hold under them, too

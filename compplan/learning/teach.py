@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.effects.scene import Scene
 from compplan.io.quantities import format_length
@@ -31,6 +32,7 @@ from compplan.posture.keep import read_lock, turn_about_axis
 from compplan.posture.trace import reach_tip_and_axis
 from compplan.process.force_lesson import LearnedForce, read_learned_force
 from compplan.robot import Array, Robot, load_robot
+from compplan.robot.pose import fit_displacement, see_position
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -46,6 +48,7 @@ from compplan.uncertainty.slopes import (
     stage_path,
     tip_of,
 )
+from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 from compplan.uncertainty.vary import vary_scene
 
 #: Places along the path that a lesson is kept at, at most; waypoints nearer to the path than this are reached. [m, rad]
@@ -143,6 +146,7 @@ class CutPath:
         slopes: The path to first order, k rows.
         length: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape
             (n,). [m]
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
     """
 
     scene: Scene
@@ -150,6 +154,7 @@ class CutPath:
     force: ForceSpread
     slopes: Slopes
     length: Array
+    touched: TouchedPart | None = None
 
     def with_values(self, values: Array, force: Array) -> Scene:
         """Return the scene with values of the robot's parameters, shape (p,), and shares of the force, shape (4,)."""
@@ -157,18 +162,26 @@ class CutPath:
 
     def exact(self, values: Array, force: Array) -> Array:
         """Return the motion of the tip by values of parameters and force. Shape (k, 3). [m]"""
-        return tip_of(self.with_values(values, force), self.slopes.rows) - self.slopes.tip
+        return self.tip(values, force, self.slopes.rows) - self.slopes.tip
+
+    def tip(self, values: Array, force: Array, rows: NDArray[np.int_]) -> Array:
+        """Return the tip with values of parameters and force, relative to the part frame found. Shape (k, 3). [m]"""
+        position = tip_of(self.with_values(values, force), rows)
+        if self.touched is None:
+            return position
+        touch = stage_touch(self.touched)
+        every = np.arange(len(self.touched.q))
+        moved = tip_of(vary_scene(touch, self.known.unknowns, values * is_lasting(self.known.unknowns)), every)
+        return see_position(position, fit_displacement(tip_of(touch, every), moved))
 
 
-def linearise_cut(job: Job, before: Plan, wanted: Toolpath, force: ForceSpread) -> CutPath:
+def linearise_cut(before: Plan, wanted: Toolpath, force: ForceSpread) -> CutPath:
     """Linearise a path as it was cut, by its plan; the wanted path stands in the base frame."""
     known, task = known_uncertainty(before.robot), before.task
     scene = stage_path(before.robot, before.q, task.wrench, task.step_time)
     length = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
-    slopes = linearise_path(scene, known, force, task.cut)
-    # what moves a part that was touched off along with the arm is not told by it
-    told = known_uncertainty(before.robot, job).width > 0.0
-    return CutPath(scene, known, force, replace(slopes, model=slopes.model * told), length)
+    slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
+    return CutPath(scene, known, force, slopes, length, task.touched)
 
 
 def teach_part(
@@ -205,7 +218,7 @@ def teach_part(
     )  # fmt: skip
     announce("what the part teaches")
     whole = read_force_spread(job)
-    cut = linearise_cut(job, before, wanted, whole.of_all())
+    cut = linearise_cut(before, wanted, whole.of_all())
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, own = gather_points(matched, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
@@ -363,9 +376,9 @@ def add_residual(old: Residual | None, lesson: Lesson, cut: CutPath, task: PlanT
         moved = tip_of(cut.scene, rows) + old.at(length)
         moved = moved + interpolate(length, at, lesson.residual)
     else:
-        moved = tip_of(cut.with_values(lesson.values, lesson.force), rows)
+        moved = cut.tip(lesson.values, lesson.force, rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
-    moved = moved - tip_of(cut.with_values(others.held, others.shares), rows)
+    moved = moved - cut.tip(others.held, others.shares, rows)
     left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
     return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
 

@@ -24,6 +24,10 @@ ASSUMED_SIGMA = 5e-5
 ASSUMED_DISTANCE_MM = 0.02
 #: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
 ROUNDING = 0.01
+#: Least standard deviation that is taken for true: a nanometre, as of columns of a log. [mm]
+LEAST_SIGMA_MM = 1e-6
+#: Greatest distance of an instrument from the robot's base along an axis: a kilometre. [mm]
+Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 COLUMNS = (
     FileColumn("contact", "text"),
     FileColumn("reading", "length", missing=True),
@@ -37,7 +41,7 @@ class DistanceTable(StrictTable):
 
     between: Annotated[tuple[str, str], Field(strict=False)]
     mm: Annotated[float, Field(gt=0.0, le=1e5)]
-    sigma_mm: Annotated[float, Field(gt=0.0, le=100.0)] = ASSUMED_DISTANCE_MM
+    sigma_mm: Annotated[float, Field(ge=LEAST_SIGMA_MM, le=100.0)] = ASSUMED_DISTANCE_MM
 
     @model_validator(mode="after")
     def _check_two(self) -> DistanceTable:
@@ -49,8 +53,8 @@ class DistanceTable(StrictTable):
 class InstrumentTable(StrictTable):
     """[instrument]: how well it sees, and where its frame stands in the robot's base."""
 
-    sigma_mm: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
-    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    sigma_mm: Annotated[float, Field(ge=LEAST_SIGMA_MM, le=100.0)] | None = None
+    position_mm: Annotated[tuple[Place, Place, Place], Field(strict=False)] = (0.0, 0.0, 0.0)
     rotation_deg: Vector3 = (0.0, 0.0, 0.0)
 
 

@@ -107,16 +107,17 @@ def _leg(
     time = u * max(duration, task.gentle_time)
     q, wrench = start * (1 - share) + end * share, before * (1 - share) + after * share
     # a joint move bows: the rows say where the tool goes, not where a straight line would have it
-    position = attain_pose(task.chain, q, wrench, slope=False).position
+    position = task.see_position(attain_pose(task.chain, q, wrench, slope=False).position)
     return q[:-1], position[:-1], wrench[:-1], np.diff(time)
 
 
 def _unload(task: PlanTask, q: Array, end: int) -> Array:
     """Return the joint positions nearest to q that put the tool at a waypoint while no wrench acts, weights alone."""
-    found, wanted = q[None].copy(), attain_pose(task.chain, q[None], task.wrench[end : end + 1], slope=False)
+    found = q[None].copy()
+    wanted = task.see_pose(attain_pose(task.chain, q[None], task.wrench[end : end + 1], slope=False))
     none = np.zeros((1, 6))
     for _ in range(8):
-        here = attain_pose(task.chain, found, none)
+        here = task.see_pose(attain_pose(task.chain, found, none))
         lean = np.cross(wanted.rotation[0, :, 2], here.rotation[0, :, 2])
         missed = np.r_[here.position[0] - task.position[end], lean]
         if np.abs(missed).max() < 1e-11:

@@ -144,17 +144,17 @@ def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> C
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
     if announce:
         announce("robots drawn from what is known")
-    return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job), job=job))
+    return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job)))
 
 
-def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRAWS, *, job: Job | None = None) -> Drawn:
+def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRAWS) -> Drawn:
     """Draw robots from what is known, to first order about the posture of the task; every strategy meets the same ones.
 
     A strategy that only plans leaves what it leaves as modelled, and beside it what the robot does otherwise.
     """
     task = comparison.task
-    known = known_uncertainty(task.robot, job)
-    slopes = linearise_path(stage_path(task.robot, task.q_start, task.wrench, task.step_time), known, force, task.cut)
+    known, scene = known_uncertainty(task.robot), stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
     moved = draw_paths(slopes, known, draws)
     left = {name: run.deviation[slopes.rows, :, None] + moved for name, run in comparison.as_modelled.items()}
     rms = {name: np.sqrt(np.mean(np.sum(tips**2, axis=1), axis=0)) for name, tips in left.items()}

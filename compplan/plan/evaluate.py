@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.plan.coupling import (
-    CouplingEffect,
-    find_stiffness,
-    measure_coupling,
-    respond_in_line,
-    settle_task,
-)
 from compplan.plan.strategies.limits import measure_correction
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing
 from compplan.robot import Array
-from compplan.simulation.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell
-from compplan.simulation.coupling import Settled, settle_coupled
-from compplan.simulation.judge import tip_compliance
-from compplan.statics.elastic import loaded_compliance
+from compplan.simulation.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell, touch_cell
 from compplan.statics.sensitivity import attain_pose
 
 #: Waypoints that are judged in a cell with other compliances.
@@ -41,7 +31,6 @@ class Evaluation:
         deviation: Attained minus nominal tip. Shape (n, 3). [m]
         tilt: Angle between attained and nominal tool axis. Shape (n,). [rad]
         cut: Waypoints that are compensated and judged. Shape (n,).
-        settled: How force and deflection came to agree, None where the force asks not where the tool is.
 
     """
 
@@ -51,7 +40,6 @@ class Evaluation:
     deviation: Array
     tilt: Array
     cut: NDArray[np.bool_]
-    settled: Settled | None = None
 
     @cached_property
     def distance(self) -> Array:
@@ -159,33 +147,26 @@ def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
 
     """
     cell = build_cell(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
+    cell = find_part(task, cell)
     rows = np.flatnonzero(task.compensated)
     if task.robot.effects:
         position = run_cell(cell, q, task.wrench, task.step_time).position[rows]
     else:
         rows = rows[:: max(1, -(-len(rows) // MOST_JUDGED))]
-        position = _run_mismatch(task, q, cell, rows)
+        position = run_cell(cell, q[rows], task.wrench[rows]).position
     return Mismatch(cell.name, rows, position - task.programmed[rows])
 
 
-def _run_mismatch(task: PlanTask, q: Array, cell: Cell, rows: NDArray[np.int_]) -> Array:
-    """Return the tip at some waypoints; where the force asks where the tool is, it answers in proportion."""
-    stiffness = find_stiffness(task)
-    if stiffness is None:
-        return run_cell(cell, q[rows], task.wrench[rows]).position
-    slope = stiffness[rows]
-    settled = settle_coupled(
-        lambda wrench: run_cell(cell, q[rows], wrench), lambda away: respond_in_line(slope, away),
-        position=task.position[rows], wrench=task.wrench[rows], compliance=tip_compliance(cell.judge, q[rows]),
-        stiffness=slope,
-    )  # fmt: skip
-    return settled.run.position
+def find_part(task: PlanTask, cell: Cell) -> Cell:
+    """Return a cell whose robot has found the part by touching it, where the task says so."""
+    if task.touched is None or cell.displacement is not None:
+        return cell
+    return touch_cell(cell, task.touched.q, task.touched.shown)
 
 
 def evaluate_run(
-    task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None, bias: Array | None = None,
-    stiffness: Array | None = None,
-) -> Evaluation:  # fmt: skip
+    task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None, bias: Array | None = None
+) -> Evaluation:
     """Run a command in a cell and compare the loaded tool with the nominal path.
 
     Args:
@@ -194,59 +175,35 @@ def evaluate_run(
         cell: The cell.
         wrench: Wrench that acts, the task's if left out. Shape (n, 6). [N, N m]
         bias: Load of inertia on each elastic coordinate, the task's if left out. Shape (n, s). [N m or N]
-        stiffness: How the force answers to where the tool is, by another reading of the job. Shape (n, 3, 3). [N/m]
 
     """
     load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
-
-    def attain(acting: Array) -> CellRun:
-        return run_cell(cell, q, acting, task.step_time, more)
-
-    if not task.coupled:
-        return _compare(task, cell.name, attain(load))
-    settled = settle_task(task, attain, tip_compliance(cell.judge, q), wrench=load, stiffness=stiffness)
-    return _compare(task, cell.name, settled.run, settled)
+    cell = find_part(task, cell)
+    return _compare(task, cell.name, run_cell(cell, q, load, task.step_time, more))
 
 
-def evaluate_model(task: PlanTask, q: Array, *, coupled: bool = True) -> Evaluation:
+def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
     """Compare with the nominal path where the planner's own model sees the loaded tool: fast, and no judge.
 
     Args:
         task: The task.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
-        coupled: Whether the force answers to where the tool is, where the job says how.
 
     """
-
-    def attain(acting: Array) -> CellRun:
-        loaded = replace(task, wrench=acting)
-        if task.robot.effects:
-            found = attain_rows(loaded, q, np.arange(len(q)), slope=False)
-        else:
-            found = attain_pose(task.chain, q, acting, slope=False, torque_bias=task.bias, theta=task.theta)
-        return CellRun(found.position, found.rotation)
-
-    name = "planner's model"
-    if not (coupled and task.coupled):
-        return _compare(task, name, attain(task.wrench))
-    settled = settle_task(task, attain, loaded_compliance(task.chain, q, task.wrench)[:, :3, :3])
-    return _compare(task, name, settled.run, settled)
+    if task.robot.effects:
+        found = attain_rows(task, q, np.arange(len(q)), slope=False)
+    else:
+        found = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias, theta=task.theta)
+        found = task.see_pose(found)
+    return _compare(task, "planner's model", CellRun(found.position, found.rotation))
 
 
-def compare_coupling(task: PlanTask, before: Evaluation) -> CouplingEffect | None:
-    """Put the uncorrected tip without coupling of force and place beside that with it; None where there is none."""
-    if before.settled is None:
-        return None
-    without = evaluate_model(task, task.q_start, coupled=False)
-    return measure_coupling(task, without.deviation, before.deviation, before.settled)
-
-
-def _compare(task: PlanTask, name: str, run: CellRun, settled: Settled | None = None) -> Evaluation:
+def _compare(task: PlanTask, name: str, run: CellRun) -> Evaluation:
     position, rotation = run
     cosine = -np.einsum("ni,ni->n", rotation[:, :, 2], task.nominal.axis)
     sine = np.linalg.norm(np.cross(rotation[:, :, 2], task.nominal.axis), axis=1)
     away, tilt = position - task.programmed, np.arctan2(sine, cosine)
-    return Evaluation(name, position, rotation, away, tilt, task.compensated, settled)
+    return Evaluation(name, position, rotation, away, tilt, task.compensated)
 
 
 def measure_margins(task: PlanTask, q: Array, timing: Timing) -> Margins:

@@ -384,7 +384,8 @@ def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, fl
     every, effect = np.arange(len(q)), np.zeros((len(q), 3))
     if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
         effect = attain_rows(task, q, every, slope=False).position
-        effect = effect - attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias).position
+        plain = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias).position
+        effect = effect - task.see_position(plain)
         effect[~task.compensated] = 0.0
     row = np.clip(np.ceil(place).astype(int), 1, len(q) - 1)
     cut = task.cut[row] & task.cut[row - 1]
@@ -392,7 +393,8 @@ def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, fl
     for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
         load, moved = (interpolate(place[rows], every, values) for values in (task.wrench, effect))
         bias = None if task.bias is None else interpolate(place[rows], every, task.bias)
-        tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position + moved
+        tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
+        tip = task.see_position(tip) + moved
         nearest = find_nearest(task.position, row[rows], tip, SIDE)[0]
         distance[rows] = np.linalg.norm(tip - nearest, axis=1)
     for ends in (row, row - 1):

@@ -35,7 +35,7 @@ def bearable_share(job: Job) -> float:
     rows = np.flatnonzero(task.cut)
     frames = locate_frames(task.chain, task.q_start[rows])
     torque = np.abs(np.einsum("kij,ki->kj", joint_jacobian(task.chain, frames), task.wrench[rows]))
-    light = replace(task, wrench=LIGHT * task.wrench)
+    light = replace(task, wrench=LIGHT * task.wrench, touched=None)
     bent = attain_rows(light, task.q_start, rows, slope=False).position - frames.tcp_position
     deflection = float(np.linalg.norm(bent, axis=1).max()) / LIGHT
     most = float((torque / task.robot.effort_limits).max())

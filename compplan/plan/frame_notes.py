@@ -33,6 +33,16 @@ def describe_frames(task: PlanTask, job: Job | None) -> list[str]:
     return [*notes, *ask_about_tool(job, robot), *ask_about_form(job, robot), *look_at_spindle(task.nominal.axis, job)]
 
 
+def describe_part_frame(job: Job) -> str:
+    """Return in a sentence how the part frame was found, and what deviations are relative to."""
+    if not job.touched_off:
+        return "part frame: absolute in the robot base ([part] touched_off = false)"
+    points = job.part.touched_points
+    where = "three corners of the box of the cut" if points is None else f"the {len(points)} points of [part] points_mm"
+    return (f"part frame: touched off with this robot and tool at {where}; deviations and the 95 % band are relative "
+            "to it ([part] touched_off = false: the frame is absolute)")  # fmt: skip
+
+
 def ask_about_tool(job: Job, robot: Robot) -> list[str]:
     """Ask about a tool that leaves the flange sideways, where no mesh of it says that it does, or is very long."""
     if job.tool is None:

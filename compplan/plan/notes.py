@@ -9,7 +9,6 @@ import numpy as np
 from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.plan.bending import Bending
-from compplan.plan.coupling import CouplingEffect
 from compplan.plan.frame_notes import describe_frames
 from compplan.plan.outside import describe_outside
 from compplan.plan.slow import describe_causes
@@ -26,18 +25,6 @@ LEFT_OUT = "left out: the tool moves rapidly above the holes"
 TURNING = ("milling", "end_mill", "drill")
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
 SWING = 0.5
-
-
-def describe_coupling(effect: CouplingEffect | None) -> tuple[str, ...]:
-    """Say what it makes of the uncorrected tip that the force depends on where the tool is, and where that fails."""
-    if effect is None:
-        return ()
-    left, settled = " / ".join(f"{100 * share:.3g}" for share in effect.left), effect.settled
-    (before, _), (after, _) = effect.without_size, effect.coupled_size
-    note = (f"The force depends on where the tool is ({effect.source}): of the uncorrected deviation {left} % are left "
-            f"in x / y / z of the base, {1e3 * after:.3g} mm (rms) in place of {1e3 * before:.3g} mm; "
-            f"{settled.passes} passes, ratio {settled.ratio:.2g}.")  # fmt: skip
-    return (note,) if settled.agrees else (note, settled.explain())
 
 
 def describe_fading(robot: Robot, share: float) -> str:
@@ -61,9 +48,6 @@ def describe_left_out(notes: Sequence[str]) -> tuple[str, ...]:
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
     """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
-    if job is not None and job.process.model == "end_mill" and not job.stability.avoid:
-        asks = "tells it" if job.stability.judge else "tells it where the job has a table [stability]"
-        notes.append(f"Whether the cut chatters is not part of this plan: compplan forces {asks}.")
     notes += [*describe_spindle(task, job), *describe_frames(task, job), *_describe_positioner(task.robot, job)]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
         notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")

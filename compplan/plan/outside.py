@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 from compplan.job.job import Job
 from compplan.robot import Robot, robot_folders
-from compplan.robot.shapes import find_mesh
+from compplan.robot.description import find_mesh
 
 #: Tables of a job whose files go into programs line by line.
 COPIED = ("output.header.", "output.footer.", "output.templates.")

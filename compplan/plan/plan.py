@@ -11,16 +11,14 @@ import numpy as np
 
 from compplan.controllers.writers import check_languages
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
-from compplan.io.notes import Crash
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.plan.approach import plan_approach, plan_retract
 from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
-from compplan.plan.chatter import read_chatter
+from compplan.plan.chatter_limit import describe_depth_limit
 from compplan.plan.evaluate import (
-    compare_coupling,
     evaluate_model,
     evaluate_run,
     measure_margins,
@@ -28,7 +26,7 @@ from compplan.plan.evaluate import (
 from compplan.plan.executed import drive_within, vote_on_executed
 from compplan.plan.feed import FeedWish, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
-from compplan.plan.notes import describe_coupling, describe_fading, describe_left_out, list_notes
+from compplan.plan.notes import describe_fading, describe_left_out, list_notes
 from compplan.plan.path_problem import count_equations
 from compplan.plan.result import Plan
 from compplan.plan.run_meter import BAND_ROWS, RunMeter, spread_tip
@@ -53,6 +51,7 @@ from compplan.uncertainty.band import band_radius
 from compplan.uncertainty.fading import fade_robot
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.slopes import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.touch_off import TouchOff, touch_part
 
 
 @dataclass(frozen=True)
@@ -79,6 +78,7 @@ class PlanOptions:
         lock: What is kept of a posture that was chosen before, or None.
         force: How surely the force is known, as assumed if left out.
         tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
+        touch: How the part was found by touching it with the robot; None: its frame is absolute.
 
     """
 
@@ -99,6 +99,7 @@ class PlanOptions:
     lock: Lock | None = None
     force: ForceSpread | None = None
     tube: float = 0.0
+    touch: TouchOff | None = None
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
@@ -150,7 +151,7 @@ def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
     lock = read_lock(job, robot)
     chooser = robot if lock is None or lock.model is None else lock.model
     options = read_options(job, chooser)
-    posture = options.posture and replace(options.posture, chatter=read_chatter(job, chooser, nominal, law))
+    posture = options.posture
     return robot, nominal, replace(options, law=law, posture=posture, lock=lock)
 
 
@@ -207,28 +208,24 @@ def plan_task(
     if stopped:
         command = replace(command, status="infeasible", failures=stopped)
     after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
-    before = after if command.q is task.q_start else evaluate_model(task, task.q_start)
-    if after.settled is not None:
-        bench = replace(bench, wrench=after.settled.wrench)
+    uncorrected = task.q_uncorrected
+    before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
-    bending = measure_bending(task, command.q, timing, DAMPING if job is None else job.stability.damping)
+    bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    if after.settled is not None and not after.settled.agrees:
-        breaches += (after.settled.explain(),)
     votes = () if bench.driven is None else cast_votes(bench.driven, after, bending)
-    crashes = (note.rstrip(".") for note in task.nominal.notes if isinstance(note, Crash))
-    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes), *crashes)
-    coupling = compare_coupling(task, before)
+    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
     told = list_notes(task, timing, bending, job)
+    if limit := describe_depth_limit(task, command.q):
+        told += (limit,)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
         told += (jerk,)
     plan = Plan(
         name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
-        retract=plan_retract(task, command.q), between=found.between, bending=bending, coupling=coupling,
-        clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told, *describe_coupling(coupling)),
+        retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan
@@ -340,6 +337,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
         inertia=options.inertia,
         smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
         chord=0.1 * options.tolerance if options.chord is None else options.chord,
+        touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
     )
     task = state_sides(replace(task, wrench=predict_loads(task)))
     turns = options.law is not None and options.law.turns_with_travel
@@ -382,4 +380,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
+        touch=TouchOff(job.T_base_part, job.part.touched_points) if job.touched_off else None,
     )

@@ -18,17 +18,14 @@ from compplan.plan.approach import Passage
 from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
-from compplan.plan.coupling import CouplingEffect, summarise_coupling
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.plan.executed import ExecutedPath, judge_executed
-from compplan.plan.finished_walls import describe_walls, judge_surface
 from compplan.plan.reversals import list_reversals
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
 from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, explain_width, judge_keeping
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.process.walls import WallError
 from compplan.robot import Array, Robot
 from compplan.simulation.cell import JUDGE
 from compplan.statics.chain import locate_frames
@@ -61,7 +58,6 @@ class Plan(Shown):
         judge: Who computed `before` and `after`.
         breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
-        coupling: The uncorrected tip without and with coupling of force and place, or None.
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
         learned: The promise of what measured parts have taught on this path, or None.
@@ -83,7 +79,6 @@ class Plan(Shown):
     judge: str = JUDGE
     breaches: tuple[str, ...] = ()
     clearance: ClearanceProfile | None = None
-    coupling: CouplingEffect | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
     learned: Promise | None = None
@@ -132,12 +127,6 @@ class Plan(Shown):
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     @cached_property
-    def walls(self) -> tuple[WallError, ...] | None:
-        """Errors of the finished walls with the corrected arm, None where the job does not ask for them."""
-        task = self.task
-        return judge_surface(self.job, task.law, replace(task.nominal, feed=self.timing.feed), self.after.deviation)
-
-    @cached_property
     def mismatch(self) -> Mismatch:
         """What the command leaves where the robot's compliances differ from the model's."""
         return evaluate_mismatch(self.task, self.q)
@@ -164,7 +153,7 @@ class Plan(Shown):
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
             return promise_path(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.bending.motion, part=part, job=self.job)  # fmt: skip
+                                between=bow, motion=self.bending.motion, part=part, touched=task.touched)  # fmt: skip
         except ConvergenceError:
             return None
 
@@ -306,6 +295,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "robot": plan.robot.name,
         "robot_grade": plan.robot.grade,
         "robot_sources": dict(plan.robot.sources),
+        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.touched_off else "absolute"}),
         "waypoints": len(plan.task),
         "configuration": dict(plan.task.configuration),
         "solve_time_s": round(plan.command.solve_time, 4),
@@ -340,10 +330,6 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         summary["posture"] = plan.task.start.stance.describe()
         if plan.task.start.bettered is not None:
             summary["posture"]["program"] = plan.task.start.bettered.describe()
-    if plan.coupling is not None:
-        summary["coupling"] = summarise_coupling(plan.coupling)
-    if plan.walls is not None:
-        summary["surface"] = describe_walls(plan.walls, plan.job, corrected=True)
     if plan.clearance is not None:
         request = None if plan.task.start is None else plan.task.start.request
         summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)

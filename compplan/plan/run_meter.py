@@ -39,6 +39,7 @@ from compplan.uncertainty.slopes import (
     rest_scene,
     stage_path,
 )
+from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
 #: Rows of the cut at which the band of a finished posture is measured.
 BAND_ROWS = 120
@@ -179,11 +180,15 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
     """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
     scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    return _spread_scene(scene, known_uncertainty(task.robot), force, rows)
+    return _spread_scene(scene, known_uncertainty(task.robot), force, rows, task.touched)
 
 
-def _spread_scene(scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
+def _spread_scene(
+    scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_], touched: TouchedPart | None
+) -> Array:
     rest = rest_scene(scene, rows)
     shared, local = measure_force_slopes(scene, rows, force, rest)
-    slopes = Slopes(rows, np.zeros((len(rows), 3)), measure_slopes(scene, known.unknowns, rows, rest), shared, local)
+    model = measure_slopes(scene, known.unknowns, rows, rest)
+    model = subtract_touch(model, rest.position, touched, known.unknowns)
+    slopes = Slopes(rows, np.zeros((len(rows), 3)), model, shared, local)
     return np.asarray(sum(split_covariance(slopes, known).values()))

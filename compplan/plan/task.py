@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.writers.counting import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
@@ -22,8 +23,10 @@ from compplan.posture.start import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
 from compplan.toolpath.toolpath import Toolpath, interpolate
+from compplan.uncertainty.touch_off import TouchedPart
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
 SMOOTHING = 0.05
@@ -65,6 +68,8 @@ class PlanTask:
         theta: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are
             written over, and no result depends on them beyond rounding. Shape (n, s). [rad or m]
         jerk_limits: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
+        touched: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative
+            to the found frame (`see_position`).
 
     """
 
@@ -95,6 +100,7 @@ class PlanTask:
     places: Array | None = None
     theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
     jerk_limits: Array | None = None
+    touched: TouchedPart | None = None
 
     def __post_init__(self) -> None:
         shape = (len(self.nominal), self.chain.n_springs)
@@ -131,6 +137,18 @@ class PlanTask:
         axis = None if self.start is None else self.start.upright
         return self.nominal.axis if axis is None else interpolate(self.origin, np.arange(len(axis)), axis)
 
+    @cached_property
+    def q_uncorrected(self) -> Array:
+        """Joint positions of the uncorrected program: `q_start`, but by the geometry that the controller believes.
+
+        Shape (n, nq). [rad or m]
+        """
+        believed = self.robot if self.touched is None else believed_robot(self.robot)
+        arm = None if believed is self.robot else build_arm(believed)
+        if arm is None or len(arm.arm) < 6:
+            return self.q_start
+        return refine_ik(arm, self.q_start, self.position, self.rotation)
+
     @property
     def pace(self) -> Array:
         """Factor by which the start asks the run to be slower than it could be. Shape (n,)."""
@@ -142,15 +160,24 @@ class PlanTask:
         """Least time of a move that loads or unloads the tool where it stands. [s]."""
         return PERIODS * self.smoothing
 
+    def see_position(self, position: Array) -> Array:
+        """Return positions of the loaded tip relative to the part frame as it was found. Shape (n, 3). [m]."""
+        return position if self.touched is None else self.touched.see_position(position)
+
+    def see_pose(self, pose: AttainedPose) -> AttainedPose:
+        """Return loaded poses relative to the part frame as it was found; unloaded ones are the controller's."""
+        if self.touched is None or self.touched.displacement is None:
+            return pose
+        seen = self.touched
+        return pose._replace(
+            position=seen.see_position(pose.position), rotation=seen.see_rotation(pose.rotation),
+            jacobian=seen.see_jacobian(pose.jacobian),
+        )  # fmt: skip
+
     @property
     def follows_feed(self) -> bool:
         """Tell whether the wrench depends on the feed that is driven."""
         return self.law is not None and self.law.follows_feed
-
-    @property
-    def coupled(self) -> bool:
-        """Tell whether the force answers to where the tool is."""
-        return self.law is not None and self.law.coupling is not None
 
     @property
     def q_links(self) -> Array:
@@ -245,7 +272,7 @@ def attain(task: PlanTask, q: Array) -> AttainedPose:
 
     """
     loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
-    return _add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded
+    return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
 
 
 def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: AttainedPose) -> AttainedPose:
@@ -274,6 +301,7 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
     task.theta[rows] = loaded.theta
     if task.robot.effects:
         loaded = _add_effects(task, q, rows, loaded)
+    loaded = task.see_pose(loaded)
     rapid = np.flatnonzero(~task.compensated[rows])
     if not len(rapid):
         return loaded

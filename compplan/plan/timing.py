@@ -213,14 +213,6 @@ def _time_run(
         if other[-1] > 1.1 * time[-1]:
             break
         time = min(time, other, key=lambda each: float(each[-1]))
-    if task.jerk_limits is None or len(along) < 3:
-        return time
-    limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
-    speed = time_cut(along, q, *limits, rows, slow=slow, gentle=_most_push(task, task.smoothing))[2]
-    for factor in (1.0, *WINDOWS):  # all of a run slower, where its jerk is alike all along
-        other = _smooth(task, along, speed, factor * task.smoothing).time
-        other = other * max(1.001 * float(_use_of(task, q, other, rows).max()), 1.0)
-        time = min(time, other, key=lambda each: float(each[-1]))
     return time
 
 

@@ -25,7 +25,7 @@ KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
 LISTED = 20
 MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
-TOUCH_OFF = "Find the part with the robot and say so: [part] touched_off = true."
+TOUCH_OFF = "Touch the part off with this robot and tool, and leave out [part] touched_off = false."
 LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
 #: The next step where a check disagrees with the plan or its files.
 SETTLE = (

@@ -15,14 +15,14 @@ import pinocchio as pin
 from compplan.job.job import Job
 from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
-from compplan.plan.evaluate import Evaluation, Margins
+from compplan.plan.evaluate import Evaluation, Margins, find_part
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, find_slowdown
 from compplan.plan.votes import Driven
 from compplan.robot import Array
-from compplan.simulation.cell import AS_MODELLED, Cell, build_cell, run_cell
-from compplan.simulation.inertia import average_loads, load_springs
+from compplan.simulation.cell import AS_MODELLED, Cell, build_cell, run_cell, touch_cell
+from compplan.simulation.inertia import average_loads, load_springs, stand_stiff
 from compplan.simulation.judge import Judge
 from compplan.simulation.reading import read_judge
 from compplan.simulation.vibration import build_dynamics
@@ -55,13 +55,16 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
-        return Bench(build_cell(task.robot), task.wrench, bias)
+        return Bench(find_part(task, build_cell(task.robot)), task.wrench, bias)
     tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
     if has_faded(task.robot):  # no file holds it
-        cell, moving = build_cell(task.robot), build_dynamics(task.robot).standing
+        cell, moving = find_part(task, build_cell(task.robot)), build_dynamics(task.robot).standing
     else:
         cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tool))
         moving = read_judge(Path(task.robot.folder), tool, moving=True)
+        if task.touched is not None:
+            believed = read_judge(Path(task.robot.folder), tool, geometry="controller.urdf")
+            cell = touch_cell(cell, task.touched.q, stand_stiff(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
     return Bench(cell, task.wrench, bias, Driven(task, q, timing.time, job, cell.judge, moving))
 
@@ -121,14 +124,12 @@ def find_breaches(
 def compare_models(task: PlanTask, q: Array, after: Evaluation) -> tuple[float, int]:
     """Compare where planner and judge place the loaded tip, at some waypoints of the cut.
 
-    Where the force asks where the tool is, both have found it by themselves and may differ: nothing is compared.
-
     Returns:
         Greatest distance [m] and its waypoint; 0 and 0 where nothing is compared.
 
     """
     rows = np.flatnonzero(after.cut)
-    if after.settled is not None or not len(rows):
+    if not len(rows):
         return 0.0, 0
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, COMPARED).astype(int))]
     apart = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)

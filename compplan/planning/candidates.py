@@ -126,7 +126,7 @@ def _choose_run(
     beside = None if preset == "fast" else first
 
     def promise(run: TimedStart) -> float:
-        """Return the band that the run may have at the time of the first: vibration falls with the square of the time."""
+        """Return the band at the time of the first run, where vibration falls with the square of the time. [m]"""
         ring = (run.band**2 - run.still**2) * (run.time / first.time) ** 4
         return float(np.sqrt(run.still**2 + max(ring, 0.0)))
 

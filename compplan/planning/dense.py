@@ -4,10 +4,10 @@ The program holds the path at its stations. Between them the joints follow from 
 
     q <- q - W^-1 A^T (A W^-1 A^T)^-1 F(q),    F the pose equations, A = dF/dq in the loaded equilibrium,
 
-Newton steps that move the joints least, for all waypoints at once. Where a waypoint leaves the joints a choice, what the
-program chose at the stations beyond that is interpolated along the path. A waypoint that leaves a limit becomes a
-station, and the program is solved again; where the limits leave no way, stations are released and miss their pose by as
-little as the limits allow.
+Newton steps that move the joints least, for all waypoints at once. Where a waypoint leaves the joints a choice, what
+the program chose at the stations beyond that is interpolated along the path. A waypoint that leaves a limit becomes a
+station, and the program is solved again; where the limits leave no way, stations are released and miss their pose by
+as little as the limits allow.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from scipy.interpolate import PchipInterpolator
 from compplan.plan.strategies.equations import differentiate_equations, pose_equations
 from compplan.plan.strategies.limits import AT_CORRECTION, measure_correction
 from compplan.plan.task import PlanTask, attain_rows
-from compplan.planning.costs import Departure, MissedPose
-from compplan.planning.limits import CorrectionLimit, JointRange, Limit, LoadedPose
+from compplan.plan.timing import cutting_runs
+from compplan.planning.costs import Cost, Departure, MissedPose, Time
+from compplan.planning.limits import CorrectionLimit, JointRange, Limit, LoadedPose, VelocityLimit
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.problem import Problem
 from compplan.robot import Array
@@ -125,24 +126,47 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
     if np.isfinite(task.max_correction):
         limits.append(CorrectionLimit(task.max_correction))
     free = released[stations]
+    costs: list[Cost] = [Departure(1e-3 * path.worth), MissedPose()] if free.any() else [Departure(path.worth)]
+    runs = _find_hurried(task, q, stations) if path.redundant and not free.any() else ()
+    if runs:
+        limits.append(VelocityLimit(task.velocity_limits))
+        costs.append(Time(1.0, float(task.step_time.sum())))
     shift, turn = None, None
     if robot.effects:
         bias = None if task.bias is None else task.bias[stations]
         plain = attain_pose(task.chain, q[stations], task.wrench[stations], slope=False, torque_bias=bias)
         loaded = task.compensated[stations]
-        shift = np.where(loaded[:, None], attained.position - plain.position, 0.0)
-        back = np.swapaxes(plain.rotation, 1, 2) @ attained.rotation
+        position, rotation = place_pose(task, stations, attained.position, attained.rotation)
+        shift = np.where(loaded[:, None], position - plain.position, 0.0)
+        back = np.swapaxes(plain.rotation, 1, 2) @ rotation
         turn = np.where(loaded[:, None, None], back, np.eye(3))
     length = np.r_[0.0, np.cumsum(task.step_time)]
+    position, rotation = place_pose(task, stations, task.position[stations], task.rotation[stations])
     return Problem(
-        chain=task.chain, joints=robot.joint_names, waypoint=stations, position=task.position[stations],
-        rotation=task.rotation[stations], wrench=task.wrench[stations], theta=task.theta[stations],
+        chain=task.chain, joints=robot.joint_names, waypoint=stations, position=position, rotation=rotation,
+        programmed=task.position[stations], wrench=task.wrench[stations], theta=task.theta[stations],
         bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],
         loaded=task.compensated[stations], q_start=task.q_start[stations], guess=q[stations], lower=lower, upper=upper,
         spin_free=path.spin_free, axis_free=path.axis_free, limits=tuple(limits), along=length[stations],
-        costs=(Departure(1e-3 * path.worth), MissedPose()) if free.any() else (Departure(path.worth),), shift=shift, turn=turn,
-        released=free if free.any() else None,
+        costs=tuple(costs), runs=runs, shift=shift, turn=turn, released=free if free.any() else None,
     )  # fmt: skip
+
+
+def place_pose(task: PlanTask, rows: NDArray[np.int_], position: Array, rotation: Array) -> tuple[Array, Array]:
+    """Return poses relative to the found part frame where the model has them: displaced where the tool is loaded.
+
+    Args:
+        task: The task; its part may have been found by touching.
+        rows: Waypoints. Shape (k,).
+        position: Tips. Shape (k, 3). [m]
+        rotation: Orientations. Shape (k, 3, 3).
+
+    """
+    if task.touched is None or task.touched.displacement is None:
+        return position, rotation
+    turn, loaded = task.touched.displacement[:3, :3], task.compensated[rows]
+    moved = position @ turn.T + task.touched.displacement[:3, 3]
+    return np.where(loaded[:, None], moved, position), np.where(loaded[:, None, None], turn @ rotation, rotation)
 
 
 def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
@@ -227,6 +251,22 @@ def miss_pose(task: PlanTask, q: Array, rows: NDArray[np.int_] | None = None) ->
 def size_of(rows: Array) -> Array:
     """Return the greatest entry of every row."""
     return np.asarray(np.abs(rows).max(axis=1))
+
+
+def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple[tuple[int, int], ...]:
+    """Return the runs, by their stations, of a path that is too fast for a joint at the programmed feed; none if not.
+
+    A posture that was shaped together with the speed keeps both.
+    """
+    if task.start is not None and task.start.bettered is not None:
+        return ()
+    rate = np.abs(np.diff(q, axis=0)) / np.maximum(task.step_time, 1e-9)[:, None]
+    cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)
+    if not (rate[cut] > task.velocity_limits).any():
+        return ()
+    ends = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    places = [tuple(np.searchsorted(stations, [a, b]).tolist()) for a, b in ends if np.isin([a, b], stations).all()]
+    return tuple((a, b) for a, b in places if b - a >= 2 and task.cut[stations[a : b + 1]].all())
 
 
 def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:

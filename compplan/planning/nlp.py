@@ -281,9 +281,9 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     speed = {name: ca.SX.sym(name, size) for name, size in names}
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     band = ca.SX.sym("band", 1 if problem.counts_band else 0)
-    fields = [("position", 3), ("rotation", 9), ("wrench", 6), ("bias", chain.n_springs), ("theta", chain.n_springs),
-              ("loaded", 1), ("q_start", nq), ("step", 1), ("pace", 1),
-              ("shift", 3)]  # fmt: skip
+    n = chain.n_springs
+    fields = [("position", 3), ("programmed", 3), ("rotation", 9), ("wrench", 6), ("bias", n), ("theta", n),
+              ("loaded", 1), ("q_start", nq), ("step", 1), ("pace", 1), ("shift", 3)]  # fmt: skip
     fields += [("turn", 9)] if problem.turn is not None else []
     fields += [(limit.name, limit.numbers.shape[1]) for limit in problem.limits if limit.numbers is not None]
     data = {name: ca.SX.sym(name, size) for name, size in fields}
@@ -303,7 +303,7 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
         q=q, q_next=ahead, departure=q - data["q_start"], rate=speed.get("rate", none),
         change=speed.get("change", none), square=speed.get("square", none), square_next=speed.get("square_next", none),
         push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band, slack=slack, excess=excess,
-        missed=ca.vertcat(*missed), position=position, rotation=rotation, wanted=data["position"],
+        missed=ca.vertcat(*missed), position=position, rotation=rotation, programmed=data["programmed"],
         deflection=deflection, wrench=data["wrench"], frames=locate_symbolic(chain, q),
         numbers={limit.name: data[limit.name] for limit in problem.limits if limit.numbers is not None},
     )  # fmt: skip
@@ -313,7 +313,8 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
 def _pack(problem: Problem) -> Array:
     """Put the numbers of every station side by side, in the order of `_state_station`. Shape (k, c)."""
     k = len(problem)
-    parts = [problem.position, _flat(problem.rotation), problem.wrench, problem.bias, problem.theta,
+    programmed = problem.position if problem.programmed is None else problem.programmed
+    parts = [problem.position, programmed, _flat(problem.rotation), problem.wrench, problem.bias, problem.theta,
              problem.loaded[:, None], problem.q_start, problem.steps[:, None],
              np.divide(1.0, problem.steps, where=problem.steps > 0.0, out=np.zeros(k))[:, None],
              np.zeros((k, 3)) if problem.shift is None else problem.shift]  # fmt: skip

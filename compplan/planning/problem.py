@@ -48,6 +48,7 @@ class Problem:
         shift: What the model leaves out of the loaded tip at `guess`, None for nothing. Shape (k, 3). [m]
         turn: The same of its orientation, to be multiplied from the right. Shape (k, 3, 3).
         released: Stations whose pose may be missed at a price, None for none. Shape (k,).
+        programmed: Tip that the correction is counted from, `position` if left out. Shape (k, 3). [m]
         speed: Share of the programmed feed at which the solver begins. Shape (k,) or one number.
 
     """
@@ -74,6 +75,7 @@ class Problem:
     shift: Array | None = None
     turn: Array | None = None
     released: NDArray[np.bool_] | None = None
+    programmed: Array | None = None
     speed: Array | float = 0.5
 
     def __len__(self) -> int:
@@ -151,7 +153,7 @@ class Station:
         missed: Missed pose in the wanted frame: tip (3) [m], tool axis (2), spin (1) [rad]. Shape (rows).
         position: Tip, loaded where the station is. Shape (3). [m]
         rotation: Orientation of the TCP frame. Shape (3, 3).
-        wanted: Wanted tip. Shape (3). [m]
+        programmed: Tip that the correction is counted from. Shape (3). [m]
         deflection: Elastic coordinates. Shape (s). [rad or m]
         wrench: Wrench on the tool. Shape (6). [N, N m]
         frames: Frames of the unloaded arm.
@@ -175,7 +177,7 @@ class Station:
     missed: ca.SX
     position: ca.SX
     rotation: ca.SX
-    wanted: ca.SX
+    programmed: ca.SX
     deflection: ca.SX
     wrench: ca.SX
     frames: SymbolicFrames

@@ -20,6 +20,7 @@ from compplan.plan.run_meter import RunMeter, spread_tip
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
 from compplan.planning.costs import Band, Cost, Smoothness, Time, Travel
+from compplan.planning.dense import place_pose
 from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, Limit, LoadedPose, VelocityLimit
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.problem import Problem
@@ -155,8 +156,9 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
     if band is not None:
         limits.append(replace(band, most=prices.most_band))
         costs.append(Band(max(prices.band, 1e-3), k))
+    position, frame = place_pose(task, rows, task.position[rows], free.frame)
     return Problem(
-        chain=task.chain, joints=robot.joint_names, waypoint=rows, position=task.position[rows], rotation=free.frame,
+        chain=task.chain, joints=robot.joint_names, waypoint=rows, position=position, rotation=frame,
         wrench=task.wrench[rows], bias=bias, theta=attained.theta if attained.theta is not None else bias,
         loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],
         lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
@@ -233,7 +235,7 @@ def _follow(
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
     place, every = task.origin[free.rows], np.arange(len(nominal))
-    loaded = attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False)
+    loaded = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False))
     spin, lead, lean = _read_angles(task, stance, asked, free, loaded.rotation)
     local = (np.swapaxes(free.frame, 1, 2) @ (loaded.position - task.position[free.rows])[..., None])[..., 0]
     held = solution.q[:, arm.held] - task.q_start[np.ix_(free.rows, arm.held)]

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.posture.chatter import ChatterPrice, count_chatter, price_chatter
 from compplan.posture.costs import Weights, choose_weights
 from compplan.posture.finished import Meter, RobotMeasure, choose_finished, find_meter, measure_stance
 from compplan.posture.lattice import (
@@ -68,7 +67,6 @@ class Task:
         axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
         settings: What may vary and what it is chosen for.
         margin: By how much postures keep clear, or None.
-        chatter: How far cuts are beyond the limit of chatter, or None.
         meter: Measures finished postures as their preset is meant, or None.
 
     """
@@ -81,13 +79,12 @@ class Task:
     axes: Array
     settings: PostureSettings
     margin: Margin | None = None
-    chatter: ChatterPrice | None = None
     meter: Meter | None = None
 
 
 def choose_stance(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
-    axes: Array | None = None, margin: Margin | None = None, chatter: ChatterPrice | None = None,
+    axes: Array | None = None, margin: Margin | None = None,
     measures: Mapping[str, RobotMeasure] | None = None,
 ) -> Stance:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
@@ -100,7 +97,6 @@ def choose_stance(
         axes: Axes in whose components the wrench errs, as columns in base axes (the part's); base axes if left out.
             Shape (3, 3).
         margin: Tells by how much postures keep clear; what does not leaves the graph.
-        chatter: Tells how far cuts are beyond the limit of chatter; those cost more.
         measures: How costs of finished postures are worked out, for presets that compare those; the graph alone
             chooses if left out.
 
@@ -112,7 +108,7 @@ def choose_stance(
     meter = None if settings.weights else find_meter(robot, settings.preset, measures or {})
     task = Task(
         robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
-        np.eye(3) if axes is None else axes, settings, margin, chatter, meter,
+        np.eye(3) if axes is None else axes, settings, margin, meter,
     )  # fmt: skip
     if meter is None:
         stance = _choose_line(task)
@@ -122,7 +118,7 @@ def choose_stance(
             settings.preset, meter,
         )  # fmt: skip
     stance = _prefer_still(task, stance)
-    return replace(stance, chatter=count_chatter(chatter, stance.q))
+    return stance
 
 
 def _choose_line(task: Task) -> Stance:
@@ -242,9 +238,6 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
                         ("dexterity_min", settings.singularity_margin)):
         if costs[name] < min(asked, chosen[name]):
             return stance
-    chatters = [count_chatter(task.chatter, q) for q in (still.q, stance.q)]
-    if chatters[0] is not None and chatters[1] is not None and chatters[0].at > chatters[1].at:
-        return stance
     counts = stance.weights.travel > 0
     ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
     gained = ours < GAINS[settings.preset] * theirs
@@ -283,10 +276,9 @@ def _trace(task: Task, stations: NDArray[np.int_], options: Options, line: Line,
 
 
 def _fill(task: Task, stations: NDArray[np.int_], options: Options) -> Lattice:
-    lattice = fill_lattice(
+    return fill_lattice(
         task.chain, task.arm, task.nominal, task.tool_x, stations, options, task.settings, axes=task.axes
     )
-    return price_chatter(task.chatter, lattice)
 
 
 def _search_clear(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) -> tuple[Lattice, Line]:

@@ -76,8 +76,6 @@ class Weights:
         motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
         time: Per second of motion.
         rate: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
-        stability: Per unit of how far the cut lies beyond the limit of chatter (depth by limit - 1), mean over the cut;
-            where `[stability] avoid` asks for it.
         travel: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
 
     """
@@ -90,7 +88,6 @@ class Weights:
     motion: float = 0.0
     time: float = 0.0
     rate: float = 0.0
-    stability: float = 0.0
     travel: float = 1.0
 
 
@@ -98,15 +95,15 @@ class Weights:
 #: between equals. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least
 #: squared sensitivity that any posture along the path has, so that a preset means the same for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
-    "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, stability=10.0,
+    "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0,
                         travel=0.0),
-    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0, stability=10.0),
+    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
     "smooth": Weights(sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0,
-                      stability=10.0, travel=0.0),
+                      travel=0.0),
     "fast": Weights(sensitivity=0.01, limits=0.01, dexterity=0.002, singularity=10.0, motion=0.02, time=10.0,
-                    rate=1000.0, stability=10.0, travel=0.0),
+                    rate=1000.0, travel=0.0),
 }
-RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate", "stability")
+RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
 
 class NodeCosts(NamedTuple):

@@ -70,7 +70,6 @@ class Lattice:
         dexterity: Shape (k, g, b).
         reason: Index into `REASONS`. Shape (k, g, b).
         singularity_margin: Inverse condition number below which a posture counts as singular.
-        chatter: How far the cut is beyond the limit of chatter, as a share; None where that is not asked for.
             Shape (k, g, b).
 
     """
@@ -84,7 +83,6 @@ class Lattice:
     dexterity: Array
     reason: NDArray[np.int8]
     singularity_margin: float
-    chatter: Array | None = None
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -19,7 +19,6 @@ from compplan.errors import InfeasibleError, InputError
 from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
-from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import measure_margin
 from compplan.posture.costs import ErrorModel, measure_nodes
@@ -36,8 +35,6 @@ from compplan.toolpath.toolpath import Toolpath
 if TYPE_CHECKING:
     from compplan.posture.collision_scene import CollisionScene
 
-#: Prices the chatter of the path at a place, see `compplan.plan.chatter.price_places`.
-PriceAt = Callable[[Toolpath], ChatterPrice | None]
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
 #: Places that may be rated, and postures that are solved at once.
@@ -97,7 +94,6 @@ class PlaceResult:
 
 def place_part(
     job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None,
-    chatter: PriceAt = lambda nominal: None,
 ) -> PlaceResult:  # fmt: skip
     """Search the place of the part.
 
@@ -106,7 +102,6 @@ def place_part(
         robot: The robot with its tool.
         announce: Is told what is being done.
         errors: What the preset "promise" counts.
-        chatter: What postures pay for chatter; of the places that are tried, one without it goes before one with it.
 
     Raises:
         InputError: If the table [place] asks for too many places.
@@ -136,7 +131,7 @@ def place_part(
     announce("place: refine, and search postures at the best places")
     candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
-    trial = Trial(job, robot, errors, chatter)
+    trial = Trial(job, robot, errors)
     stance, position, turn = _decide(trial, candidates)
     before = trial.stance_at(here, 0.0)
     if before is not None and _rank(before) <= _rank(stance):
@@ -167,7 +162,6 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             "expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]
         },
         "ratio": None if before is None else result.ratio,
-        **_describe_chatter(result),
         **result.stance.describe_errors(),
         "grids": [
             {
@@ -179,14 +173,6 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
             for rating in result.ratings
         ],
     }  # fmt: skip
-
-
-def _describe_chatter(result: PlaceResult) -> dict[str, Any]:
-    there, before = result.stance.chatter, result.before
-    if there is None:
-        return {}
-    here = before.chatter._asdict() if before is not None and before.chatter is not None else None
-    return {"chatter": there._asdict(), "chatter_here": here}
 
 
 class Rater:
@@ -312,7 +298,6 @@ class Trial:
     job: Job
     robot: Robot
     errors: ErrorModel | None
-    chatter: PriceAt
 
     def stance_at(self, place: Array, turn: float) -> Stance | None:
         """Search the posture with the part at a place; None where nothing leads along the path."""
@@ -327,16 +312,15 @@ class Trial:
         try:
             return choose_stance(
                 self.robot, nominal, moved.tool_x_base, request.settings, axes=request.axes,
-                margin=None if scene is None else margin, chatter=self.chatter(nominal),
+                margin=None if scene is None else margin,
             )  # fmt: skip
         except InfeasibleError:
             return None
 
 
-def _rank(stance: Stance) -> tuple[float, float]:
-    """Return what places are compared by: the share of the cut that chatters, then the remaining deviation [mm]."""
-    found = stance.chatter
-    return found.at / max(found.of, 1) if found else 0.0, stance.costs["sensitivity_rms_mm"]
+def _rank(stance: Stance) -> float:
+    """Return what places are compared by: the remaining deviation [mm]."""
+    return stance.costs["sensitivity_rms_mm"]
 
 
 def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple[Stance, Array, float]:
@@ -346,7 +330,7 @@ def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple
     for bound, place, turn in candidates:
         if any(np.linalg.norm(place - p) < 0.4e-3 * trial.job.place.step_mm and turn == t for p, t in tried):
             continue
-        if best is not None and (len(tried) >= TRIED or (0.0, 1e3 * bound) >= _rank(best[0])):
+        if best is not None and (len(tried) >= TRIED or 1e3 * bound >= _rank(best[0])):
             break
         if len(tried) >= 5 * TRIED:
             break

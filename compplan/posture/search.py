@@ -5,7 +5,7 @@ The cost of a way is a sum over its nodes and edges:
     sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
         + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i + w_e p_i),
 
-k the inverse condition number, c how far the cut is beyond the limit of chatter (where that is asked for), omega the
+k the inverse condition number, c omega the
 share of the cut (for the first two and the last) or of the path, dsigma the share of the
 path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
 joint takes, r the share of the programmed time by which it is too short for joints at half their rates, and p what the
@@ -131,8 +131,6 @@ def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
     if weights.singularity > 0:
         short = lattice.singularity_margin / np.maximum(lattice.dexterity, 1e-3) - 1.0
         cost = cost + path * weights.singularity * np.maximum(short, 0.0) ** 2
-    if lattice.chatter is not None:
-        cost = cost + cut * weights.stability * lattice.chatter
     return np.where(lattice.usable, np.nan_to_num(cost, nan=np.inf), np.inf)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError, InputError
-from compplan.posture.chatter import ChatterPrice
 from compplan.posture.choose import choose_stance
 from compplan.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
 from compplan.posture.collision_scene import CollisionScene, load_scene
@@ -49,7 +48,6 @@ class PostureRequest:
         axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
         scene: What may touch what, or None.
         wanted: Clearance that is asked for. [m]
-        chatter: What a posture pays for chatter, or None.
         measures: How costs of finished postures are worked out, by their names.
 
     """
@@ -58,7 +56,6 @@ class PostureRequest:
     axes: Array
     scene: CollisionScene | None = None
     wanted: float = 0.0
-    chatter: ChatterPrice | None = None
     measures: Mapping[str, RobotMeasure] = field(default_factory=dict)
 
 
@@ -284,10 +281,6 @@ def stand(stance: Stance, nominal: Toolpath, request: PostureRequest) -> Start:
     )
     if told := describe_finished(stance):
         words += (told,)
-    if stance.chatter is not None:
-        found = stance.chatter
-        words += (f"The posture is chosen with regard to chatter: the cut chatters at {found.at} of {found.of} "
-                  f"waypoints that were looked at ({found.source}).",)  # fmt: skip
     return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words,
                  upright=nominal.axis if leaning else None)  # fmt: skip
 
@@ -311,7 +304,7 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
 def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest) -> Stance:
     return choose_stance(
         robot, nominal, tool_x, request.settings, axes=request.axes, margin=_state_margin(request),
-        chatter=request.chatter, measures=request.measures,
+        measures=request.measures,
     )  # fmt: skip
 
 

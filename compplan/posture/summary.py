@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.posture.chatter import ChatterCount
 from compplan.posture.costs import Weights, draw_errors, error_columns, measure_nodes
 from compplan.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
 from compplan.posture.motion import measure_inertia_error, measure_travel_error
@@ -75,7 +74,6 @@ class Stance:
         keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
         plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
         instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
-        chatter: Where its cut chatters; None where that was not asked for.
         compared: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
         compared_by: The cost that they were compared by, such as "driven_s".
 
@@ -96,7 +94,6 @@ class Stance:
     keeps_margin: bool = True
     plain: dict[str, float] | None = None
     instead_of: dict[str, float] | None = None
-    chatter: ChatterCount | None = None
     compared: Mapping[str, float] = field(default_factory=dict)
     compared_by: str = ""
 
@@ -129,7 +126,6 @@ class Stance:
                 "source": self.settings.motion.source,
             },
             "costs": dict(self.costs),
-            **({} if self.chatter is None else {"chatter": self.chatter._asdict()}),
             **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
             **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
             "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,

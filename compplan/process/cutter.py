@@ -84,6 +84,17 @@ class Cutter:
             knots = np.vstack([knots, np.column_stack([np.full(self.pieces, self.radius), up])])
         return Slices(knots)
 
+    @cached_property
+    def rounded(self) -> NDArray[np.bool_]:
+        """Slices of the corner. Shape (k,)."""
+        edge = self.slices
+        return np.asarray((edge.normal[:, 1] < -1e-9) & (edge.normal[:, 0] > 1e-9) & (self.corner > 0.0))
+
+    @cached_property
+    def lower(self) -> NDArray[np.bool_]:
+        """Slices of bottom and corner of a mill, none of a drill. Shape (k,)."""
+        return np.asarray((self.slices.normal[:, 1] < -1e-9) & (self.point >= np.pi))
+
     def edge_point(self, number: NDArray[np.int_], share: Array) -> tuple[Array, Array]:
         """Return where the edge stands within slices: distance from the axis and height above the tip.
 
@@ -100,10 +111,9 @@ class Cutter:
         height = knots[number, 1] + share * (knots[number + 1, 1] - knots[number, 1])
         if self.corner > 0.0:  # chords of the corner lie inside it
             turn = np.arccos(np.clip(1.0 - knots[:, 1] / self.corner, 0.0, 1.0))
-            bent = np.diff(turn) > 0.0
             angle = turn[number] + share * (turn[number + 1] - turn[number])
-            rho = np.where(bent[number], self.radius - self.corner + self.corner * np.sin(angle), rho)
-            height = np.where(bent[number], self.corner * (1.0 - np.cos(angle)), height)
+            rho = np.where(self.rounded[number], self.radius - self.corner + self.corner * np.sin(angle), rho)
+            height = np.where(self.rounded[number], self.corner * (1.0 - np.cos(angle)), height)
         return rho, height
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
-from compplan.io.notes import Crash
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
 from compplan.process.blank import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
-from compplan.process.finished import PartCheck, PartMeshTable, check_part
-from compplan.process.look import Above, Crashes
 from compplan.process.materials import MATERIALS, Coefficients
 from compplan.process.meeting import find_engagement
 from compplan.process.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
@@ -37,7 +34,6 @@ SMOOTH = 1e-6
 FEED_PER_TOOTH = (1e-5, 3.0)
 
 Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
-Point2 = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class CoefficientTable(StrictTable):
@@ -83,8 +79,6 @@ class CuttingTable(ForceTable):
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
-    holder_mm: Annotated[tuple[Point2, ...], Field(strict=False, min_length=1, max_length=50)] | None = None
-    part: PartMeshTable | None = None
 
     @field_validator("material")
     @classmethod
@@ -101,10 +95,6 @@ class CuttingTable(ForceTable):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
         if self.stock is not None and self.stock_top_mm is not None:
             raise ValueError("stock_top_mm and stock both say where the stock ends, choose one")
-        if self.holder_mm is not None:
-            profile = np.array(self.holder_mm)
-            if profile.min() <= 0.0 or (np.diff(profile[:, 0]) < 0.0).any():
-                raise ValueError("holder_mm needs [height above the tip, diameter] above 0, from the nose upwards")
         return self
 
     @property
@@ -124,15 +114,6 @@ class CuttingTable(ForceTable):
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""
         raise NotImplementedError
-
-    def shank(self, cutter: Cutter) -> float | None:
-        """Return the height above the tip from which on the tool has no edges, None where that is not looked at. [m]"""
-        return None
-
-    def above(self, cutter: Cutter) -> Above:
-        """Return what of the tool stands above its edges."""
-        holder = None if self.holder_mm is None else 1e-3 * np.array(self.holder_mm) * [1.0, 0.5]
-        return Above(self.shank(cutter), holder)
 
     def shape(self, found: Engagement) -> MillingShape:
         """Return what each coefficient contributes to the mean wrench, from the engagement."""
@@ -179,7 +160,6 @@ class CuttingForce:
         engagement: What the cutter touches.
         shape: What each coefficient contributes.
         notes: What a user should know.
-        part: The finished part beside the path, where the job names one.
 
     """
 
@@ -190,7 +170,6 @@ class CuttingForce:
     engagement: Engagement
     shape: MillingShape
     notes: tuple[str, ...]
-    part: PartCheck | None = None
 
     def wrench(self, nominal: Toolpath) -> Array:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
@@ -200,18 +179,6 @@ class CuttingForce:
         per_tooth = self.process.spindle().feed_per_tooth(nominal.feed)
         wrench = MillingShape(shape[:, :3], shape[:, 3:6], shape[:, 6:]).wrench(self.process.resistance, per_tooth)
         return np.asarray(wrench * ~nominal.rapid[:, None])
-
-    def shift(self, away: Array) -> CuttingForce:
-        """Return the force of a tool that is off its path, having cut what a tool that is so far off cuts.
-
-        Args:
-            away: Tip minus path, part frame. Shape (r, 3). [m]
-
-        """
-        place = self.bench.position + away @ self.bench.R_view
-        bench = self.bench
-        found, _ = find_engagement(bench.cutter, place, ~self.rapid, bench.stock, bench.position, bench.axis)
-        return replace(self, engagement=found, shape=self.process.shape(found))
 
     def leave(self) -> Any:
         """Return what is left of the stock as a closed mesh, part frame [m], see `triangulate_stock`."""
@@ -275,7 +242,7 @@ def prepare_cutting(
                    "axis; give the stock that is cut")  # fmt: skip
         raise InputError(message, file=job, where="process.diameter_mm")
     stock = take_away(stock, [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before])
-    found, crashes = find_engagement(cutter, position, cutting, stock, axis=axes, above=process.above(cutter))
+    found = find_engagement(cutter, position, cutting, stock, axis=axes)
     if before and not found.touches.any():
         notes.append("This tool meets no stock: those before it left none on its path.")
     elif not found.touches.any():
@@ -286,13 +253,9 @@ def prepare_cutting(
                    "(part frame)")  # fmt: skip
         raise InputError(message, file=job, where="process.stock")
     notes += _describe_lean(axes[cutting]) + _describe_cut(process, toolpath, found, job)
-    part = None
-    if process.part is not None:
-        part = check_part(process.part, cutter, position, axes, cutting, R_view, job)
-    notes += _describe_crashes(process, crashes, part)
     shape = process.shape(found)
     bench = CuttingBench(cutter, stock, position, R_view, axes)
-    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes), part)
+    return CuttingForce(process, bench, toolpath.arc_length, toolpath.rapid, found, shape, tuple(notes))
 
 
 def _describe_lean(axes: Array) -> list[str]:
@@ -325,24 +288,6 @@ def _describe_cut(
     notes += process.describe(found, ~toolpath.rapid)
     notes += process.ask_another(float(chip.max())) if len(chip) else []
     return notes
-
-
-def _describe_crashes(process: CuttingTable, crashes: Crashes, part: PartCheck | None) -> list[Crash]:
-    """Say where the tool meets what it must not: the machine must not start."""
-    whence = "process.flute_mm" if process.flute_mm is not None else "assumed, give process.flute_mm"
-    gouges = np.zeros(0, dtype=bool) if part is None else part.gouges
-    deepest = 0.0 if part is None or not gouges.any() else float(-1e3 * np.nanmin(part.clearance))
-    said = (
-        (crashes.rapid, "Rapid moves go through the stock ({count} of them), the first ends at waypoint {first}: a "
-                        "crash; they carry no force here."),
-        (crashes.shank, f"The cut is deeper than the flute ({whence}) at {{count}} waypoints, the first {{first}}: the "
-                        "shank runs into the stock; it carries no force here."),
-        (crashes.holder, "The tool's holder (process.holder_mm) runs into the stock at {count} waypoints, the first "
-                         "{first}: a crash."),
-        (gouges, f"The cutter goes up to {deepest:.3g} mm into the finished part (process.part) at {{count}} "
-                 "waypoints, the first {first}: a gouge."),
-    )  # fmt: skip
-    return [Crash(words.format(count=at.sum(), first=int(np.argmax(at)))) for at, words in said if at.any()]
 
 
 def _place(position: Array) -> str:

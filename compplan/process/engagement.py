@@ -61,6 +61,34 @@ class Engagement:
         turning = None if self.turning is None else self.turning[rows]
         return outward_speed(self.cutter.slices, self.travel[rows], angle, turning)
 
+    def engaged_speed(self, angle: Array, rows: NDArray[np.int_] | slice) -> tuple[Array, Array]:
+        """Return how fast the engaged part of each slice moves outwards, and how that changes across a bin.
+
+        The angles are those of the bins; the change is computed for the lower surface of a mill. A slice that is
+        engaged in part is so from where it begins to move outwards, or from its end beside the neighbour that is
+        engaged more. Shapes (n, k, m).
+        """
+        speed = np.maximum(self.speed(angle, rows), 0.0)
+        step = np.ones(speed.shape)
+        lower = self.cutter.lower
+        if not lower.any():
+            return speed, step
+        turning = None if self.turning is None else self.turning[rows]
+        low, high = lower_speed(self.cutter, self.travel[rows], angle, turning)
+        begin, end = outward_span(low, high)
+        depth = self.depth[rows]
+        around = np.pad(depth, ((0, 0), (1, 1), (0, 0)))
+        below, above = around[:, :-2][:, lower], around[:, 2:][:, lower]
+        share = depth[:, lower]
+        from_end, from_begin = above > below, (above < below) | (above == 0.0)
+        middle = np.where(from_end, end - 0.5 * share, np.where(from_begin, begin + 0.5 * share, 0.5 * (begin + end)))
+        speed[:, lower] = np.maximum(low + (high - low) * np.clip(middle, begin, end), 0.0)
+        around_axis = 0.25 * (np.roll(low + high, -1, axis=2) - np.roll(low + high, 1, axis=2))
+        crosses = low < -1e-9  # the speed is zero in the slice or the next one below it
+        crosses[:, 1:] |= crosses[:, :-1].copy()
+        step[:, lower] = np.where(crosses, np.abs(high - low), 0.0) + np.abs(around_axis)
+        return speed, step
+
     def bend(self, angle: Array, rows: NDArray[np.int_] | slice = slice(None)) -> Array:
         """Return the curvature of a corner's surface along the travel, times its share along the surface squared.
 
@@ -68,7 +96,7 @@ class Engagement:
         """
         edge, travel = self.cutter.slices, self.travel[rows]
         bent = np.zeros((len(travel), len(edge), len(angle)))
-        rounded = (edge.normal[:, 1] < -1e-9) & (edge.normal[:, 0] > 1e-9) & (self.cutter.corner > 0.0)
+        rounded = self.cutter.rounded
         if not rounded.any():
             return bent
         out, up = edge.normal[rounded, :1], edge.normal[rounded, 1:]
@@ -107,7 +135,8 @@ class Engagement:
         parts = [np.zeros(0)]
         for first in range(0, len(self), ROWS):
             rows = slice(first, first + ROWS)
-            parts.append(turn * np.einsum("nkm,nkm,k->n", self.depth[rows], self.outward(self.angles, rows), area))
+            speed = self.engaged_speed(self.angles, rows)[0]
+            parts.append(turn * np.einsum("nkm,nkm,k->n", self.depth[rows], speed, area))
         return np.concatenate(parts)
 
     @cached_property
@@ -175,10 +204,43 @@ def outward_speed(edge: Slices, travel: Array, angle: Array, turning: Array | No
         Shape (n, k, m).
 
     """
-    out, up = edge.normal[:, :1], edge.normal[:, 1:]
+    middle = np.column_stack([edge.radius, edge.low + 0.5 * edge.rise])
+    return surface_speed(edge.normal, middle, travel, angle, turning)
+
+
+def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turning: Array | None) -> Array:
+    """Return how fast points of the surface move outwards, as a share of the feed, see `outward_speed`.
+
+    Args:
+        normal: Outward normal: away from the axis, along it. Shape (k, 2).
+        place: Distance from the axis and height above the tip. Shape (k, 2). [m]
+        travel: Direction of travel: across the axis, along it. Shape (n, 2).
+        angle: Angle from the travel. Shape (m,). [rad]
+        turning: How the axis turns along the travel and to its left. Shape (n, 2). [rad/m]
+
+    Returns:
+        Shape (n, k, m).
+
+    """
+    out, up = normal[:, :1], normal[:, 1:]
     speed = travel[:, 0, None, None] * (out * np.cos(angle)) + travel[:, 1, None, None] * up
     if turning is not None:
-        lever = out * (edge.low + 0.5 * edge.rise)[:, None] - up * edge.radius[:, None]
+        lever = out * place[:, 1:] - up * place[:, :1]
         for way, side in zip(turning.T, (np.cos(angle), np.sin(angle)), strict=True):
             speed = speed + way[:, None, None] * (lever * side)
     return np.asarray(speed)
+
+
+def lower_speed(cutter: Cutter, travel: Array, angle: Array, turning: Array | None) -> tuple[Array, Array]:
+    """Return how fast both ends of each slice of the lower surface move outwards. Shapes (n, c, m)."""
+    knots = cutter.slices.knots[np.append(cutter.lower, False) | np.append(False, cutter.lower)]
+    turn = np.arccos(np.clip(1.0 - knots[:, 1] / max(cutter.corner, 1e-12), 0.0, 1.0))
+    normal = np.column_stack([np.sin(turn), -np.cos(turn)])
+    speed = surface_speed(normal, knots, travel, angle, turning)
+    return speed[:, :-1], speed[:, 1:]
+
+
+def outward_span(low: Array, high: Array) -> tuple[Array, Array]:
+    """Return between which shares of its length a slice moves outwards, from the speeds of its ends."""
+    zero = np.clip(low / np.where(low == high, 1.0, low - high), 0.0, 1.0)
+    return np.where(low > 0.0, 0.0, np.where(high > 0.0, zero, 0.0)), np.where(high > 0.0, 1.0, zero * (low > 0.0))

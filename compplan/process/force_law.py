@@ -14,7 +14,6 @@ from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.force_models.milling import MillingProcess
 from compplan.process.process import Process, predict_wrench
-from compplan.process.process_stiffness import ProcessStiffness
 from compplan.toolpath.contact import PathForceTable
 from compplan.toolpath.toolpath import Toolpath
 
@@ -39,7 +38,6 @@ class ForceLaw:
         stock_top: Height of the stock's top in the part frame, None where none is known. [m]
         note: What a user should know of it.
         cutting: The engagement of the path, for cutters that follow from it.
-        coupling: How the force answers to where the tool is, None where it acts as if the tool stood on its path.
         learned: What measured parts said of the force, or None.
 
     """
@@ -52,7 +50,6 @@ class ForceLaw:
     stock_top: float | None = None
     note: str = ""
     cutting: CuttingForce | None = None
-    coupling: ProcessStiffness | None = None
     learned: LearnedForce | None = None
 
     @property
@@ -106,32 +103,6 @@ class ForceLaw:
             share = np.clip((self.stock_top - height) / (self.process.depth_mm * 1e-3), 0.0, 1.0)
             wrench = np.asarray(wrench * share[:, None])
         return wrench if self.learned is None else self.learned.push(wrench, self.T_base_part[:3, :3])
-
-    def respond(self, nominal: Toolpath, wrench: Array, stiffness: Array, away: Array) -> Array:
-        """Return by how much the wrench changes where the tool is off its path.
-
-        A cutter's engagement is worked out again for the tool as it went; a given stiffness answers in proportion.
-
-        Args:
-            nominal: The path, base frame, with the feed that is driven.
-            wrench: The wrench on the tool that stands on it. Shape (n, 6). [N, N m]
-            stiffness: That of `coupling` there. Shape (n, 3, 3). [N/m]
-            away: Tip minus path, base axes. Shape (n, 3). [m]
-
-        Returns:
-            Base axes. Shape (n, 6). [N, N m]
-
-        """
-        change = np.zeros_like(wrench)
-        if np.abs(away[~nominal.rapid]).max(initial=0.0) < ON_PATH:
-            return change
-        moved = None if self.coupling is None else self.coupling.displace(nominal, away)
-        if moved is None:
-            change[:, :3] = -np.einsum("nij,nj->ni", stiffness, away)
-            return change
-        acts = np.abs(wrench[:, :3]).max(axis=1) > 0.0
-        change[acts] = (replace(self, cutting=moved).predict(nominal) - self.predict(nominal))[acts]
-        return change
 
 
 def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:

@@ -17,17 +17,23 @@ from numpy.typing import NDArray
 from compplan.io.tables import Array
 from compplan.process.blank import UPRIGHT
 from compplan.process.cutter import Cutter
-from compplan.process.engagement import Engagement, middle_angles
-from compplan.process.look import Above, Crashes, Look
+from compplan.process.edge import SLIDES, EdgeSolver
+from compplan.process.engagement import Engagement, lower_speed, middle_angles, outward_span
 from compplan.process.stock import StockColumns
 from compplan.process.wake import NOTHING, build_wake, lowest_reach
 from compplan.toolpath.contact import last_set
 
-#: Angles round the axis, a multiple of 4, of a flat cutter and of others; moves that are looked at together.
-ANGLES, EDGE_ANGLES = 48, 32
+#: Angles round the axis, a multiple of 4. The force of a bin acts at its middle, so that one at the end of an arc, half
+#: engaged, turns by a quarter of a bin, 1.9 degrees: 3 % of a bin's force.
+ANGLES = 48
+#: Moves that are computed together, of flat cutters and of others.
 CHUNK, EDGE_CHUNK = 16, 48
-#: Halvings that find the end of an arc, and the end of what is engaged of a slice.
-BISECTIONS, EDGE_BISECTIONS = 9, 5
+#: Halvings that find the end of an arc, of flat cutters and of others.
+BISECTIONS, ARC_HALVINGS = 9, 5
+#: Greatest error of where the engaged part of a slice ends, in radii; its halvings follow from the longest slice.
+END_ERROR = 2e-3
+#: Angles within a bin of a lower surface that is engaged in part.
+STRIPS = 2
 #: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
 #: takes off a floor is no part of the cut at a wall.
 THIN = 0.25
@@ -37,8 +43,6 @@ STRAIGHT = 1.0 - 1e-12
 SAME_WAY = float(np.radians(15.0))
 #: Slices of a side that is looked at by points, in radii, and how many at most.
 SIDE_SLICE, MOST_SIDE_SLICES = 0.25, 24
-#: A tool of which nothing but its edges is looked at.
-BARE = Above()
 
 
 def find_engagement(
@@ -46,10 +50,8 @@ def find_engagement(
     position: Array,
     cutting: NDArray[np.bool_],
     stock: StockColumns,
-    meant: Array | None = None,
     axis: Array | None = None,
-    above: Above = BARE,
-) -> tuple[Engagement, Crashes]:
+) -> Engagement:
     """Find the engagement at every waypoint of a path that cuts its way through stock.
 
     Args:
@@ -57,50 +59,40 @@ def find_engagement(
         position: Tips; the third axis of the frame is that of the stock's columns. Shape (n, 3). [m]
         cutting: Whether the move that ends here removes material (rapid moves do not). Shape (n,).
         stock: The stock before the first move, same frame.
-        meant: Tips of the path, for a tool that gives way from it. Where it is then decides what it meets; its chips
-            are those of the path's travel: that it drifts aside meanwhile is little beside the feed, but in a corner,
-            and left out. Shape (n, 3). [m]
         axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
-        above: What of the tool stands above its edges.
 
     Returns:
-        The engagement, and what meets material that it cannot cut.
+        The engagement; rapid moves meet nothing.
 
     """
     n = len(position)
     axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis
     start = np.vstack([position[:1], position[:-1]])
     step, moving = _list_steps(position)
-    way = _list_steps(position if meant is None else meant)[0]
+    way = _list_steps(position)[0]
     frame, travel = _frame_path(way, axis)
     turning = None if axis is None else _turn_axis(way, axis, frame, cutter)
     by_points = axis is not None or not cutter.even
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
-    depth = np.zeros((n, len(cutter.slices), EDGE_ANGLES if by_points else ANGLES), dtype=np.float32)
-    crashes = Crashes.none(n)
+    depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
     wake = build_wake(cutter, start, position, stock.bounds()[:, :2], axis)
     if wake is None:
-        return Engagement(cutter, depth, travel, level, turning), crashes
+        return Engagement(cutter, depth, travel, level, turning)
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
-    kind = _EdgeLook if by_points else _FlatLook
-    look = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
+    kind = _PointEdge if by_points else _FlatEdge
+    solver = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
     removing = cutting & moving
     removing[0] = False
     chunk = EDGE_CHUNK if by_points else CHUNK
     for first in range(0, n, chunk):
         rows = np.arange(first, min(first + chunk, n))
         moves = rows[removing[rows]]
-        near = rows[look.may_touch(rows)]
+        near = rows[solver.may_touch(rows)]
         if len(near):
-            look.fill(near[cutting[near]], moves, depth)
-            if above.shank is not None:
-                look.mark_shank(near[removing[near]], moves, above.shank, crashes.shank)
-        if above.holder is not None:
-            look.mark_holder(rows, moves, above.holder, crashes.holder)
-        look.mark_rapid(rows[~cutting[rows]], moves, crashes.rapid)
+            solver.fill(near[cutting[near]], moves, depth)
         wake.cut(moves)
-    return Engagement(cutter, depth, travel, level, turning), crashes
+    return Engagement(cutter, depth, travel, level, turning)
 
 
 def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -148,7 +140,7 @@ def _cut_side(
     return replace(cutter, flute=reach, pieces=pieces)
 
 
-class _FlatLook(Look):
+class _FlatEdge(EdgeSolver):
     """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
@@ -212,13 +204,22 @@ class _FlatLook(Look):
             np.minimum.at(top, sample, reach)
 
 
-class _EdgeLook(Look):
+class _PointEdge(EdgeSolver):
     """By points of the edge, for every other cutter and for axes that turn."""
 
+    def _count_halvings(self, k: NDArray[np.int_]) -> int:
+        """Return after how many halvings the end of what is engaged of slices is known to `END_ERROR`."""
+        longest = float(self.cutter.slices.length[k].max(initial=0.0)) / self.cutter.radius
+        return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
+
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
-        """Write the engaged shares of some waypoints, see `Look`."""
-        angles = middle_angles(EDGE_ANGLES)
+        """Write the engaged shares of some waypoints, see `EdgeSolver`."""
+        angles = middle_angles(ANGLES)
         out = self._outward(rows, angles)
+        lower = self.cutter.lower
+        if lower.any():  # a slice moves outwards where one of its ends does
+            speeds = self._lower_speeds(rows, angles)
+            out[:, lower] = np.maximum(*speeds) > SLIDES
         asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
         asked[:, :-1] |= out
         asked[:, 1:] |= out
@@ -228,15 +229,65 @@ class _EdgeLook(Look):
         asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
         low, high = asked[:, :-1] & out, asked[:, 1:] & out
         found = (low & high).astype(np.float32)
-        n, k, m = np.nonzero(low ^ high)
+        straight = ~lower[:, None]
+        n, k, m = np.nonzero((low ^ high) & straight)
         up = low[n, k, m]
 
         def hit(share: Array) -> NDArray[np.bool_]:
             return self._solid(rows[n], k, np.where(up, share, 1.0 - share), angles[m], moves)
 
-        found[n, k, m] = _halve(hit, len(n), EDGE_BISECTIONS)
-        self._end_arcs(found, (rows, moves, angles), out, low | ~high)
+        found[n, k, m] = _halve(hit, len(n), self._count_halvings(k))
+        self._end_arcs(found, (rows, moves, angles), out & straight, low | ~high)
+        if lower.any():
+            whole = low & high
+            whole[:, lower] &= np.minimum(*speeds) > 0.0
+            self._fill_lower(found, (rows, moves, angles), whole, low | high)
         depth[rows] = np.clip(found, 0.0, 1.0)
+
+    def _lower_speeds(self, rows: NDArray[np.int_], angles: Array) -> tuple[Array, Array]:
+        turning = None if self.turning is None else self.turning[rows]
+        return lower_speed(self.cutter, self.travel[rows], angles, turning)
+
+    def _fill_lower(
+        self,
+        found: NDArray[np.float32],
+        where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
+        whole: NDArray[np.bool_],
+        some: NDArray[np.bool_],
+    ) -> None:
+        """Write the shares of bins of the lower surface that are engaged in part, the mean of `STRIPS` angles in each.
+
+        Both ends of a strip are sought: where it begins to move outwards, and where material ends. What is left as an
+        error is the curvature of these ends within a strip.
+        """
+        rows, moves, angles = where
+        nearby = (some | np.roll(some, 1, axis=2) | np.roll(some, -1, axis=2)) & self.cutter.lower[:, None]
+        steady = whole & np.roll(whole, 1, axis=2) & np.roll(whole, -1, axis=2)
+        n, k, m = np.nonzero(nearby & ~steady)
+        first = int(np.argmax(self.cutter.lower))
+        total = np.zeros(len(n))
+        for strip in range(STRIPS):
+            off = ((strip + 0.5) / STRIPS - 0.5) * 2.0 * np.pi / len(angles)
+            low, high = (speed[n, k - first, m] for speed in self._lower_speeds(rows, angles + off))
+            begin, end = outward_span(low, high)
+            live = np.flatnonzero(end > begin)
+            at, slices, angle = rows[n[live]], k[live], angles[m[live]] + off
+            span = end[live] - begin[live]
+            ends = [self._solid(at, slices, side[live], angle, moves) for side in (begin, end)]
+            share = np.where(ends[0] & ends[1], span, 0.0)
+            part = np.flatnonzero(ends[0] ^ ends[1])
+            fix, sign = np.where(ends[0], begin[live], end[live])[part], np.where(ends[0], 1.0, -1.0)[part]
+            reach = partial(self._solid_from, at[part], slices[part], angle[part], (fix, sign * span[part]), moves)
+            share[part] = span[part] * _halve(reach, len(part), self._count_halvings(slices[part]))
+            total[live] += share
+        found[n, k, m] = total / STRIPS
+
+    def _solid_from(
+        self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, line: tuple[Array, Array],
+        moves: NDArray[np.int_], share: Array,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Tell which points of slices stand in material, a share of a line of the slice from where it begins."""
+        return self._solid(row, k, line[0] + share * line[1], angle, moves)
 
     def _end_arcs(
         self,
@@ -260,7 +311,7 @@ class _EdgeLook(Look):
             middle = np.where(from_low[n, k, m], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
 
             at, angle, step = (rows[n], k, middle), angles[m], way * turn
-            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), EDGE_BISECTIONS) - 0.5).astype("f4")
+            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), ARC_HALVINGS) - 0.5).astype("f4")
             np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
             np.add.at(found, (n, k, (m + way) % len(angles)), np.maximum(reach, 0.0) * (more - less))
 

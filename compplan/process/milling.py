@@ -30,7 +30,7 @@ from compplan.process.materials import Coefficients
 FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
 #: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed.
-PLOUGHS, PLOUGHING_FEED = 0.005, 1e-5
+PLOUGHS, PLOUGHING_FEED = 0.001, 1e-5
 #: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
 STEEP, STEEP_BEHIND = 0.01, 0.002
 #: Angles by which an arc reaches farther at most, in a ripple.
@@ -120,10 +120,10 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
         if not len(some):
             continue
         share, here = share[some], first + some
-        speed, bend = found.speed(angle, here), 1e-3 * found.bend(angle, here)
-        weight, out = turn * share * length[:, None], np.maximum(speed, 0.0)
+        weight, bend = turn * share * length[:, None], 1e-3 * found.bend(angle, here)
+        out, step = found.engaged_speed(angle, here)
         ploughs = weight * np.minimum(out / PLOUGHS, 1.0)
-        behind = _find_behind(weight, speed, bend)
+        behind = _find_behind(weight, out, bend, step)
         halves = 0.5 * share
         chips = {m: weight * (out if m == 0.0 else out ** (1.0 - m)) for m in set(exponent)}
         growth = 0.5 * bend / np.maximum(out, STEEP)
@@ -136,18 +136,14 @@ def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, f
     return MillingShape(straight[:, :3], straight[:, 3:], curved)
 
 
-def _find_behind(weight: Array, speed: Array, bend: Array) -> Array:
-    """Return how much of slices is in the cut behind where their edge moves outwards, a mm of feed. Shape (n, k, m).
+def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
+    """Return how much more of slices is in the cut behind where their edge moves outwards, a mm of feed. (n, k, m).
 
-    It stands in the last bin of an arc that ends there; the speed falls to the next bin by its slope times a bin.
+    Integral of half the bend over the line where the speed is zero. The line is spread over the bins beside it: the
+    weights of those that are slower than `step`, by which the speed changes across a bin, fall linearly to zero there.
     """
-    behind = np.zeros_like(weight)
-    for way in (1, -1):
-        after = np.roll(speed, -way, axis=2)
-        ends = (weight > 0.0) & (after <= 0.0) & (speed > 0.0)
-        fall = np.maximum(speed - after, STEEP_BEHIND)
-        behind += np.where(ends, weight * 0.5 * bend / fall, 0.0)
-    return behind
+    wide = np.maximum(step, STEEP_BEHIND)
+    return np.asarray(weight * bend / wide * np.maximum(1.0 - out / wide, 0.0))
 
 
 def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:

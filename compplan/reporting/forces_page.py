@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compplan.job.force_prediction import ForcePrediction
-from compplan.plan.stability import Stability
 from compplan.process.engagement import Engagement
-from compplan.process.finished import PartCheck
 from compplan.process.fit import ForceFit
 from compplan.process.force_models import name_force_model
-from compplan.process.walls import WallError
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.reporting.openings import open_forces
@@ -31,10 +28,8 @@ from compplan.reporting.page import (
     write_page,
 )
 from compplan.reporting.robot_scene import frame_scene
-from compplan.reporting.stability_section import show_stability
 from compplan.reporting.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, SEQUENTIAL, format_number
 from compplan.reporting.thinning import thin_path
-from compplan.reporting.walls_section import show_walls
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
@@ -42,17 +37,12 @@ from compplan.toolpath.toolpath import Toolpath
 POINTS = 4000
 
 
-def write_forces_page(
-    found: ForcePrediction, summary: Mapping[str, Any], stability: Stability | None,
-    walls: Sequence[WallError] | None, file: Path,
-) -> None:  # fmt: skip
+def write_forces_page(found: ForcePrediction, summary: Mapping[str, Any], file: Path) -> None:
     """Write the page.
 
     Args:
         found: The prediction.
         summary: What forces.json holds of it.
-        stability: Where the cut chatters, or None.
-        walls: Errors of finished walls, or None.
         file: The page.
 
     """
@@ -60,12 +50,6 @@ def write_forces_page(
     sections = [_overview(found), _along(found, stations)]
     if found.engagement is not None:
         sections.append(_engagement(found, found.engagement, stations))
-    if "part" in summary and found.law.cutting is not None and found.law.cutting.part is not None:
-        sections.append(_part(found.law.cutting.part, summary["part"], stations))
-    if stability is not None:
-        sections.append(show_stability(stability, stations))
-    if walls is not None:
-        sections.append(show_walls(walls, found.job, corrected=False))
     if found.fit is not None:
         sections.append(_comparison(found.fit))
     coefficients = summary.get("coefficients", {})
@@ -197,23 +181,6 @@ def _engagement(found: ForcePrediction, cut: Engagement, stations: Stations) -> 
             _tabulate(found, cut),
         ],
     )  # fmt: skip
-
-
-def _part(part: PartCheck, summary: Mapping[str, Any], stations: Stations) -> Section:
-    """Show how far the cutter keeps from the finished part, and say what stays on it."""
-    count, allowed = summary["gouged_waypoints"], summary["gouge_allowed_mm"]
-    text = f"The cutter goes nowhere more than {allowed:g}\u00a0mm into the finished part."
-    if count:
-        text = (f"The cutter goes up to {format_number(summary['deepest_mm'])}\u00a0mm into the finished part, more "
-                f"than the {allowed:g}\u00a0mm that are allowed, at {count} waypoints.")  # fmt: skip
-    if "left_mm" in summary:
-        middle, most, top = (format_number(summary["left_mm"][key]) for key in ("median", "p95", "max"))
-        text += (f" On the surface that it passes {middle}\u00a0mm are left in the median, {most}\u00a0mm or less on "
-                 f"95\u00a0% of it, {top}\u00a0mm at most; the cutter passes what lies within a quarter of its radius, "
-                 "beside the outermost rows too.")  # fmt: skip
-    lines = draw_lines(stations, {"clearance": 1e3 * part.clearance}, "mm", title="clearance", zero=True)
-    words = "Least distance of the cutter from the finished part; below 0 it cuts into it, with no bending of the arm."
-    return Section("Finished part", [text, Chart(lines, words, height=280)])
 
 
 def _tabulate(found: ForcePrediction, cut: Engagement) -> PageTable:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.io.notes import Crash, list_stops
+from compplan.io.notes import list_stops
 from compplan.plan.tolerance_verdict import MEASURE
 from compplan.reporting.diagnosis_words import reaches_noise
 from compplan.reporting.effect_words import describe_effect, name_effect
@@ -225,9 +225,7 @@ def open_forces(found: ForcePrediction, summary: Mapping[str, Any], picture: Blo
         todo = "Measure the force of one cut and give the log: compplan forces JOB --log LOG.csv."
     stops = list_stops(summary["notes"])
     if stops:
-        mend = "Mend path, tool or stock: as they are the tool crashes."
-        crashes = "The tool would crash or gouge." if any(isinstance(stop, Crash) for stop in stops) else verdict
-        return Opening(crashes, "bad", figures, picture, mend, stops)
+        return Opening(verdict, "bad", figures, picture, "Settle what is listed before the machine moves.", stops)
     return Opening(verdict, "" if found.fit is None else "good", figures, picture, todo)
 
 

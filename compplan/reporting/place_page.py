@@ -65,18 +65,7 @@ def describe_placement(summary: Mapping[str, Any]) -> str:
         text += "; from the job's own place the path cannot be followed."
     else:
         text += f", against {here['p95']:.3g} mm at the job's own place: {format_percent(summary['ratio'])} of it."
-    return f"{text} {describe_chatter(summary)}".rstrip()
-
-
-def describe_chatter(summary: Mapping[str, Any]) -> str:
-    """Say at how many waypoints the cut chatters; nothing where the job does not ask."""
-    if "chatter" not in summary:
-        return ""
-    there, here = summary["chatter"], summary["chatter_here"]
-    text = f"The cut chatters at {there['at']} of {there['of']} waypoints that were looked at"
-    if here is not None:
-        text += f", at the job's own place at {here['at']} of {here['of']}"
-    return f"{text} ({there['source']})."
+    return text
 
 
 def _table(summary: Mapping[str, Any]) -> PageTable:

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compplan.controllers.writers.counting import load_controller
-from compplan.controllers.writers.frames import place_numbers, rotation_vectors
+from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
+from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import list_stops
+from compplan.plan.frame_notes import describe_part_frame
 from compplan.plan.slow import mark_slow
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.curve_chart import draw_curves
@@ -129,6 +131,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     if job is not None:
         where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
         rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
+        rows.append(("Part frame found by", describe_part_frame(job).removeprefix("part frame: ")))
     if robot.ground:
         low, high = plan.q.min(axis=0), plan.q.max(axis=0)
         said = [_say_range(robot.actuated[k], low[k], high[k]) for k in np.flatnonzero(robot.carriers).tolist()]
@@ -139,7 +142,9 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     else:
         mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
         rows.append(("Tool", f"as in the job; {mass}"))
-    rows.append(("Tool centre point, in the flange", describe_pose(mounted_tool(robot))))
+    seen = np.linalg.inv(flange_turn(robot)) @ mounted_tool(robot)
+    frame = "the URDF's flange" if locate_pendant(robot) is None else "the pendant's flange frame"
+    rows.append((f"Tool centre point, in {frame}", describe_pose(seen)))
     source = Path(plan.task.nominal.source).name or "in memory"
     return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
 

@@ -24,7 +24,6 @@ from compplan.reporting.along_path import (
     find_spans,
     place_stations,
 )
-from compplan.reporting.coupling_section import show_coupling
 from compplan.reporting.force_moves import busiest_rate, describe_force, list_rates, mark_force
 from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.path_scene import describe_magnification, draw_deviation_paths
@@ -44,7 +43,6 @@ from compplan.reporting.style import (
     format_set_length,
     format_set_value,
 )
-from compplan.reporting.walls_section import show_walls
 from compplan.robot import Array
 
 if TYPE_CHECKING:
@@ -74,8 +72,6 @@ def write_plan_page(plan: Plan, file: Path, extra: Sequence[Section] = ()) -> No
         _corrections(plan, stations),
         _feed(plan, stations),
     ]
-    sections += [] if plan.coupling is None else [show_coupling(plan.coupling)]
-    sections += [] if plan.walls is None else [show_walls(plan.walls, plan.job, corrected=True)]
     sections += [] if plan.promise is None else [show_promise(plan.promise, stations, task.tolerance)]
     assumptions = list_assumptions(plan.job)
     stance = None if task.start is None else task.start.stance

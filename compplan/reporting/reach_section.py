@@ -123,9 +123,6 @@ def _key_figures(plan: Plan) -> PageTable:
     for name in ("rms", "mean", "max"):
         sizes = [_length_cell(1e-3 * side.figures[name]) for side in sides]
         rows.append([f"deviation, {'largest' if name == 'max' else name}", *sizes])
-    if plan.coupling is not None:
-        for name, value in zip(("rms", "largest"), plan.coupling.without_size, strict=True):
-            rows.append([f"{name}, by the force on the path", _length_cell(value), None])
     ways = {"joints linear": between.joint, "tip linear": between.cartesian, "spline": between.spline}
     for way, moves in ways.items():
         rows.append([f"between waypoints, {way}", None, _length_cell(float(moves.max(initial=0.0)))])

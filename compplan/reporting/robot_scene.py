@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from compplan.errors import ShapeError
 from compplan.reporting import figure as go
 from compplan.robot import Array, Joint, Robot
+from compplan.robot.description import find_mesh
 from compplan.robot.pose import move_joint
-from compplan.robot.shapes import find_mesh, read_form, read_origin
+from compplan.robot.shapes import read_form, read_origin
 from compplan.robot.solids import as_mesh, read_colour, triangulate_box, triangulate_rod
 
 #: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.

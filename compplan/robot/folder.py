@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -23,9 +22,6 @@ from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import read_numbers, read_placement, read_urdf
 from compplan.robot.visited import FILE as VISITED
 from compplan.robot.visited import format_visited, read_visited
-
-#: How SOURCE.md states what the maker says of the arm.
-RATING = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm")
 
 
 class EffectTable(StrictTable):
@@ -146,15 +142,6 @@ def read_robot_folder(folder: Path) -> Robot:
         uncertainty=read_uncertainty(folder / UNCERTAINTY),
         visited=read_visited(folder / VISITED, nq),
     )
-
-
-def read_rating(robot: Robot) -> tuple[float, float] | None:
-    """Return payload [kg] and reach [m] as the maker states them, from the folder's SOURCE.md; None without."""
-    source = None if robot.folder is None else robot.folder / "SOURCE.md"
-    if source is None or not source.is_file():
-        return None
-    found = RATING.search(source.read_text(encoding="utf-8"))
-    return None if found is None else (float(found[1]), 1e-3 * float(found[2]))
 
 
 def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> None:

@@ -8,6 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from compplan.robot.model import Array, Joint
 
+#: Steps of the fit of a displacement at most, and the last step that changes nothing. [m, rad]
+FIT_STEPS, SETTLED_FIT = 8, 1e-15
+#: Points nearer together than this determine no turn [m]; least ratio of two extents that determines one (assumed).
+SMALLEST_SPREAD, FLATTEST = 5e-4, 1e-3
+
 
 def build_pose(position: ArrayLike, rotation: ArrayLike) -> Array:
     """Return the pose of a position, shape (3,) [m], and a rotation matrix, shape (3, 3)."""
@@ -29,3 +34,56 @@ def move_joint(joint: Joint, q: float) -> Array:
     elif joint.kind == "revolute":
         pose[:3, :3] = Rotation.from_rotvec(q * joint.axis).as_matrix()
     return pose
+
+
+def fit_displacement(points: Array, moved: Array) -> Array:
+    """Return the rigid displacement that brings points nearest to where they moved (least squares).
+
+    Turns that the points do not determine, such as the one about the line of two points, are zero.
+
+    Args:
+        points: Points. Shape (k, 3). [m]
+        moved: Where they moved, nearly rigidly and by a small angle. Shape (k, 3). [m]
+
+    Returns:
+        Pose D with D points ~ moved. Shape (4, 4). [m]
+
+    """
+    found = np.eye(4)
+    for _ in range(FIT_STEPS):
+        here = points @ found[:3, :3].T + found[:3, 3]
+        step = linear_displacement(here) @ (moved - here).ravel()
+        middle, turn = here.mean(axis=0), Rotation.from_rotvec(step[3:]).as_matrix()
+        found = build_pose(middle + step[:3] - turn @ middle, turn) @ found
+        if np.abs(step).max() < SETTLED_FIT:
+            break
+    return found
+
+
+def linear_displacement(points: Array) -> Array:
+    """Return the matrix from small motions of points to their best-fit shift of the mean and rotation vector.
+
+    Args:
+        points: Points. Shape (k, 3). [m]
+
+    Returns:
+        Shape (6, 3 k). [1, rad/m]
+
+    """
+    lever = points - points.mean(axis=0)
+    turns = np.stack([np.cross(axis, lever) for axis in np.eye(3)], axis=-1).reshape(-1, 3)
+    centring = np.kron(np.eye(len(points)) - 1.0 / len(points), np.eye(3))
+    shift = np.kron(np.full((1, len(points)), 1.0 / len(points)), np.eye(3))
+    if np.abs(lever).max(initial=0.0) < SMALLEST_SPREAD:
+        return np.vstack([shift, np.zeros((3, 3 * len(points)))])
+    return np.vstack([shift, np.linalg.pinv(turns, rcond=FLATTEST) @ centring])
+
+
+def see_position(position: Array, displacement: Array) -> Array:
+    """Return positions seen from a displaced part, D^-1 p. Shape (n, 3). [m]."""
+    return np.asarray((position - displacement[:3, 3]) @ displacement[:3, :3])
+
+
+def see_rotation(rotation: Array, displacement: Array) -> Array:
+    """Return orientations seen from a displaced part, D^-1 R. Shape (n, 3, 3)."""
+    return np.asarray(displacement[:3, :3].T @ rotation)

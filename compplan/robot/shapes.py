@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
 from compplan.robot import Array, Robot
+from compplan.robot.description import find_mesh
 from compplan.robot.pose import build_pose
 from compplan.robot.solids import UrdfShape
 
@@ -158,15 +159,6 @@ def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
     if file is None:
         raise InputError(f"mesh {name!r} is not found")
     return load_mesh(file, "m").apply_scale(_numbers(shape, "scale", "1 1 1"))
-
-
-def find_mesh(name: str, folder: Path | None) -> Path | None:
-    """Find a mesh file beside the URDF; a package:// address is looked for by its tail."""
-    tail = Path(name.split("://", 1)[-1])
-    if folder is None or not name:
-        return None
-    places = [folder / tail, folder / Path(*tail.parts[1:]), folder / "meshes" / tail.name]
-    return next((file for file in places if file.is_file()), None)
 
 
 def read_origin(element: ElementTree.Element | None) -> Array:

@@ -115,7 +115,7 @@ def read_urdf(text: str, file: Path) -> Urdf:
     if root.tag != "robot":
         raise InputError(f"its root is <{root.tag}>, expected <robot>", file=file)
     if any("xacro" in element.tag for element in root.iter()):
-        raise InputError("holds xacro commands; expand it with xacro first", file=file)
+        raise InputError("holds xacro commands; compplan init robot FILE.xacro expands them", file=file)
     elements = root.findall("link")
     if not elements:
         raise InputError("no <link> in this robot", file=file)
@@ -259,6 +259,8 @@ def _read_limits(limit: ElementTree.Element | None, kind: str, file: Path, where
         effort = limits["effort"] = _read_number(limit, "effort", file, where)
         if effort < 0.0:
             raise InputError(f"limit effort is {effort:g}, expected 0 or more", file=file, where=where)
+        if effort == 0.0:  # ROS-Industrial writes 0 where the maker states none
+            del limits["effort"]
     return limits
 
 

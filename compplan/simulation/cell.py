@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.effects.attained import attain_with_effects
+from compplan.effects.attained import attain_with_effects, rest_robot
 from compplan.robot import Array, Robot
+from compplan.robot.pose import fit_displacement, see_position, see_rotation
 from compplan.simulation.judge import Judge, build_judge, judge_pose
 
 #: The cell in which the planner's model is the truth.
@@ -33,16 +34,19 @@ class Cell:
         name: What it is called in tables; says in what it differs from the planner's model.
         robot: The robot that stands in it, with its tool.
         judge: That robot as a Pinocchio model.
+        displacement: From the part frame that a touch with this robot found to where the part stands; None where the
+            frame is absolute. Shape (4, 4). [m]
 
     """
 
     name: str
     robot: Robot
     judge: Judge
+    displacement: Array | None = None
 
 
 class CellRun(NamedTuple):
-    """Where the loaded tool went; n waypoints, base frame.
+    """Where the loaded tool went, relative to the part frame as it was found; n waypoints, base axes.
 
     Attributes:
         position: Attained tip. Shape (n, 3). [m]
@@ -78,11 +82,34 @@ def run_cell(
         bias: Load of inertia on each elastic coordinate, none if left out. Shape (n, s). [N m or N]
 
     """
+    position, rotation = _attain(cell, q, wrench, step_time, bias)
+    if cell.displacement is None:
+        return CellRun(position, rotation)
+    return CellRun(see_position(position, cell.displacement), see_rotation(rotation, cell.displacement))
+
+
+def touch_cell(cell: Cell, q: Array, shown: Array) -> Cell:
+    """Return the cell in which the part was found by touching it with the cell's robot.
+
+    Args:
+        cell: The cell.
+        q: Joint positions at the touched points. Shape (k, nq). [rad or m]
+        shown: Where the controller shows the tip there. Shape (k, 3). [m]
+
+    """
+    resting = replace(cell, robot=rest_robot(cell.robot), displacement=None)
+    loaded = _attain(resting, q, np.zeros((len(q), 6)), None, None)[0]
+    return replace(cell, displacement=fit_displacement(shown, loaded))
+
+
+def _attain(
+    cell: Cell, q: Array, wrench: Array, step_time: Array | None, bias: Array | None
+) -> tuple[Array, Array]:
     position, rotation, _ = judge_pose(cell.judge, q, wrench, TOLERANCE, bias)
     if not cell.robot.effects:
-        return CellRun(position, rotation)
+        return position, rotation
     steps = np.ones(len(q) - 1) if step_time is None else step_time
     with_effects = attain_with_effects(cell.robot, q, wrench, steps)
     without = attain_with_effects(replace(cell.robot, effects=()), q, wrench, steps)
     turn = Rotation.from_matrix(with_effects[1] @ np.swapaxes(without[1], 1, 2)).as_matrix()
-    return CellRun(position + with_effects[0] - without[0], turn @ rotation)
+    return position + with_effects[0] - without[0], turn @ rotation

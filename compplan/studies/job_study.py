@@ -23,7 +23,6 @@ from compplan.studies.study import MOST_WAYPOINTS, Study, prepare_study
 from compplan.studies.summary import summarise_run
 from compplan.studies.workforce import Workforce
 from compplan.toolpath.toolpath import Toolpath
-from compplan.uncertainty.assumed import known_uncertainty
 from compplan.uncertainty.slopes import read_force_spread
 
 SAMPLES = "samples"
@@ -118,7 +117,6 @@ def _prepare(
     """Find the posture and let every strategy command the path; the study, and the job's own strategy."""
     say("posture")
     robot, nominal, options = prepare_job(job)
-    robot = replace(robot, uncertainty=known_uncertainty(robot, job)) if job.touched_off else robot
     task = build_task(robot, nominal, options, file=job.file)
     plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
     study = prepare_study(

@@ -5,7 +5,7 @@ All strategies meet the same cells, so that their differences are paired.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +15,11 @@ from scipy.ndimage import uniform_filter1d
 from compplan.plan.correction_loop import Loop, run_loop
 from compplan.plan.strategies.answer import Answer, answer_reading
 from compplan.robot import Array
-from compplan.simulation.coupling import EXACT, PASSES
 from compplan.studies.draw import Cells, draw_cells, shift_tip
 from compplan.studies.factors import PARTS
 from compplan.studies.kernel import settle_tips
-from compplan.studies.study import Coupling, Study, TimeGrid, Worker
+from compplan.studies.study import Study, TimeGrid, Worker
+from compplan.studies.touch import move_part
 
 #: Poses worked on at once, samples times waypoints.
 BATCH = 8192
@@ -112,29 +112,17 @@ def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -
     factor = np.repeat(cells.factor * worker.spring_factor[:, None], n, axis=1)
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
     shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
-    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :] - study.nominal[:, None, :]
+    found = study.nominal[:, None, :]
+    if worker.touch is not None:
+        found = found + move_part(worker.touch, study.kernel, cells, worker.spring_factor, study.nominal)
+    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:
         flat = wrench.reshape(6, -1)
         tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
         return np.asarray(tips.reshape(3, b, n) + moved)
 
-    wrench = cells.wrench[part]
-    away = attain(wrench)
-    return away if study.coupling is None else _couple_force(study.coupling, attain, wrench, away)
-
-
-def _couple_force(coupling: Coupling, attain: Callable[[Array], Array], wrench: Array, away: Array) -> Array:
-    """Let force and deflection agree, as `compplan.simulation.coupling` does, by the compliance. Shape (3, b, n)."""
-    acting = wrench.copy()
-    for _ in range(PASSES):
-        lack = wrench[:3] - np.einsum("nij,jbn->ibn", coupling.stiffness, away) - acting[:3]
-        step = np.einsum("nij,jbn->ibn", coupling.inner, lack)
-        if np.abs(np.einsum("nij,jbn->ibn", coupling.compliance, step)).max() <= EXACT:
-            break
-        acting[:3] += step
-        away = attain(acting)
-    return away
+    return attain(cells.wrench[part])
 
 
 def _learn(study: Study, answer: Answer, worker: Worker, cells: Cells) -> Array:

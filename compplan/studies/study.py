@@ -18,13 +18,11 @@ from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
 from compplan.plan.correction_loop import Loop, Plant
-from compplan.plan.coupling import find_stiffness
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.online import ONLINE, PLAIN, list_strategies, prepare_answers
 from compplan.plan.strategies.path_map import load_gears
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.statics.elastic import loaded_compliance
 from compplan.statics.encoders import actuator_selection, control_equilibrium
 from compplan.studies.draw import (
     Surroundings,
@@ -34,6 +32,7 @@ from compplan.studies.draw import (
 from compplan.studies.factors import list_factors
 from compplan.studies.kernel import Kernel, build_kernel
 from compplan.studies.posterior import settle_force, settle_robot
+from compplan.studies.touch import Touch, prepare_touch
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.slopes import ForceSpread
 
@@ -60,6 +59,7 @@ class Worker(NamedTuple):
         theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
         offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
         placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
+        touch: How the strategy's robot finds the part, None where its frame is absolute.
 
     """
 
@@ -72,21 +72,7 @@ class Worker(NamedTuple):
     theta: Array
     offset: Array
     placements: Array | None = None
-
-
-class Coupling(NamedTuple):
-    """How the force of the process answers to where the tool is; n waypoints, base axes.
-
-    Attributes:
-        stiffness: K of dF = -K (tip - path). Shape (n, 3, 3). [N/m]
-        compliance: Of the model's tip. Shape (n, 3, 3). [m/N]
-        inner: (1 + K C)^-1. Shape (n, 3, 3).
-
-    """
-
-    stiffness: Array
-    compliance: Array
-    inner: Array
+    touch: Touch | None = None
 
 
 class TimeGrid(NamedTuple):
@@ -114,7 +100,6 @@ class Study:
         grid: Time grid of the correction loops, or None.
         stations: Waypoints whose distances are kept. Shape (k,).
         softened: Waypoints whose mean softens the tracker's noise.
-        coupling: How the force answers to where the tool is, or None.
 
     """
 
@@ -131,7 +116,6 @@ class Study:
     grid: TimeGrid | None
     stations: NDArray[np.int_]
     softened: int = 1
-    coupling: Coupling | None = None
 
     @property
     def strategies(self) -> tuple[str, ...]:
@@ -193,26 +177,7 @@ def prepare_study(
         else replace(answers[name], loop=replace(loop, plant=plant))
         for name in chosen
     }  # fmt: skip
-    stiffness = find_stiffness(task)
-    study = assemble_study(thin, noise, answers, len(task), force)
-    return study if stiffness is None else replace(study, coupling=_couple(thin, stiffness[rows]))
-
-
-def _couple(thin: PlanTask, stiffness: Array) -> Coupling:
-    """Return how the force answers along a thinned task.
-
-    Raises:
-        InputError: If the process pushes the tool on faster than the arm holds it.
-
-    """
-    compliance = loaded_compliance(thin.chain, thin.q_start, thin.wrench)[:, :3, :3]
-    inner = np.eye(3) + stiffness @ compliance
-    margin = float(np.linalg.eigvals(inner).real.min())
-    if margin <= 0.0:
-        message = ("as the tool leaves the path the process pushes it on faster than the arm holds it (least eigen"
-                   f"value of 1 + K C {margin:.3g}); samples have no equilibrium, leave [coupling] out")  # fmt: skip
-        raise InputError(message, where="coupling")
-    return Coupling(stiffness, compliance, np.asarray(np.linalg.inv(inner), float))
+    return assemble_study(thin, noise, answers, len(task), force)
 
 
 def assemble_study(
@@ -295,9 +260,7 @@ def thin_study(study: Study, most: int) -> Study:
     }
     posterior, thin = study.surroundings.posterior, thin_task(study.task, most)
     force = None if posterior is None else posterior.force
-    thinned = assemble_study(thin, study.noise, answers, study.waypoints_of_path, force)
-    coupling = study.coupling
-    return replace(thinned, coupling=None if coupling is None else Coupling(*(part[rows] for part in coupling)))
+    return assemble_study(thin, study.noise, answers, study.waypoints_of_path, force)
 
 
 def _make_grid(task: PlanTask, loop: Loop) -> TimeGrid:
@@ -335,4 +298,5 @@ def _make_worker(task: PlanTask, answer: Answer, selection: Array, noise: NoiseT
         theta=np.ascontiguousarray(state.loaded.theta.T),
         offset=offset,
         placements=differentiate_placements(replace(task, q_start=answer.q), noise)[0] if elsewhere else None,
+        touch=prepare_touch(task, noise, answer.touched),
     )

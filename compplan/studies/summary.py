@@ -20,17 +20,11 @@ UNCOUPLED = "the stiffness of the process (the force does not change with where 
 LEFT_OUT = (
     "the steps of quantised encoders (their errors are drawn as normal noise), and the limiter of online corrections"
 )
-COUPLED = (
-    "the force answers to where the tool stands in proportion to the process stiffness, by the model's compliance in "
-    "at most 3 passes; force sensors and encoders read the force that acts on the path"
-)
 
 
 def _describe_reach(study: Study) -> list[str]:
     """Say what every sample leaves out."""
-    if study.coupling is None:
-        return [f"left out of every sample: {UNCOUPLED}{LEFT_OUT}"]
-    return [COUPLED, f"left out of every sample: {LEFT_OUT}"]
+    return [f"left out of every sample: {UNCOUPLED}{LEFT_OUT}"]
 
 
 def _describe_draws(study: Study) -> list[str]:

@@ -12,7 +12,6 @@ from compplan.effects.checks import check_effect
 from compplan.effects.scene import own_springs
 from compplan.effects.signature import pack_parameters
 from compplan.errors import InputError, UnknownNameError
-from compplan.job.job import Job
 from compplan.robot import Robot
 from compplan.robot.uncertainty import FILE, Uncertainty, Unknown, split_unknowns
 
@@ -44,11 +43,10 @@ LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
-def known_uncertainty(robot: Robot, job: Job | None = None) -> Uncertainty:
+def known_uncertainty(robot: Robot) -> Uncertainty:
     """Return what is known of a robot and how surely: its folder's file, otherwise assumed widths.
 
-    A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off. What
-    moves base and arm alike has no width where the part of a job was touched off with the robot: it moves the part too.
+    A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off.
 
     Raises:
         InputError: If the folder's file names no effect, joint or parameter of this robot.
@@ -61,11 +59,7 @@ def known_uncertainty(robot: Robot, job: Job | None = None) -> Uncertainty:
         if not any(unknown.effect == "tool_frame" for unknown in known.unknowns):
             known = _add(known, _tool())
         known = replace(known, repeatability=_repeatability(robot, known))
-    if job is None or not job.touched_off:
-        return known
-    return replace(known, unknowns=tuple(
-        replace(u, deviation=0.0 * u.deviation) if moves_base(robot, u) else u for u in known.unknowns
-    ))  # fmt: skip
+    return known
 
 
 def moves_base(robot: Robot, unknown: Unknown) -> bool:

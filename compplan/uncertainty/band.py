@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from compplan.effects.scene import Scene
-from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL, band_radius
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
@@ -36,6 +35,7 @@ from compplan.uncertainty.slopes import (
     rest_scene,
     tie_force,
 )
+from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 from compplan.uncertainty.vary import pick_rivals
 
 #: What makes the band, in the order of the page.
@@ -154,7 +154,7 @@ class Promise:
 
 def linearise_path(
     scene: Scene, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *, motion: Motion | None = None,
-    part: Array | None = None,
+    part: Array | None = None, touched: TouchedPart | None = None,
 ) -> Slopes:  # fmt: skip
     """Differentiate a path by every parameter, by the force and by the place of the part at a few rows of the cut.
 
@@ -165,6 +165,7 @@ def linearise_path(
         cut: Rows that matter. Shape (n,).
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
     """
     rows = pick_rows(cut)
     if motion is not None:
@@ -176,6 +177,7 @@ def linearise_path(
     moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
     tie = tie_force(known, force) if len(force.robot) else None
     model = measure_slopes(scene, known.unknowns, rows, rest)
+    model = subtract_touch(model, rest.position, touched, known.unknowns)
     return Slopes(rows, rest.position, model, shared, local, moved, tie)
 
 
@@ -198,7 +200,7 @@ def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
 def promise_path(
     robot: Robot, scene: Scene, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
-    job: Job | None = None,
+    touched: TouchedPart | None = None,
 ) -> Promise:  # fmt: skip
     """Promise how far the true tip is from the planned one along a path.
 
@@ -211,13 +213,13 @@ def promise_path(
         between: Greatest distance between rows beyond that at the rows. [m]
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
-        job: The job, which may say that the part was touched off with the robot.
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
 
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
     """
-    known = known_uncertainty(robot, job)
-    slopes = linearise_path(scene, known, force, cut, motion=motion, part=part)
+    known = known_uncertainty(robot)
+    slopes = linearise_path(scene, known, force, cut, motion=motion, part=part, touched=touched)
     parts, n = split_covariance(slopes, known), len(cut)
     spread = {name: _spread(slopes.rows, value, n) for name, value in parts.items()}
     mean = None if motion is None else motion.mean

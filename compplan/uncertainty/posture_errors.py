@@ -7,7 +7,7 @@ for costs its signature, any other the secant of `measure_slopes`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import known_uncertainty, moves_base
 from compplan.uncertainty.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path, tie_force
 
 
@@ -75,7 +75,11 @@ def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
     """
     if job.posture.preset != "promise":
         return None
-    return PostureErrors(robot, known_uncertainty(robot, job), read_force_spread(job))
+    known = known_uncertainty(robot)
+    if job.touched_off:  # to first order what moves the base moves a touched-off part as well
+        unknowns = tuple(replace(u, deviation=0.0 * u.deviation) if moves_base(robot, u) else u for u in known.unknowns)
+        known = replace(known, unknowns=unknowns)
+    return PostureErrors(robot, known, read_force_spread(job))
 
 
 def derive_force(at: Linearization, wrench: Array, spread: ForceSpread) -> Array:

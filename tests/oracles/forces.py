@@ -93,27 +93,6 @@ def read_forces(job: Mapping[str, Any], folder: Path, rows: DrivenRows) -> Array
     return wrench
 
 
-def read_stiffness(job: Mapping[str, Any], rows: DrivenRows, wrench: Array) -> Array | None:
-    """Work out how the force answers to where the tool is, K of dF = -K (tip - path), or None where it does not.
-
-    Args:
-        job: The tables of the job as they are written.
-        rows: What is driven.
-        wrench: The wrench on a tool that stands on the path; where none acts nothing answers. Shape (n, 6). [N, N m]
-
-    Returns:
-        Base axes. Shape (n, 3, 3). [N/m]
-
-    """
-    table = job.get("coupling") or {}
-    if table.get("stiffness_N_mm") is None:
-        return None
-    turn = read_part(job.get("part", {})).rotation
-    frames = _frames(table.get("frame", "part"), turn, UP, rows)
-    stiffness = frames @ np.diag(1000.0 * np.array(table["stiffness_N_mm"])) @ np.swapaxes(frames, 1, 2)
-    return np.where(np.any(wrench[:, :3] != 0.0, axis=1)[:, None, None], stiffness, 0.0)
-
-
 def _local(
     model: str, process: Mapping[str, Any], job: Mapping[str, Any], folder: Path, rows: DrivenRows
 ) -> Array | None:

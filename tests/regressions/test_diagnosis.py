@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -106,3 +107,29 @@ def test_poses_off_the_model_without_an_event_are_still_asked_about(robot: Robot
     mixed = np.where((rows.run == "static_2")[:, None], off.position, sound.position)
     with pytest.raises(cp.InputError, match="jogged by hand"):
         cp.diagnose(replace(sound, position=mixed), robot)
+
+
+def test_folders_stay_within_what_is_read_and_hold_the_reported_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soft = tmp_path / "soft"
+    write_small_robot(soft)
+    file = soft / "elasticity.toml"
+    # joint 6 is nearly as soft as the reader takes for true, and in fact softer
+    file.write_text(file.read_text().replace("4e-06", "9.8e-3"))
+    nominal = cp.load_robot(soft)
+    softer = cp.Effect("joint_stiffness", "joint_6", None, {"compliance_change_rad_per_Nm": 1.5e-3})
+    rows = plan_rows(nominal, 3, poses=20, loads=1, force=10.0)
+    log = write_log(measure(nominal, rows, [softer], 3, orientation=False), tmp_path / "log.csv")
+    others = [word for name in ("wrench_scale", "wrench_bias", "payload") for word in ("--without", name)]
+    out = tmp_path / "out"
+    answer = run_command(["diagnose", log, "--robot", soft, "--out", out, *others], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    said = json.loads((out / "diagnosis.json").read_text())
+    for one in said["delivered"]:
+        read = cp.load_robot(out / one["folder"])
+        assert all(spring.compliance <= 1e-2 for spring in read.springs)
+    campaign = cp.read_campaign(log, nominal)
+    gap = cp.predict_campaign(cp.load_robot(out / "robot"), campaign, later=False).gap
+    rms = 1e3 * float(np.sqrt(np.mean(np.sum(np.delete(gap, said["outliers"], axis=0) ** 2, axis=1))))
+    assert said["gap"]["after_rms_mm"] == pytest.approx(rms, abs=1e-5)

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import click
 
+from compplan.errors import InputError
 from compplan.toolpath.readers.machines import list_machines
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -25,11 +26,36 @@ WCS = click.option("--wcs", metavar="G54", help="The work offset that is the par
 COMPENSATION = click.option(
     "--compensation", type=click.Choice(["centre_line"]), help="What a file holds where the control compensates (G41)."
 )
+UNIT = click.option("--unit", type=click.Choice(["mm", "inch"]), help="Unit of a file that does not state one.")
+
+
+def read_place(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
+    """Read X,Y,Z in mm.
+
+    Raises:
+        InputError: If the text is no three numbers.
+
+    """
+    if text is None:
+        return None
+    try:
+        place = [float(word) for word in text.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != 3:
+        raise InputError(f"{option.opts[0]} is {text!r}, expected X,Y,Z in mm")
+    return place
+
+
+FROM = click.option(
+    "--from", "from_mm", metavar="X,Y,Z", callback=read_place,
+    help="Where cuts begin whose start a file leaves open: mm, part frame.",
+)  # fmt: skip
 
 
 def take_cam_options(command: Command) -> Command:
-    """Give a command the options --feed, --machine, --rotary, --wcs and --compensation."""
-    return FEED(MACHINE(ROTARY(WCS(COMPENSATION(command)))))
+    """Give a command the options --unit, --from, --feed, --machine, --rotary, --wcs and --compensation."""
+    return UNIT(FROM(FEED(MACHINE(ROTARY(WCS(COMPENSATION(command)))))))
 
 
 def keep_stated(**options: Any) -> dict[str, Any]:

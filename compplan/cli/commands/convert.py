@@ -19,7 +19,7 @@ from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
 CHOICES = {
-    "unit": ["mm", "inch"], "arc_centres": ["incremental", "absolute", "reversed"],
+    "arc_centres": ["incremental", "absolute", "reversed"],
     "circle_sense": ["auto", "right_hand", "left_hand"], "tilt_angles": ["spatial"],
     "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
 }
@@ -31,7 +31,6 @@ TABLES = (".csv", ".txt", "")
 @click.command(epilog=f"Languages that are read: {', '.join(READERS)}.")
 @click.argument("camfile", type=click.Path(path_type=Path))
 @click.option("--out", "out", type=OUT_TABLE, required=True, help="The toolpath table to write (CSV).")
-@click.option("--unit", type=click.Choice(CHOICES["unit"]), help="Unit of a file that does not state one.")
 @click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
 @click.option("--arc-centres", type=click.Choice(CHOICES["arc_centres"]), help="How I J K count in G-code.")

@@ -33,36 +33,23 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     from compplan.cli.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
-    from compplan.plan.finished_walls import find_greatest
-    from compplan.plan.stability import judge_stability
-    from compplan.plan.uncorrected import predict_surface
     from compplan.process.force_lesson import FILE as LESSON
     from compplan.reporting.writers.forces import write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")
     checked = load_one_job(job)
-    chatters = checked.process.model == "end_mill"
     with show_progress() as announce:
         announce("forces: engagement and wrench along the path")
         found = predict_forces(checked, log)
         if table is not None:
             (write_level if table.name == LESSON else write_coefficients)(found, table)
-        if chatters and checked.stability.judge and not as_json:
-            click.echo("judging the stability of the cut at postures and cuts along the path: about ten seconds ...")
-        announce("forces: stability of the cut")
-        stability, remark = judge_stability(found)
-        if chatters and not checked.stability.judge:
-            remark = "Whether the cut chatters was not looked at; a table [stability] in the job asks for it."
-        walls, told = predict_surface(found)
-        remark = " ".join(filter(None, (remark, told)))
         announce("write: forces.json, forces.csv, report.html")
-        summary = write_forces(found, folder, stability, remark, walls)
+        summary = write_forces(found, folder)
     if as_json:
         click.echo(dump_json(summary))
         return
-    greatest = None if walls is None else (len(walls), 1e3 * find_greatest(walls))
-    for line in _describe(summary, greatest):
+    for line in _describe(summary):
         click.echo(line)
     for note in summary["notes"]:
         click.echo(note)
@@ -75,8 +62,8 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     click.echo(f"wrote forces.json, forces.csv, report.html{left} to {folder}")
 
 
-def _describe(summary: Mapping[str, Any], walls: tuple[int, float] | None) -> Iterator[str]:
-    """Say in lines what forces.json holds; walls: how many there are, and the greatest error. [mm]"""
+def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Say in lines what forces.json holds."""
     force = summary["force_N"]
     yield (f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
            f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
@@ -85,12 +72,6 @@ def _describe(summary: Mapping[str, Any], walls: tuple[int, float] | None) -> It
         deep, wide, ripple = cut["axial_depth_mm"]["max"], cut["radial_width_mm"]["max"], summary["ripple_N"]["max"]
         shakes = f"ripple up to {ripple:.3g} N" if ripple > 0.0 else "no ripple: the edges balance"
         yield f"axial depth up to {deep:.3g} mm, radial width up to {wide:.3g} mm, {shakes}"
-    if "part" in summary and "left_mm" in summary["part"]:
-        part, left = summary["part"], summary["part"]["left_mm"]
-        yield (f"finished part: {left['median']:.3g} mm left in the median, {left['max']:.3g} mm at most, "
-               f"cut into by {part['deepest_mm']:.3g} mm at most")  # fmt: skip
-    if walls is not None:
-        yield f"finished walls: {walls[0]}, up to {walls[1]:.3g} mm off, the arm uncorrected"
     if "log" in summary:
         fit = summary["log"]
         yield (f"log: {fit['rows']} rows in the cut of {fit['rms_N']:.3g} N (rms), the prediction is off by "

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -19,18 +21,25 @@ from compplan.controllers.writers.post import read_post
 from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.io.tables import write_text
 from compplan.io.transaction import replace_folder
-from compplan.job.text import mount_tool, number_tools, set_force, set_place, shorten_job, write_job_text
+from compplan.job.called_tools import ANY_FEED, describe_assumed, read_called_tools
+from compplan.job.text import (
+    choose_process,
+    mount_tool,
+    number_tools,
+    set_force,
+    set_place,
+    shorten_job,
+    write_job_text,
+)
 from compplan.measurement.skeleton import write_log_text
-from compplan.robot import Robot, load_robot
-from compplan.robot.skeleton import TURNS, write_skeleton
+from compplan.robot import Robot, load_robot, read_robot_folder
+from compplan.robot.brands import CONTROLLERS
+from compplan.robot.rating import Rating
+from compplan.robot.skeleton import TURNS, Skeleton, build_skeleton
 from compplan.toolpath.readers import find_reader, list_suffixes
 from compplan.toolpath.readers.lines import read_bounded
 from compplan.toolpath.reading import read_toolpath
 
-#: Keys of a force model that stay out until somebody wants them.
-OPTIONAL = ("# required", "# stock_top_mm")
-#: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
-ANY_FEED = 0.01
 #: Pitch of the example cone that shows what force the arm bears. [mm]
 FEW_TURNS_MM = 5.0
 
@@ -43,13 +52,21 @@ FEW_TURNS_MM = 5.0
 @click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
 @click.option("--tool-axis", type=click.Choice(list(TURNS)), default=None,
               help="init robot: axis of that frame that points out of the tool.")  # fmt: skip
+@click.option("--controller", type=click.Choice(list(CONTROLLERS)), default=None,
+              help="init robot: take its joint names, signs, configuration words, pendant frame.")  # fmt: skip
+@click.option("--payload", type=click.FloatRange(0.1, 3000.0), default=None,
+              help="init robot: rated payload in kg; with --reach it gives springs by a rule (assumed).")  # fmt: skip
+@click.option("--reach", type=click.FloatRange(0.2, 10.0), default=None, help="init robot: reach in m.")
+@click.option("--mass", type=click.FloatRange(1.0, 2e4), default=None,
+              help="init robot: own weight in kg, to check the URDF's masses by.")  # fmt: skip
 @click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
 @click.option("--out", type=click.Path(path_type=Path), default=None,
               help="Folder of the robot, or file of the log or template.")  # fmt: skip
 @click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing.")
 def command(
     words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, tool_axis: str | None,
-    short: bool, out: Path | None, schema: bool,
+    controller: str | None, payload: float | None, reach: float | None, mass: float | None, short: bool,
+    out: Path | None, schema: bool,
 ) -> None:  # fmt: skip
     """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
 
@@ -58,7 +75,7 @@ def command(
 
     Example: compplan init part.toml --robot ur10 --toolpath part.nc
 
-    Example: compplan init robot arm.urdf --out arm
+    Example: compplan init robot arm.xacro --controller krc4 --payload 16 --reach 1.61 --out arm
 
     Example: compplan init template krl --out cell.src.jinja
 
@@ -66,30 +83,37 @@ def command(
 
     Example: compplan init log --robot arm --out measurements.csv
     """
+    own = {"tcp": tcp, "tool_axis": tool_axis, "controller": controller, "payload": payload, "reach": reach,
+           "mass": mass}  # fmt: skip
     if schema:
         from compplan.job.schema import write_schema
 
         if words:
             raise InputError(f"{words[0]!r} has no meaning in: compplan init --schema")
-        _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, tcp=tcp, out=out)
+        _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, out=out, **own)
         click.echo(write_schema())
         return
     if short and words[:1] in (("robot",), ("log",), ("template",)):
         raise InputError(f"--short has no meaning in: compplan init {words[0]}")
     if words[:1] == ("robot",):
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
-        _init_robot(Path(words[1]), tcp, tool_axis, out)
+        if (payload is None) != (reach is None) or (mass is not None and payload is None):
+            raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
+        if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
+            raise InputError("--payload, --reach and --mass: nan is no number")
+        rating = None if payload is None or reach is None else Rating(payload, reach, mass)
+        _init_robot(Path(words[1]), tcp, tool_axis, controller, rating, out)
     elif words[:1] == ("template",):
-        _refuse(words, 2, "template LANGUAGE", robot_name=robot_name, toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
+        _refuse(words, 2, "template LANGUAGE", robot_name=robot_name, toolpath=toolpath, **own)
         _init_template(words[1], out)
     elif words[:1] == ("log",):
-        _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, tcp=tcp, tool_axis=tool_axis)
+        _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, **own)
         _init_log(robot_name, out or Path("measurements.csv"))
     else:
         if len(words) > 1:
             forms = "'robot URDF', 'log' or 'template LANGUAGE'"
             raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
-        _refuse(words, len(words), "FILE", tcp=tcp, tool_axis=tool_axis, out=out)
+        _refuse(words, len(words), "FILE", out=out, **own)
         _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
 
 
@@ -116,7 +140,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
         raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
-    text, place = write_job_text(), ""
+    text, place, assumed = write_job_text(), "", ""
     robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
     if robot is not None:
         text = text.replace('robot = "staubli_tx200" ', f"{_line('robot', str(robot_name))} ", 1)
@@ -126,8 +150,13 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
         _check_toolpath(file.parent / toolpath)
         line = _line("toolpath", toolpath) + "\n\n"
         text = re.sub(r'# toolpath = "part.nc"\n.*?\n(?=\[part\])', lambda _: line, text, count=1, flags=re.DOTALL)
-        text = _choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
-        text = number_tools(text, _called_tools(file.parent / toolpath))
+        text = choose_process(text, "columns" if toolpath.lower().endswith(".csv") else "milling")
+        if not toolpath.lower().endswith(".csv"):
+            try:
+                tools = read_called_tools(file.parent / toolpath)
+                text, assumed = number_tools(text, tools), describe_assumed(tools)
+            except CompplanError as error:
+                assumed = f"tools and spindle speeds are not taken from {toolpath}: {error}"
     if robot is not None:
         with show_progress() as announce:
             announce("place of the part")
@@ -136,21 +165,9 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
                 announce("force that the arm bears")
                 text = ease_force(text, file)
     write_text(file, shorten_job(text) if short else text)
-    if place:
-        click.echo(place)
+    for sentence in filter(None, (place, assumed)):
+        click.echo(sentence)
     click.echo(f"wrote {file}; next: compplan plan {file} --out out")
-
-
-def _choose_process(text: str, model: str) -> str:
-    """Let a force model that suits the toolpath stand in place of sheet forming: its lines, and no other model's."""
-    head, process, rest = re.split(r"(?<=\n)(\[process\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
-    lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
-    first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
-    last = next(k for k, line in enumerate(lines) if k > first and line.startswith("# model = "))
-    own = [line.removeprefix("# ") for line in lines[first:last] if not line.startswith(OPTIONAL)]
-    left = [line for k, line in enumerate(lines) if not first <= k < last or line.startswith(OPTIONAL)]
-    note = "# the numbers of the cut are assumed: put yours" if model == "milling" else ""
-    return head + "\n".join([left[0], *filter(None, [note]), *own, *left[1:]]) + "\n" + rest
 
 
 def place_part(text: str, file: Path) -> tuple[str, str]:
@@ -210,35 +227,47 @@ def _check_toolpath(path: Path) -> None:
         raise InputError(f"is no toolpath, expected a file that ends in .csv, {', '.join(list_suffixes())}", file=path)
 
 
-def _called_tools(path: Path) -> list[int]:
-    """Return the T numbers that a CAM file cuts with; none where it is not read as it stands."""
-    from compplan.toolpath.operations import split_operations
-    from compplan.toolpath.readers.options import CamTable
-
-    if path.suffix.lower() == ".csv":
-        return []
-    try:
-        operations = split_operations(read_toolpath(path, cam=CamTable(cycles="expand"), feed=ANY_FEED))
-    except CompplanError:
-        return []
-    return list(dict.fromkeys(operation.number for operation in operations))
-
-
-def _init_robot(urdf: Path, tcp: str | None, tool_axis: str | None, out: Path | None) -> None:
+def _init_robot(
+    urdf: Path, tcp: str | None, tool_axis: str | None, controller: str | None, rating: Rating | None, out: Path | None
+) -> None:
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
         _refuse_existing(folder)
     try:
-        texts = write_skeleton(urdf, tcp, tool_axis)
+        made = build_skeleton(urdf, tcp, tool_axis, controller, rating)
     except InputError as error:
         if tool_axis is not None or "which axis of" not in error.message or not sys.stdin.isatty():
             raise
         asked = f"The URDF {error.message.partition(';')[0]}. Which one does"
-        texts = write_skeleton(urdf, tcp, click.prompt(asked, type=click.Choice(list(TURNS)), err=True))
+        axis = click.prompt(asked, type=click.Choice(list(TURNS)), err=True)
+        made = build_skeleton(urdf, tcp, axis, controller, rating)
     with replace_folder(folder, "init") as new:
-        for name, text in texts.items():
+        for name, text in made.texts.items():
             write_text(new / name, text)
+        for place, source in made.meshes.items():
+            (new / place).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, new / place)
+        read_robot_folder(new)
+    for sentence in _describe_robot(made, controller):
+        click.echo(sentence)
     click.echo(f"wrote {folder}; next: compplan doctor {folder}")
+
+
+def _describe_robot(made: Skeleton, controller: str | None) -> Iterator[str]:
+    """Say what a new robot folder holds, what was left out and what is missing."""
+    if made.springs:
+        yield f"springs: {made.springs}, assumed by payload and reach (grade {made.grade})"
+    else:
+        yield "springs: none, the robot is rigid; --payload and --reach estimate those of six rotating joints"
+    if made.mass_fault:
+        yield f"masses: {made.mass_fault}; the masses are left out, correct the URDF and run init again"
+    if made.missing:
+        yield f"meshes: {len(made.meshes)} copied, {len(made.missing)} not found ({made.missing[0]})"
+    if made.gaps:
+        yield f"Cartesian programs lack {'; '.join(made.gaps)}"
+    if controller is not None:
+        yield ("controller.toml is derived from the geometry and not checked: compare two postures with the display, "
+               "then set checked = true")  # fmt: skip
 
 
 def _init_log(robot_name: str | None, file: Path) -> None:

@@ -21,17 +21,15 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     """
     from compplan.cli.commands.progress import show_progress
     from compplan.job.operations import load_one_job
-    from compplan.plan.chatter import price_places
     from compplan.plan.plan import job_robot
     from compplan.posture.place import place_part
-    from compplan.reporting.place_page import describe_chatter
     from compplan.reporting.writers.place import write_placement
     from compplan.uncertainty.posture_errors import posture_errors
 
     checked = load_one_job(job)
     with show_progress() as announce:
         robot = job_robot(checked)
-        result = place_part(checked, robot, announce, posture_errors(checked, robot), price_places(checked, robot))
+        result = place_part(checked, robot, announce, posture_errors(checked, robot))
     summary = write_placement(result, checked, folder)
     if as_json:
         click.echo(dump_json(summary))
@@ -39,8 +37,6 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     there, here = summary["sensitivity_mm"]["p95"], summary["sensitivity_here_mm"]
     click.echo(f"remaining deviation (95 %) there {there:.4g} mm, at the job's place "
                + ("not to be followed" if here is None else f"{here['p95']:.4g} mm"))  # fmt: skip
-    if "chatter" in summary:
-        click.echo(describe_chatter(summary))
     click.echo("[part]")
     click.echo(f"position_mm = {summary['part']['position_mm']}")
     click.echo(f"rotation_deg = {summary['part']['rotation_deg']}")

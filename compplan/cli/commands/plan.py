@@ -85,7 +85,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     from compplan.cli.commands.progress import show_progress
     from compplan.io.notes import Stop
     from compplan.plan.bending import describe_bending
-    from compplan.plan.finished_walls import find_greatest
+    from compplan.plan.frame_notes import describe_part_frame
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said
     from compplan.reporting.provenance import describe_grade
@@ -107,6 +107,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
         click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
         click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
         click.echo(f"  {describe_bending(plan.bending)}")
+        click.echo(describe_part_frame(job))
         wrong = plan.mismatch
         click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
         if plan.promise is not None:
@@ -114,9 +115,6 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
             click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
         elif plan.status == "infeasible":
             click.echo("no 95 % band is stated, waypoints are out of reach")
-        if plan.walls:
-            greatest = format_length(find_greatest(plan.walls))
-            click.echo(f"finished walls: {len(plan.walls)}, up to {greatest} off, the arm corrected")
         click.echo(describe_grade(plan.robot))
         for note in plan.notes:
             click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)

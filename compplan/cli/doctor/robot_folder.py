@@ -12,9 +12,10 @@ from compplan.cli.doctor.remarks import Remark
 from compplan.controllers.writers.counting import load_controller
 from compplan.effects import robot_effects
 from compplan.robot import Array, Robot
-from compplan.robot.folder import read_rating
+from compplan.robot.description import find_mesh
 from compplan.robot.mounting import name_axis, outward_axis
-from compplan.robot.shapes import describe_shapes, find_mesh, read_bodies
+from compplan.robot.rating import check_mass, read_rating, sum_arm_mass
+from compplan.robot.shapes import describe_shapes, read_bodies
 from compplan.robot.soft_limits import describe_soft_limits
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
@@ -52,7 +53,7 @@ def _describe(robot: Robot) -> Remark:
     if rating is None:
         size = f"its links end to end measure {robot.longest_reach:.2f} m, it reaches less"
     else:
-        size = f"payload {rating[0]:g} kg, reach {rating[1]:.2f} m as its maker says (SOURCE.md)"
+        size = f"payload {rating.payload:g} kg, reach {rating.reach:.2f} m as its maker says (SOURCE.md)"
     tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
     return Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")
 
@@ -94,11 +95,20 @@ def _look_at_limits(robot: Robot) -> Iterator[Remark]:
 
 
 def _look_at_weights(robot: Robot) -> Iterator[Remark]:
+    rating = read_rating(robot)
+    if rating is None:
+        line = "Payload 16 kg and reach 1611 mm, own weight 235 kg"
+        yield Remark("note", "rating", "payload, reach and own weight are not stated: masses cannot be checked by them",
+                     f"write a line such as {line!r} into SOURCE.md of the folder")  # fmt: skip
     mass = sum(body.mass for body in robot.bodies)
     if mass == 0.0:
-        yield Remark("note", "masses", "no link has a mass: weight and inertia bend nothing")
+        why = f" ({source})" if (source := robot.sources.get("masses", "")).startswith("left out") else ""
+        yield Remark("note", "masses", f"no link has a mass{why}: weight and inertia bend nothing")
         return
-    yield Remark("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
+    if fault := check_mass(sum_arm_mass(robot.joints[robot.carrying :], robot.bodies), rating):
+        yield Remark("odd", "masses", fault, "weight and inertia use them: correct robot.urdf")
+    else:
+        yield Remark("fine", "masses", f"{mass:.0f} kg in {len(robot.bodies)} links")
     if robot.gravity is None:
         yield Remark("note", "gravity", "not in the model: deflections count from the arm that hangs under its weight")
 
@@ -145,9 +155,8 @@ def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     if counting.known:
         yield Remark("fine", "controller", "controller.toml says how the joints are counted")
     else:
-        there = robot.folder is not None and (robot.folder / "controller.toml").is_file()
-        why = "controller.toml says checked = false" if there else "no controller.toml"
-        yield Remark("note", "controller", f"{why}: signs and zeros of native programs are not known")
+        yield Remark("note", "controller", f"{counting.unchecked}: signs and zeros of native programs are not known",
+                     "compare two postures with the controller's display")  # fmt: skip
     names = [effect.name for effect in robot_effects(robot)]
     if names:
         yield Remark("note", "effects", f"effects.toml adds {', '.join(names)}")

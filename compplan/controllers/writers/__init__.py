@@ -146,10 +146,10 @@ def describe_program(program: Program, language: str) -> list[str]:
 
     """
     notes: list[str] = []
-    if not program.known:
+    if program.unchecked:
         notes.append(Stop(
-            f"{language}: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: the robot folder has no controller.toml, they "
-            "are those of the URDF; check every axis against the controller's display"
+            f"{language}: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: {program.unchecked}; "
+            "check every axis against the controller's display"
         ))  # fmt: skip
     swings = np.flatnonzero(program.swings).tolist()
     if swings and language != "csv":

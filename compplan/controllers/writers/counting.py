@@ -31,6 +31,9 @@ from compplan.robot.urdf import read_urdf
 
 #: Longest name of a joint, and greatest zero [deg or mm], that are taken for true.
 LONGEST_NAME, FARTHEST_ZERO = 32, 1e5
+#: Why signs and zeros are not known.
+NO_FILE = "the robot folder has no controller.toml, they are those of the URDF"
+NOT_CHECKED = "controller.toml says checked = false"
 
 
 class ConfigurationWord(StrictTable):
@@ -88,7 +91,7 @@ class Counting:
         zero: What it counts at q = 0. Shape (nq,). [deg or mm]
         words: Its configuration words by name.
         world: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
-        known: Whether a controller.toml that is checked says all this, or the URDF stands in for it.
+        unchecked: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
 
     """
 
@@ -99,7 +102,12 @@ class Counting:
     zero: Array
     words: Mapping[str, ConfigurationWord]
     world: Array = field(default_factory=lambda: np.eye(4))
-    known: bool = True
+    unchecked: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether a controller.toml that is checked states all this."""
+        return not self.unchecked
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -110,7 +118,7 @@ class Counting:
 def plain_controller(robot: Robot) -> Counting:
     """Return a controller that counts as the URDF does."""
     names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
-    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {}, known=False)
+    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {}, unchecked=NO_FILE)
 
 
 def load_controller(robot: Robot) -> Counting:
@@ -153,8 +161,8 @@ def load_controller(robot: Robot) -> Counting:
     zero = np.array(table.zero_deg, dtype=np.float64)
     turn = Rotation.from_rotvec(np.radians(table.world.rotation_deg))
     world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
-    words = table.configuration
-    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, table.checked)
+    words, unchecked = table.configuration, "" if table.checked else NOT_CHECKED
+    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
 
 
 def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:

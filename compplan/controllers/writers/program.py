@@ -62,7 +62,7 @@ class Program:
         bent: Which way the wrist is bent: False below the fifth axis' singular angle, or None. Shape (n,).
         words: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
         native: The controller's own words for them, where controller.toml has them. Shape (n,) each.
-        known: Whether the robot folder says how its controller counts.
+        unchecked: Why signs and zeros of the joints are not known; "" where they are.
         robot: Name of the robot.
         controller: What controller it is.
         comments: Lines for the head of every file.
@@ -110,7 +110,7 @@ class Program:
     bent: NDArray[np.bool_] | None = None
     words: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     native: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
-    known: bool = True
+    unchecked: str = ""
     robot: str = ""
     controller: str = ""
     comments: tuple[str, ...] = ()
@@ -298,7 +298,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
         "rates": rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
         "world": np.eye(4) if robot.ground else controller.world,
         "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
-        "bent": find_bend(believed, q), "known": controller.known, "controller": controller.name,
+        "bent": find_bend(believed, q), "unchecked": controller.unchecked, "controller": controller.name,
     }  # fmt: skip
 
 
@@ -324,8 +324,8 @@ def count_digits(program: Program, most: int) -> int:
 def head_lines(program: Program) -> list[str]:
     """Return what stands at the head of every file, safe in every language."""
     lines = [f"{program.name}: {len(program)} waypoints for {program.robot} {program.controller}".rstrip()]
-    if not program.known:
-        lines.append("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: no controller.toml; they are those of the URDF")
+    if program.unchecked:
+        lines.append(f"SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN: {program.unchecked}")
     if not program.header and not any(event.kind.startswith("spindle") for event in program.events):
         lines.append("no header lines: spindle and coolant are not started here")
     return [clean_text(line) for line in [*lines, *program.comments]]

@@ -24,6 +24,7 @@ from compplan.diagnosis.ledger.ledger import Ledger
 from compplan.diagnosis.ledger.offers import REGISTRATION
 from compplan.diagnosis.search.polish import register_again
 from compplan.diagnosis.search.state import Fit, FitState, idle, move_registration, stands
+from compplan.effects.checks import limit_sizes
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
@@ -75,7 +76,7 @@ def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
         part = left[columns]
         if signature.positive:
             part = np.maximum(part, 0.0)
-        sizes = part * signature.scale
+        sizes = limit_sizes(fit.problem.robot, signature, part * signature.scale)
         if signature.least:
             sizes = np.maximum(sizes, signature.least)
         if part.any():

@@ -20,9 +20,9 @@ from compplan.effects.payload import carried_payload, payload_values
 from compplan.effects.scene import payload_wrench
 from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
 from compplan.robot import Array, Robot
-from compplan.robot.folder import read_rating
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.mounting import mounted_tool
+from compplan.robot.rating import read_rating
 from compplan.statics.chain import load_elements
 
 #: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
@@ -70,8 +70,8 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     robot, payload = fit.problem.robot, payload_values(effect)
     carried, added = carried_payload(robot), float(payload[0])
     whole, rating = added + carried[0], read_rating(robot)
-    if rating is not None and whole > OVER_RATING * rating[0]:
-        return f"{whole:.3g} kg on the flange, the arm is sold for {rating[0]:g} kg"
+    if rating is not None and whole > OVER_RATING * rating.payload:
+        return f"{whole:.3g} kg on the flange, the arm is sold for {rating.payload:g} kg"
     arm = float(sum(body.mass for body in robot.bodies)) - carried[0]
     if rating is None and whole > arm:
         return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
@@ -132,7 +132,7 @@ def stretched_moment(robot: Robot, joint: str | None) -> float:
             length.setdefault(j.child, length[j.parent] + float(np.linalg.norm(j.placement[:3, 3])))
     moment = sum(b.mass * (length[b.link] + float(np.linalg.norm(b.centre))) for b in robot.bodies if b.link in length)
     rating = read_rating(robot)
-    carried = 0.0 if rating is None else rating[0] * length.get(robot.flange, 0.0)
+    carried = 0.0 if rating is None else rating.payload * length.get(robot.flange, 0.0)
     return STANDARD_GRAVITY * (moment + carried)
 
 

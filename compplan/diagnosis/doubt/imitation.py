@@ -31,7 +31,8 @@ from compplan.robot import Array
 #: Radians that a cause turns by over one standard deviation of what it follows (assumed: from nearly straight to a wave
 #: that a few dozen poses just show).
 ROUGHNESS = (0.5, 1.0, 2.0)
-#: A cause of which more than this share is explained is explained whole: the rest is rounding.
+#: A cause of which more than this share is explained is explained whole: the rest is rounding
+#: (theory: relative accuracy of the type).
 WHOLE = 1.0 - 64.0 * ROUNDING
 
 

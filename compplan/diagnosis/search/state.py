@@ -15,6 +15,7 @@ from compplan.diagnosis.ledger.ledger import Ledger
 from compplan.diagnosis.ledger.offers import REGISTRATION, Key, key_of
 from compplan.diagnosis.search.search import MOST_EFFECTS, Model, Search
 from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects.checks import limit_sizes
 from compplan.effects.linearization import Linearization, linearize_scene
 from compplan.effects.scene import Attained, Scene, observe_again
 from compplan.effects.signature import Signature
@@ -185,7 +186,7 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
         if signature.positive:
             part = np.maximum(part, 0.0)
         if part.any():
-            sizes = part * signature.scale
+            sizes = limit_sizes(fit.problem.robot, signature, part * signature.scale)
             values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
             effects.append(signature.effect(sizes))
     first = posterior.hyper

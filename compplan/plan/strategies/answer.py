@@ -19,6 +19,7 @@ import numpy as np
 
 from compplan.plan.correction_loop import Loop
 from compplan.robot import Array
+from compplan.uncertainty.touch_off import TouchedPart
 
 Sensor = Literal["force", "encoders", "tracker"]
 
@@ -42,6 +43,7 @@ class Answer:
         q_rest: Command without correction, which a correction loop starts from. Shape (n, nq). [rad or m]
         loop: The correction loop that the correction passes through in time, or None.
         parts: Parts that are measured and corrected before the one that is judged.
+        touched: The part as it was found by touching, at the posture of the strategy, or None.
 
     """
 
@@ -58,6 +60,7 @@ class Answer:
     q_rest: Array | None = None
     loop: Loop | None = None
     parts: int = 0
+    touched: TouchedPart | None = None
 
     @property
     def spring_gain(self) -> Array:

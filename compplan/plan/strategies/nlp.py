@@ -65,7 +65,7 @@ def _finish(task: PlanTask, q: Array, command: Command) -> Command:
         command = replace(command, facts={**command.facts, "links": q})
         q = q + lead_play(task, q)
     if task.robot.effects:
-        # what no command can mend, such as lost motion at a reversal, is no matter of reach: the evaluation sees the tip
+        # lost motion at a reversal, which no command mends, is no matter of reach: the evaluation sees the tip
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
     failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)

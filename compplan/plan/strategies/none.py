@@ -1,4 +1,4 @@
-"""No compensation: the joint positions that put the unloaded tool on the path."""
+"""No compensation: the joint positions at which the controller shows the tool on the path."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ words = "no correction"
 
 def command_path(task: PlanTask) -> Command:
     """Command the nominal path as if nothing bent."""
-    return judge_limits(task, task.q_start)
+    return judge_limits(task, task.q_uncorrected)

@@ -7,6 +7,7 @@ A new online strategy is one new file with `prepare(task, maps) -> Answer` and o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from compplan.errors import UnknownNameError
@@ -67,4 +68,4 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
             )
         else:
             raise UnknownNameError("strategy", name, list(list_strategies()))
-    return answers
+    return {name: replace(answer, touched=task.touched) for name, answer in answers.items()}

@@ -54,4 +54,13 @@ LIMITS: dict[str, type] = {
     "band": BandLimit,
 }
 
-__all__ = ["LIMITS", "AccelerationLimit", "BandLimit", "CorrectionLimit", "JointRange", "Limit", "LoadedPose", "VelocityLimit"]
+__all__ = [
+    "LIMITS",
+    "AccelerationLimit",
+    "BandLimit",
+    "CorrectionLimit",
+    "JointRange",
+    "Limit",
+    "LoadedPose",
+    "VelocityLimit",
+]

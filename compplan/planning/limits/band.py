@@ -91,13 +91,15 @@ class BandLimit:
                  for k in springs]  # fmt: skip
         if not pulls:
             return found
-        found += [float(self.springs[s]) * deflection[s] * pull for s, pull in enumerate(pulls) if self.springs[s] > 0.0]
+        shares = self.springs.tolist()
+        found += [shares[s] * deflection[s] * pull for s, pull in enumerate(pulls) if shares[s] > 0.0]
         columns, compliance = ca.horzcat(*pulls), ca.SX(ca.sparsify(ca.DM(chain.compliance)))
         found.append(self.level * ca.mtimes(columns, deflection))
         for unit in units:
             force, moment = ca.cross(unit, wrench[:3]), ca.cross(unit, wrench[3:])
-            load = [ca.dot(frames.axis[k], force) if chain.translates[k] else
-                    ca.dot(frames.axis[k], moment + ca.cross(tip - frames.origin[k], force)) for k in springs]  # fmt: skip
+            turns = [moment + ca.cross(tip - frames.origin[k], force) for k in springs]
+            load = [ca.dot(frames.axis[k], force if chain.translates[k] else turn)
+                    for k, turn in zip(springs, turns, strict=True)]  # fmt: skip
             found.append(self.direction * ca.mtimes(columns, ca.mtimes(compliance, ca.vertcat(*load))))
         return found
 

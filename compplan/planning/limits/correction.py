@@ -13,7 +13,7 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class CorrectionLimit:
-    """|p_unloaded(q) - p_wanted| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound.
+    """|p_unloaded(q) - p_programmed| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound.
 
     Attributes:
         most: Greatest distance. [m]
@@ -27,11 +27,11 @@ class CorrectionLimit:
     numbers: Array | None = None
 
     def __str__(self) -> str:
-        return f"|p_unloaded(q) - p_wanted| <= {1e3 * self.most:g} mm"
+        return f"|p_unloaded(q) - p_programmed| <= {1e3 * self.most:g} mm"
 
     def rows(self, station: Station) -> ca.SX:
         """Return the excess of the correction, less that of a released station out of reach."""
-        gap = station.frames.position - station.wanted
+        gap = station.frames.position - station.programmed
         return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most) - station.excess
 
     def bounds(self, problem: Problem) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from compplan.io.tomlfile import StrictTable
 from compplan.process.cutter import Cutter
 from compplan.process.cutting import CuttingTable
 from compplan.process.force_models import milling
@@ -18,6 +19,14 @@ cites = milling.cites
 FLUTES = 3.0
 
 
+class ToolModeTable(StrictTable):
+    """[process.tool_mode]: the lowest mode of tool and holder across the tool, for the limit of depth."""
+
+    frequency_Hz: float = Field(ge=1.0, le=2e4)
+    stiffness_N_mm: float = Field(ge=1.0, le=1e7)
+    damping: float = Field(default=0.03, ge=1e-4, le=0.5)
+
+
 class EndMillProcess(CuttingTable):
     """An end mill whose engagement follows from stock and path, see `compplan.process.milling`."""
 
@@ -25,6 +34,7 @@ class EndMillProcess(CuttingTable):
     corner_radius_mm: float = Field(default=0.0, ge=0.0)
     helix_deg: float = Field(default=30.0, ge=0.0, le=70.0)
     runout_mm: float = Field(default=0.0, ge=0.0, le=0.5)
+    tool_mode: ToolModeTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> EndMillProcess:
@@ -46,10 +56,6 @@ class EndMillProcess(CuttingTable):
         radius, corner = 0.5e-3 * self.diameter_mm, 1e-3 * self.corner_radius_mm
         flute = 2.0 * FLUTES * radius if self.flute_mm is None else 1e-3 * self.flute_mm
         return Cutter(radius, max(flute, corner), corner)
-
-    def shank(self, cutter: Cutter) -> float | None:
-        """Return the height above the tip from which on the tool has no edges. [m]"""
-        return cutter.flute
 
 
 table = EndMillProcess

@@ -13,10 +13,10 @@ from compplan.errors import InputError
 from compplan.io.origin import describe_origin
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import check_file, replace_folder
+from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.robot.calibration import find_format, universal_robots
 from compplan.robot.calibration.geometry import turn_zeros
-from compplan.robot.folder import write_robot_folder
 from compplan.simulation.calibration_loss import POSES, judge_losses
 
 
@@ -33,7 +33,7 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
     robot = replace(robot, sources={**robot.sources, "geometry": f"calibration of the controller, {file.name}"})
     summary = {"schema": 1, "robot": nominal.name, "format": form.name, "made_by": describe_origin()}
     with replace_folder(folder, "calibration") as part:
-        write_robot_folder(robot, part / "robot")
+        deliver_robot_folder(robot, part / "robot")
         write_json(part / "calibration.json", summary)
     return summary
 

@@ -6,8 +6,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from compplan.diagnosis import Diagnosis
 from compplan.diagnosis.answer.assessment import Assessment, assess_diagnosis
+from compplan.diagnosis.answer.delivery import Delivery
 from compplan.diagnosis.answer.next_measurement import propose_measurements
 from compplan.diagnosis.answer.where import Split, split_diagnosis
 from compplan.io.origin import describe_origin
@@ -16,7 +19,9 @@ from compplan.io.transaction import replace_folder
 from compplan.measurement.registration import write_registration
 from compplan.reporting.diagnosis_page import write_diagnosis_page
 from compplan.reporting.writers.cell import write_gap
-from compplan.robot.folder import write_robot_folder
+from compplan.reporting.writers.robot_folder import deliver_robot_folder
+from compplan.robot import Robot
+from compplan.simulation.predict import predict_campaign
 
 
 def deliver_diagnosis(
@@ -65,10 +70,22 @@ def write_diagnosis(
     with replace_folder(out, "diagnose") as part:
         for number, delivery in enumerate(diagnosis.deliveries):
             folder = part / delivery.folder(number)
-            write_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
+            read = deliver_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
+            if number == 0:
+                after = measure_gap(diagnosis, read, delivery)
+                table["gap"] = {**table["gap"], "after_rms_mm": round(1e3 * after, 5)}
             if delivery.state.registration is not None:
                 write_registration(delivery.state.registration, folder / "registration.toml")
         write_diagnosis_page(diagnosis, part / "report.html", split, assessment, table)
         write_gap(diagnosis, split.shares, part)
         write_json(part / "diagnosis.json", table, indent=2)
     return table
+
+
+def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery) -> float:
+    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]"""
+    campaign = diagnosis.fit.problem.campaign
+    gap = predict_campaign(robot, campaign, registration=delivery.state.registration, later=False).gap
+    good = campaign.usable.copy()
+    good[diagnosis.outliers] = False
+    return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))

@@ -22,7 +22,8 @@ from compplan.io.origin import describe_origin
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.reporting.trace_page import write_trace_page
-from compplan.robot import Array, Robot, write_robot_folder
+from compplan.reporting.writers.robot_folder import deliver_robot_folder
+from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
 
 #: The table [motion] of a controller.toml, up to the next table or the end, with the comments right above it.
@@ -169,7 +170,7 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
     """
     summary = summarise_trace(traced)
     with replace_folder(folder, "trace") as part:
-        write_robot_folder(traced.robot, part / "robot")
+        deliver_robot_folder(traced.robot, part / "robot")
         if traced.found.helps:
             write_motion(traced.found.motion, traced.robot, part / "robot" / "controller.toml")
         write_json(part / "trace.json", summary)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,7 @@ from compplan.io.origin import describe_origin
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
-from compplan.plan.finished_walls import describe_walls
-from compplan.plan.stability import Stability, mark_spans
-from compplan.plan.stable_cut import ACCEPTED
 from compplan.process.cutting import CoefficientTable
-from compplan.process.finished import describe_part
 from compplan.process.force_lesson import (
     SCATTER,
     LearnedForce,
@@ -33,8 +28,6 @@ from compplan.process.force_lesson import (
     write_learned_force,
 )
 from compplan.process.process import Process
-from compplan.process.walls import WallError
-from compplan.robot import Array
 from compplan.toolpath.toolpath import WRENCH_HEADERS
 
 #: Largest ratio of measured and predicted force that is learned.
@@ -43,8 +36,8 @@ MOST_LEVEL = 100.0
 STOCK = "stock.stl"
 
 
-def summarise_forces(found: ForcePrediction, stability: Stability | None = None, remark: str = "") -> dict[str, Any]:
-    """Return what forces.json holds; `remark` says why stability is not judged."""
+def summarise_forces(found: ForcePrediction) -> dict[str, Any]:
+    """Return what forces.json holds."""
     force = np.linalg.norm(found.wrench[:, :3], axis=1)
     acts = force > 0.0
     summary: dict[str, Any] = {
@@ -54,7 +47,7 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
         "moment_Nm": {"max": float(np.linalg.norm(found.wrench[:, 3:], axis=1).max())},
         "uncertainty": getattr(found.job.process, "uncertainty", None),
         "uncertainty_stated": _states_uncertainty(found.job.process),
-        "notes": [*found.notes, *([stability.note] if stability else []), *([remark] if remark else [])],
+        "notes": found.notes,
     }  # fmt: skip
     summary["stops"] = list_stops(summary["notes"])
     if found.law.cutting is not None and found.ripple is not None:
@@ -70,10 +63,6 @@ def summarise_forces(found: ForcePrediction, stability: Stability | None = None,
             "cutting_N_mm2": list(resistance.cutting), "edge_N_mm": list(resistance.edge),
             "exponent": list(resistance.exponent), "source": resistance.source, "assumed": resistance.assumed,
         }  # fmt: skip
-        if found.law.cutting.part is not None:
-            summary["part"] = describe_part(found.law.cutting.part)
-    if stability is not None:
-        summary["stability"] = _summarise_stability(stability)
     if found.fit is not None:
         summary["log"] = {
             "rows": found.fit.rows, "rms_N": found.fit.level, "rms_before_N": found.fit.rms_before,
@@ -89,45 +78,7 @@ def _states_uncertainty(process: Process) -> bool:
                if table is not None)  # fmt: skip
 
 
-def _summarise_stability(stability: Stability) -> dict[str, Any]:
-    """Return verdicts and map; what has no limit is null."""
-    drawn = stability.map
-    summary: dict[str, Any] = {
-        "unstable_waypoints": int(stability.unstable.sum()),
-        "unstable_spans": [list(span) for span in mark_spans(stability.unstable)],
-        "unstable_by_zero_order": int(stability.zero_order.sum()),
-        "largest_multiplier": float(stability.multiplier.max()),
-        "largest_probability": float(stability.odds.max()),
-        "band_hz": list(stability.band),
-        "damping": stability.damping,
-        "damping_assumed": True,
-        "masses": stability.masses,
-        "natural_frequencies_hz": [float(value) for value in stability.frequencies.min(axis=0)],
-        "proposal": {
-            "accepted_probability": ACCEPTED, "depth_share": stability.proposal.share,
-            "axial_depth_mm": None if stability.proposal.depth is None else 1e3 * stability.proposal.depth,
-            "spindle_rpm": None if stability.proposal.speed is None else 60.0 * stability.proposal.speed,
-        },
-    }  # fmt: skip
-    if drawn is not None:
-        summary["map"] = {
-            "waypoint": drawn.waypoint, "axial_depth_mm": 1e3 * drawn.depth,
-            "spindle_rpm": (60.0 * drawn.speed).tolist(), "zero_order_limit_mm": _limits(drawn.zero_order),
-            "few_spindle_rpm": (60.0 * drawn.few_speed).tolist(),
-            "semi_discretised_limit_mm": _limits(drawn.semi_discretised),
-            "mode_coupling_limit_mm": _limits(np.array([drawn.mode_coupling]))[0],
-        }  # fmt: skip
-    return summary
-
-
-def _limits(depth: Array) -> list[float | None]:
-    return [float(1e3 * value) if np.isfinite(value) else None for value in depth]
-
-
-def write_forces(
-    found: ForcePrediction, folder: Path, stability: Stability | None = None, remark: str = "",
-    walls: Sequence[WallError] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
     """Write forces.json, forces.csv, report.html, and what a cutter leaves of its stock; return what forces.json holds.
 
     Raises:
@@ -136,12 +87,10 @@ def write_forces(
     """
     from compplan.reporting.forces_page import write_forces_page
 
-    summary = {**summarise_forces(found, stability, remark), "made_by": describe_origin()}
-    if walls is not None:
-        summary["surface"] = describe_walls(walls, found.job, corrected=False)
+    summary = {**summarise_forces(found), "made_by": describe_origin()}
     with replace_folder(folder, "forces") as part:
-        write_table(part / "forces.csv", _tabulate(found, stability))
-        write_forces_page(found, summary, stability, walls, part / "report.html")
+        write_table(part / "forces.csv", _tabulate(found))
+        write_forces_page(found, summary, part / "report.html")
         if found.law.cutting is not None:
             left = found.law.cutting.leave()
             left.apply_scale(1e3)
@@ -210,7 +159,7 @@ def write_level(found: ForcePrediction, file: Path) -> None:
     write_learned_force(add_part(force, part), process, file.parent, file.parent)
 
 
-def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, object]:
+def _tabulate(found: ForcePrediction) -> dict[str, object]:
     """Return the table against path length, one row a waypoint."""
     nominal = found.nominal
     columns: dict[str, object] = {"s_mm": 1e3 * nominal.arc_length, "rapid": nominal.rapid.astype(np.int64)}
@@ -223,10 +172,5 @@ def _tabulate(found: ForcePrediction, stability: Stability | None) -> dict[str, 
             "first_angle_deg": arc[:, 0], "last_angle_deg": arc[:, 1],
         }  # fmt: skip
         columns |= {f"ripple_{name}_N": found.ripple[:, k] for k, name in enumerate(("travel", "left", "axis"))}
-        if found.law.cutting.part is not None:
-            columns["part_clearance_mm"] = 1e3 * found.law.cutting.part.clearance
-    if stability is not None:
-        columns |= {"multiplier": stability.multiplier, "unstable": stability.unstable.astype(np.int64),
-                    "chatter_probability": stability.odds}  # fmt: skip
     columns |= {name: found.wrench[:, k] for k, name in enumerate(WRENCH_HEADERS)}
     return columns

@@ -18,7 +18,7 @@ from compplan.io.transaction import replace_folder
 from compplan.measurement.fit.rows import SIGMA_ENCODER
 from compplan.measurement.registration import write_registration
 from compplan.reporting.identify_page import write_identification_page
-from compplan.robot.folder import write_robot_folder
+from compplan.reporting.writers.robot_folder import deliver_robot_folder
 
 #: Unit in which a parameter is shown, and factor from SI.
 SHOWN = {
@@ -43,7 +43,7 @@ def write_identification(result: Identification, out: Path, log_notes: Sequence[
     summary = {**summarise_identification(result), **said}
     with replace_folder(out, "identify") as part:
         folder = part / "robot"
-        write_robot_folder(result.robot, folder, result.nominal)
+        deliver_robot_folder(result.robot, folder, result.nominal)
         if result.registration.parts:
             write_registration(result.registration, folder / "registration.toml")
         write_json(part / "identify.json", summary)

@@ -19,8 +19,8 @@ from compplan.reporting.learn_page import write_learn_page
 from compplan.reporting.plan_page import write_plan_page
 from compplan.reporting.writers.cell import write_deviation
 from compplan.reporting.writers.plan import choose_rows, summarise_plan, write_joints, write_programs
+from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Robot
-from compplan.robot.folder import write_robot_folder
 
 
 def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
 
 def write_taught(teaching: Teaching, folder: Path) -> None:
     """Write the robot folder as it is known now, with what every path has learned."""
-    write_robot_folder(teaching.taught, folder, teaching.robot)
+    deliver_robot_folder(teaching.taught, folder, teaching.robot)
     source = teaching.robot.folder
     if source is not None:
         for file in (*source.glob("learned_*.csv"), *source.glob("registration.toml")):

@@ -5,9 +5,11 @@ A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,8 +88,10 @@ def write_beside(plan: Plan, part: Path) -> None:
 
 def read_back(plan: Plan, folder: Path) -> Plan:
     """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
+    from compplan.controllers.readback.comparison import StiffArm, compare_written
     from compplan.controllers.readback.joint_table import Commanded
-    from compplan.simulation.delivered import vote_on_delivery
+    from compplan.simulation.inertia import stand_stiff
+    from compplan.simulation.reading import read_judge
 
     job, robot = plan.job, plan.robot.folder
     if job is None or robot is None or job.mounted is not None:
@@ -109,10 +113,16 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     may_stop = mark_corner_stops(make_program(plan), job.output.programs) if stops else np.zeros(len(rows), bool)
     table = choose_rows(plan)
     wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent)
-    vote = vote_on_delivery(folder, job.model_dump(by_alias=True, exclude_unset=True), Path(robot), wanted)
-    if not vote.breaches and not vote.notes:
+
+    def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
+        judge = read_judge(Path(robot), tool, geometry="controller.urdf")
+        return StiffArm(bool(judge.ground), partial(stand_stiff, judge))
+
+    tables = job.model_dump(by_alias=True, exclude_unset=True)
+    found = compare_written(folder, tables, Path(robot), wanted, arm_with)
+    if not found.breaches and not found.notes:
         return plan
-    return replace_said(plan, (*plan.notes, *vote.notes), (*plan.breaches, *vote.breaches))
+    return replace_said(plan, (*plan.notes, *found.notes), (*plan.breaches, *found.breaches))
 
 
 def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
@@ -153,7 +163,7 @@ def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
     task, parts = plan.task, []
     for way in (plan.approach, plan.retract):
         if len(way.q):
-            held = attain_pose(task.chain, way.q, way.wrench, slope=False)
+            held = task.see_pose(attain_pose(task.chain, way.q, way.wrench, slope=False))
             parts.append((held.position, -held.rotation[:, :, 2]))
         else:
             parts.append((np.zeros((0, 3)), np.zeros((0, 3))))

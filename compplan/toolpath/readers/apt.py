@@ -15,6 +15,7 @@ from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.lines import count_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.start import refuse_unit
 
 REFUSED = {
     "COPY": "repeated paths", "TRACUT": "transformed paths", "MACRO": "macros", "CALL": "macros", "LOOPST": "loops",
@@ -83,7 +84,9 @@ class _AptReader(ArcReader):
         super().__init__(file, options, flipped=flipped)
         self.cycle: AptCycle | None = None
         self.feed_before: tuple[float | None, float | None] = (None, None)
-        self.frames: set[str] = set()
+        self.frames: set[tuple[float, ...]] = set()
+        #: Line of the first point.
+        self.first = 0
         self.machine = AptMachine(self.log)
 
     def run(self, text: str) -> None:
@@ -115,8 +118,9 @@ class _AptReader(ArcReader):
                 break
             self._carry_out(major, minor.strip(), record)
         self.machine.end(self.line)
-        if not self.unit:
-            self.log.note(f"no unit is stated (UNITS): {self.options.unit or 'mm'} is assumed", 1)
+        if not self.unit and self.options.unit is None and self.first:
+            self.line = self.first
+            raise refuse_unit("UNITS, or a unit of FEDRAT")
 
     def _carry_out(self, major: str, minor: str, record: str) -> None:
         """Carry out one record."""
@@ -168,6 +172,7 @@ class _AptReader(ArcReader):
             self.log.note(f"{major} is left out: the points of a cutter location file are the tool's", self.line)
         elif major == "GOHOME":
             self.log.note("GOHOME is left out", self.line)
+            self.placed, self.away = False, True
         elif major not in SILENT:
             self.log.note(f"record {major[:20]} is not read", self.line)
 
@@ -175,6 +180,8 @@ class _AptReader(ArcReader):
         """Return tip and tool axis of a record; the axis stays where it is not given."""
         if len(numbers) not in (2, 3, 6) and len(numbers) < 6:
             raise self.error(f"{len(numbers)} numbers, expected x, y, z or x, y, z, i, j, k")
+        if len(numbers) == 2 and not self.placed:
+            raise self.error("x, y without z before any place of the tool is known, expected x, y, z")
         x, y, z = [*numbers, self.log.position[2] / self.scale][:3]
         axis = self._axis(numbers[3:6]) if len(numbers) >= 6 else self.log.axis
         return (x * self.scale, y * self.scale, z * self.scale), axis
@@ -182,6 +189,7 @@ class _AptReader(ArcReader):
     def _shift(self, numbers: list[float]) -> None:
         if len(numbers) not in (1, 3):
             raise self.error(f"{len(numbers)} numbers, expected dx, dy, dz or a distance along the tool axis")
+        self.begin_cut(self.log.axis)
         axis = self.log.axis
         step = (numbers[0], numbers[1], numbers[2]) if len(numbers) == 3 else combine(numbers[0], axis, 0.0, axis)
         self._goto(list(combine(1.0 / self.scale, self.log.position, 1.0, step)))
@@ -217,6 +225,8 @@ class _AptReader(ArcReader):
         """Take the unit of lengths from that of the feed where none is stated."""
         if self.unit or self.options.unit:
             return
+        if inch and (self.placed or self.log.waypoints):
+            raise self.error("a feed in inches follows points whose unit is not stated; state it with --unit")
         self.unit = "inch" if inch else "mm"
         self.scale = INCH if inch else 1.0
         self.log.note(f"no unit is stated before the first feed: {self.unit} is taken from it", self.line)
@@ -256,24 +266,27 @@ class _AptReader(ArcReader):
             if any(self._numbers(minor)):
                 raise self.error(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
             return
-        self.frames.add(re.sub(r"\s", "", minor))
+        self.frames.add(tuple(self._numbers(minor)))
+        if len(self.frames) > 1 and major == "MSYS":
+            raise self.error("MSYS changes on the way: points of several machine coordinate systems are not joined; "
+                             "write one file a system, or all points in one")  # fmt: skip
         if len(self.frames) > 1:
             self.log.note(f"{major} changes on the way: all coordinates are taken in one frame", self.line)
 
     def _goto(self, numbers: list[float]) -> None:
         """Move to a point: rapidly, above a hole, along a pending arc, or straight."""
         point, axis = self._point(numbers)
-        start = self.log.position
+        self.first = self.first or self.line
         rapid, self.rapid = self.rapid, False
         arc, self.arc = self.arc, None
+        if not rapid and self.cycle is None:
+            self.begin_cut(axis)
+        start = self.log.position
         if self.cycle is not None:
             with self.log.hole():
                 self._drill(self.cycle, point, axis)
         elif rapid:
             self.log.rapid(point, axis)
-        elif not self.placed:
-            self.log.note("the first GOTO is where the path begins", self.line)
-            self.log.place(point, axis)
         elif arc is not None:
             self._cut_arc(arc, start, point, axis)
             self.placed = True

@@ -12,6 +12,7 @@ from compplan.toolpath.readers.apt_words import split_fields
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.start import find_start
 
 INCH = 25.4
 CLOCKWISE = {"CLW", "CLOCKWISE", "CW"}
@@ -43,7 +44,7 @@ class ArcReader:
         self.feed: float | None = None
         self.revolution_feed: float | None = None
         self.spindle = 0.0
-        self.rapid = self.placed = self.nx = False
+        self.rapid = self.placed = self.nx = self.away = False
         self.arc: Pending | None = None
         self.direction: Point | None = None
         self.before: Point | None = None
@@ -52,6 +53,18 @@ class ArcReader:
     def error(self, message: str) -> InputError:
         """Return an error at the record that is read."""
         return InputError(message, file=self.file, where=self.line)
+
+    def begin_cut(self, axis: Point) -> None:
+        """Let a cut begin where the tool is; refuse it where that is not known."""
+        if self.placed:
+            return
+        reason = "after GOHOME" if self.away else "no FROM or RAPID comes before it"
+        start = find_start(self.log.position, range(3), self.options.from_mm, reason)
+        if self.log.waypoints:
+            self.log.rapid(start, axis)
+        else:
+            self.log.place(start, axis)
+        self.placed = True
 
     def _numbers(self, minor: str) -> list[float]:
         """Return the numbers of a record that may hold words as well."""
@@ -105,6 +118,7 @@ class ArcReader:
         values = {letter: float(number) * self.scale for letter, number in pairs}
         if not values.keys() & set("IJK"):
             raise self.error(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
+        self.begin_cut(self.log.axis)
         start = self.log.position
         x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
         offset = (values.get("I", 0.0), values.get("J", 0.0), values.get("K", 0.0))
@@ -121,6 +135,7 @@ class ArcReader:
         if len(centre) < 4 or len(last) < 3 or self.direction is None:
             message = f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/..)"
             raise self.error(message)
+        self.begin_cut(self.log.axis)
         start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
         right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
         self._cut_arc(Pending(middle, normal, right_hand), start, self._scaled(last[-3:]), normal)

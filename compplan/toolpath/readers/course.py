@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.moves import MoveLog
+from compplan.toolpath.readers.start import find_start
 
 AXES = "XYZ"
 #: Greatest turn of the tool between waypoints. [deg]
@@ -22,11 +23,12 @@ class Course:
 
     Args:
         log: Log of the moves.
+        stated: Where cuts begin whose start the program leaves open (`from_mm`), in the part. [mm]
 
     """
 
-    def __init__(self, log: MoveLog) -> None:
-        self.log = log
+    def __init__(self, log: MoveLog, stated: Sequence[float] | None = None) -> None:
+        self.log, self.stated = log, stated
         self.frame = Frame()
         self.position: Point = (0.0, 0.0, 0.0)
         self.untold = {0, 1, 2}
@@ -115,7 +117,7 @@ class Course:
             InputError: If it begins where the tool is not known to be.
 
         """
-        self._begin(line)
+        self.begin_cut()
         start = self.frame.apply(self.position)
         self._reach(target, named)
         end = self.frame.apply(target)
@@ -132,7 +134,7 @@ class Course:
             InputError: If start and end lie on no circle about the centre, or the start is not known.
 
         """
-        self._begin(line)
+        self.begin_cut()
         frame, start = self.frame, self.frame.apply(self.position)
         self._reach(target, named)
         end, unit = frame.apply(target), frame.turn(normal)
@@ -150,20 +152,28 @@ class Course:
         self.log.arc(arc, end, feed)
         self.direction = arc.tangent(arc.sweep)
 
-    def _begin(self, line: int) -> None:
-        if self.lost:
-            names = " ".join(AXES[axis] for axis in sorted(self.lost))
-            raise InputError(
-                f"a cut begins where {names} of the tool is not known (after a move of the machine's axes); "
-                "let a rapid move to a place in the part come first"
-            )
-        if self.untold:
-            names = " ".join(AXES[axis] for axis in sorted(self.untold))
-            custom = ", the top of the blank by custom" if "Z" in names else ""
-            self.log.note(f"the first cut starts from {names} 0{custom}: nothing is said of it before; "
-                          "let a rapid move above the part come first", line)  # fmt: skip
+    def begin_cut(self) -> None:
+        """Let a cut begin where the tool is, before its block says where it ends.
+
+        Raises:
+            InputError: If that is not known, and the user states no place.
+
+        """
+        unknown = self.untold | self.lost
+        if not unknown:
+            return
+        stated = None if self.stated is None else self.frame.invert().apply((*self.stated,))  # type: ignore[arg-type]
+        reason = "after a move of the machine's axes" if self.lost else ""
+        start = find_start(self.position, unknown, stated, reason)
+        if self.log.waypoints:
+            self.rapid(start, range(3))
+        else:
             self.untold.clear()
-            self.log.place(self.frame.apply(self.position))
+            self.lost.clear()
+            self.position, self.away = start, False
+            point = self.frame.apply(start)
+            self.height = point[2]
+            self.log.place(point)
 
     def _reach(self, target: Point, named: Iterable[int]) -> None:
         self.position = target

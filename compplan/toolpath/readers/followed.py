@@ -28,7 +28,7 @@ class FollowedReader:
     def __init__(self, file: Path, options: CamTable) -> None:
         self.file, self.options = file, options
         self.log = MoveLog(options.chord_tolerance_mm, self)
-        self.course = Course(self.log)
+        self.course = Course(self.log, options.from_mm)
         self.contour = Contour(self.course)
         self.line = 0
         #: Why variables have no value.
@@ -41,6 +41,11 @@ class FollowedReader:
         self.spindle = 0.0
         self.turning = ""
         self.cooling = False
+
+    def begin_cut(self) -> None:
+        """Let a cut begin where the tool is, before its block says where it ends; refuse it where that is not known."""
+        if self.contour.idle:
+            self.course.begin_cut()
 
     def error(self, message: str) -> InputError:
         """Return an error at the block that is read."""

@@ -15,6 +15,7 @@ from compplan.toolpath.readers.gcode_codes import (
     HAAS_OFFSETS,
     MODES,
     NOTED,
+    PRINTER,
     RANKS,
     REFUSED,
     SILENT,
@@ -24,9 +25,11 @@ from compplan.toolpath.readers.gcode_codes import (
 from compplan.toolpath.readers.gcode_machine import ENDS, PLACING, end_machine, owns_words, start_machine, stop_machine
 from compplan.toolpath.readers.gcode_moves import MotionReader, OffCircleError
 from compplan.toolpath.readers.gcode_state import PLANE_AXES, State
+from compplan.toolpath.readers.gcode_text import LENGTHS
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, ask_compensation
+from compplan.toolpath.readers.start import refuse_unit
 
 CENTRE_READINGS = ("incremental", "absolute", "reversed")
 #: Words that a move may have.
@@ -34,6 +37,9 @@ MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
 #: ... and those of them that say where it goes.
 PLACES = frozenset((*"XYZABCUVW", "A3", "B3", "C3"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
+#: Codes of a unit, and those of blocks whose words are no lengths of the path.
+UNITS = frozenset({20.0, 21.0, 70.0, 71.0})
+UNITLESS = frozenset({4.0, 10.0, 53.0, 153.0})
 #: Different arcs that must fit another reading of I J K, and not the usual one, before it is taken.
 FEWEST_PROOFS = 2
 #: Beginning of a block that holds a G code.
@@ -74,10 +80,10 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: OffCircleError | None = None
     lines = split_lines(text)
-    changes_by_t = CHANGE.search(text) is None
+    changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
     for reading in readings:
         reader = _GcodeReader(file, options, reading)
-        reader.state.changes_by_t = changes_by_t
+        reader.state.changes_by_t, reader.printer = changes_by_t, printer
         try:
             reader.run(lines)
         except OffCircleError as fault:
@@ -137,6 +143,12 @@ class _GcodeReader(MotionReader):
             if self._give_words(machine, codes, values):
                 return False
             self._check_machine(machine, values)
+        if "E" in values and not self.printer and 187.0 not in codes:
+            raise self.error(f"word E{values['E']:g} is read in files of printers only (M104, M109); elsewhere it may "
+                             "move an axis or shift the frame; post-process without it")  # fmt: skip
+        self.cancels_length = 49.0 in codes or (values.get("H") == 0.0 and not {43.0, 44.0} & set(codes))
+        if not self.state.unit_stated and values:
+            self._ask_for_unit(codes, values)
         once = self._run_codes(codes, values) if codes else ""
         state, dwells = self.state, 4.0 in codes
         if "F" in values and not dwells:
@@ -146,7 +158,7 @@ class _GcodeReader(MotionReader):
         if once == "machine":
             self._move_in_machine(values)
         elif not once and not values.keys().isdisjoint(MOVING):
-            self._move(values)
+            self._move(drop_call(values) if 98.0 in machine or 97.0 in machine else values)
         return self._end_block(machine, values) if machine else False
 
     def _end_block(self, machine: list[float], values: dict[str, float]) -> bool:
@@ -188,6 +200,13 @@ class _GcodeReader(MotionReader):
         if 128.0 in machine or 129.0 in machine:
             self._control_tip(128.0 in machine)
 
+    def _ask_for_unit(self, codes: list[float], values: dict[str, float]) -> None:
+        """Refuse lengths before the file or the user states their unit; those of printers are millimetres."""
+        if self.printer or self.options.unit or not UNITS.isdisjoint(codes) or not UNITLESS.isdisjoint(codes):
+            return
+        if any(values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
+            raise self.error(refuse_unit("G20 or G21").message)
+
     def _control_tip(self, on: bool) -> None:
         """Begin or end that X Y Z are the tip in the part frame."""
         if self.state.tip_control != on:
@@ -224,7 +243,7 @@ class _GcodeReader(MotionReader):
                     raise self.error(f"G{code:g} (splines) is not read; post-process without it")
             elif code in REFUSED:
                 raise self.error(f"G{code:g} ({REFUSED[code]}) is not read; post-process without it")
-            elif code in (20.0, 21.0, 70.0, 71.0):
+            elif code in UNITS:
                 self._set_unit(code, values)
             elif code in (53.0, 153.0):
                 once = "machine"
@@ -245,6 +264,9 @@ class _GcodeReader(MotionReader):
     def _set_unit(self, code: float, values: dict[str, float]) -> None:
         if code in (70.0, 71.0) and values.keys() & set("PQUWIJL"):
             raise self.error(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
+        unscaled = not self.state.unit_stated and self.options.unit is None and self.state.offsets.origins
+        if code in (20.0, 70.0) and unscaled:
+            raise self.error("inches are stated after G10 has set work offsets; state the unit before them")
         self.state.set_unit(25.4 if code in (20.0, 70.0) else 1.0)
 
     def _begin_cycle(self, code: float) -> None:
@@ -289,3 +311,8 @@ class _GcodeReader(MotionReader):
         if not values.keys().isdisjoint(MOVING) and MOTIONS.isdisjoint(codes):
             raise self.error(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
         self.log.note(f"G{code:g} is not read", self.line)
+
+
+def drop_call(values: dict[str, float]) -> dict[str, float]:
+    """Return the words of a block that calls a subprogram without those of the call."""
+    return {letter: value for letter, value in values.items() if letter not in "PLK"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from compplan.toolpath.readers.gcode_state import State
@@ -28,6 +29,10 @@ NOTED |= {43.1: NOTED[43.0], 44.0: NOTED[43.0]}
 COMPENSATED = frozenset({41.0, 41.1, 42.0, 42.1})
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
+#: Temperatures of hot end and bed: files of printers have them; their lengths are millimetres, E is the extruder.
+PRINTER = re.compile(
+    r"^[ \t]*(?:N\d+[ \t]*)?M(?:104|109|140|190)[ \t]*(?:T\d+[ \t]*)?[SR][ \t]*\d", re.MULTILINE | re.IGNORECASE
+)
 PROBES = {31.0, 38.2, 38.3, 38.4, 38.5}
 OFFSETS = {52.0, 92.0, 92.1, 92.2, 92.3}
 #: Codes that turn, scale or tilt the frame.

@@ -60,6 +60,7 @@ def run_cycle(code: float, values: Mapping[str, float], path: PathWriter, expand
     if deep not in state.cycle:
         raise fail(f"cycle G{code:g} has no depth {deep}")
     beside = {letter: values[letter] for letter in AXES if letter in values and letter != deep}
+    path.check_place(axis for axis in order[:2] if state.incremental or AXES[axis] not in beside)
     for _ in range(int(repeats)):
         target = state.target(beside, order[:2])
         with path.log.hole():
@@ -71,7 +72,8 @@ def run_cycle(code: float, values: Mapping[str, float], path: PathWriter, expand
 def _take_words(values: Mapping[str, float], path: PathWriter, axis: int) -> None:
     """Keep what a block says of its hole; in G91 R counts from where the cycle began, and the depth from R."""
     state, deep = path.state, AXES[axis]
-    start = _starting_level(path, axis)
+    stated = values["R"] * state.scale + state.zero(axis) if "R" in values and not state.incremental else None
+    start = _starting_level(path, axis, stated)
     for letter, name in (("R", "R"), (deep, deep)):
         if letter in values:
             value = values[letter] * state.scale
@@ -86,11 +88,20 @@ def _take_words(values: Mapping[str, float], path: PathWriter, axis: int) -> Non
         state.cycle["P"] = values["P"]
 
 
-def _starting_level(path: PathWriter, axis: int) -> float:
-    """Return the level at which the cycle began; where nobody knows it, the highest rapid so far."""
+def _starting_level(path: PathWriter, axis: int, stated: float | None = None) -> float:
+    """Return the level at which the cycle began; where it is not known, the highest rapid so far or the level R.
+
+    Raises:
+        InputError: If the program states none of them.
+
+    """
     state = path.state
     if state.cycle_start is None:
-        known = path.height if path.height is not None else state.cycle.get("R", state.position[axis])
+        known = path.height if path.height is not None else state.cycle.get("R", stated)
+        if known is None and not path.muted:
+            raise path.fail("a drilling cycle begins where the height of the tool is not known and states no level R; "
+                            "let a rapid move (G0) to a height come first")  # fmt: skip
+        known = state.position[axis] if known is None else known
         path.log.note(f"a cycle begins where nobody knows the height: {known:g} is assumed", path.line)
         state.cycle_start = known
     return state.cycle_start
@@ -115,7 +126,7 @@ def _run_hole(code: float, target: Point, axis: int, path: PathWriter, expand: b
     path.rapid(at(level))
     if expand:
         path.rapid(at(clear))
-        path.note_start()
+        path.begin_cut()
         if path.start_cut(at(bottom)):
             _cut_hole(code, at, clear, bottom, path)
             if code in FEED_BACK:

@@ -163,7 +163,7 @@ class GcodeFlowReader(ABC):
         """Carry out M98 and G65 (subprogram O number), and M97 (block N number of this program).
 
         Args:
-            values: Words of the block: P names the program, L says how often.
+            values: Words of the block: P names the program, L (or K in M98) says how often.
             macro: Whether the other words are arguments (G65).
             local: Whether P names a block (M97).
 
@@ -172,7 +172,8 @@ class GcodeFlowReader(ABC):
 
         """
         code = "G65" if macro else "M97" if local else "M98"
-        called, times = values.get("P", -1.0), values.get("L", 1.0)
+        called = values.get("P", -1.0)
+        times = values.get("L", 1.0 if macro else values.get("K", 1.0))
         if called != int(called) or called < 0 or times != int(times):
             raise self.error(f"subprogram call {code} names no program, expected P and its number")
         number = str(int(called))

@@ -24,7 +24,7 @@ class GcodeFrameReader(TextReader):
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         super().__init__(file, options, state)
-        self.path = PathWriter(self.log, state, self.error)
+        self.path = PathWriter(self.log, state, options, self.error)
         self.wcs = find_offset(options.wcs) if options.wcs else None
         #: The work offset that the path stands in, and where the origins of those stood that were left [mm].
         self.part_offset = self.wcs or 54.0
@@ -73,7 +73,8 @@ class GcodeFrameReader(TextReader):
             f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
             f'is the part frame with wcs = "{here}" (--wcs "{here}"), or set both with G10 L2 in the file'
         )
-        self.path.mute(OUTSIDE, "" if self.wcs is not None else refusal)
+        note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
+        self.path.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
 
     def check_offsets(self) -> None:
         """Refuse a part frame that the file never uses."""
@@ -194,12 +195,13 @@ class GcodeFrameReader(TextReader):
                 self.path.retreat()
             self.path.lose(named)
             return
+        if state.motion == 1.0:
+            self.path.begin_cut()
         point = [state.base[axis] + (places.get(axis) or 0.0) if axis in places else state.position[axis]
                  for axis in range(3)]  # fmt: skip
         target = (point[0], point[1], point[2])
         cuts = state.motion == 1.0 and self.path.start_cut(target)
-        state.known.update(named)
-        state.lost.difference_update(named)
+        state.settle(named)
         if cuts:
             self.path.cut_line(target, self._feed(math.dist(target, state.position)))
         elif state.motion != 1.0:

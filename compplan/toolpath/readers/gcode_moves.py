@@ -13,6 +13,7 @@ from compplan.toolpath.readers.gcode_codes import MOST_TURNS, TURN_STEP
 from compplan.toolpath.readers.gcode_corners import GcodeCorner, cut_corner
 from compplan.toolpath.readers.gcode_cycles import run_cycle
 from compplan.toolpath.readers.gcode_state import PLANE_AXES, PLANE_NORMALS, State
+from compplan.toolpath.readers.gcode_text import FARTHEST_WITHOUT_POINT
 from compplan.toolpath.readers.gcode_tilt import TiltReader
 from compplan.toolpath.readers.gcode_words import CORNER_WORDS
 from compplan.toolpath.readers.options import CamTable
@@ -23,6 +24,7 @@ ROTARY = (*"ABC", "A3", "B3", "C3")
 #: Words that make a straight move.
 STRAIGHT = frozenset(("X", "Y", "Z", *ROTARY))
 CORNERS = frozenset(CORNER_WORDS.values())
+TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
 
 
 class OffCircleError(InputError):
@@ -50,7 +52,7 @@ class MotionReader(TiltReader):
         """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
         state, feed = self.state, found.group(4)
         point = read_place(found, state.position, state.scale, (state.zero(0), state.zero(1), state.zero(2)))
-        if point is None or (feed is not None and float(feed) <= 0.0):
+        if point is None or (feed is not None and float(feed) <= 0.0) or max(map(abs, point)) >= FARTHEST_WITHOUT_POINT:
             return False
         if feed is not None:
             state.set_feed(float(feed))
@@ -70,6 +72,12 @@ class MotionReader(TiltReader):
         if state.cycle_code:
             self.check_plane()
             run_cycle(state.cycle_code, values, self.path, self.options.cycles == "expand", self.error)
+            return
+        if "L" in values and values["L"] != 1.0:
+            raise self.error(f"L{values['L']:g} repeats a move or counts turns of an arc and is not read; write the "
+                             "moves out, turns of an arc as P")  # fmt: skip
+        if self.cancels_length and "Z" in values:
+            self._leave_upwards(values)
             return
         corner = None if words.isdisjoint(CORNERS) else next(kind for kind in CORNERS if kind in values)
         if (corner or self.corner) and state.motion != 1.0:
@@ -91,12 +99,22 @@ class MotionReader(TiltReader):
             self.path.rapid(target, axis)
 
     def _check_axes(self, values: dict[str, float]) -> None:
-        """Refuse axes beside X Y Z that move tool or part; note the extruder's."""
+        """Refuse axes beside X Y Z that move tool or part; note a printer's extruder."""
         for letter in "UVW":
             if letter in values:
                 raise self.error(f"axis {letter}{values[letter]:g} moves the tool or the part and is not read")
         if "E" in values:
             self.log.note("axis E is not read", self.line)
+
+    def _leave_upwards(self, values: dict[str, float]) -> None:
+        """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
+        if self.state.motion != 0.0:
+            raise self.error("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
+        self.log.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part",
+                      self.line)  # fmt: skip
+        self.path.retreat()
+        self.path.lose([2])
+        self.path.rapid(self.state.target(values, range(2)))
 
     def _read_polar(self, values: dict[str, float]) -> dict[str, float]:
         """Return X (radius) and Y (angle) of polar coordinates as X and Y."""
@@ -123,7 +141,11 @@ class MotionReader(TiltReader):
     def _cut(self, values: dict[str, float], corner: tuple[str, float] | None) -> None:
         """Cut straight."""
         state, path = self.state, self.path
-        path.note_start()
+        if self.printer and path.is_start_unknown() and ("E" not in values or not self.log.waypoints):
+            self.log.note(TRAVEL, self.line)
+            path.rapid(state.target(values, range(3)))
+            return
+        path.begin_cut()
         start = state.position
         target = state.target(values, range(3))
         axis, before = None, None
@@ -226,10 +248,7 @@ class MotionReader(TiltReader):
         state, path = self.state, self.path
         if not values.keys().isdisjoint(ROTARY) and self.options.rotary != "ignore":
             raise self.error("an arc on which rotary axes turn is not read; post-process it as straight moves")
-        if path.needs_start():
-            raise self.error("an arc begins where nobody knows: at the machine's home, or after a change of the frame; "
-                             "let a move to X Y Z come first")  # fmt: skip
-        path.note_start()
+        path.begin_cut()
         start, target = state.position, state.target(values, range(3))
         if path.muted:
             path.start_cut(target)

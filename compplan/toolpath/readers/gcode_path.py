@@ -9,8 +9,8 @@ from compplan.toolpath.readers.arcs import Arc, Point
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.gcode_state import State
 from compplan.toolpath.readers.moves import MoveLog
-
-HOME = "the tool comes from the machine's home or another frame: its moves are left out until X Y Z are said"
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.start import find_start
 
 
 class PathWriter:
@@ -21,12 +21,13 @@ class PathWriter:
     Args:
         log: Log of the moves, in the part frame.
         state: State of the program; its position follows the moves.
+        options: What the program does not say by itself.
         fail: Makes an error at the line that is read.
 
     """
 
-    def __init__(self, log: MoveLog, state: State, fail: Callable[[str], InputError]) -> None:
-        self.log, self.state, self.fail = log, state, fail
+    def __init__(self, log: MoveLog, state: State, options: CamTable, fail: Callable[[str], InputError]) -> None:
+        self.log, self.state, self.options, self.fail = log, state, options, fail
         self.placement: Frame | None = None
         #: Line of the block that is read.
         self.line = 0
@@ -35,6 +36,10 @@ class PathWriter:
         #: Greatest height of a rapid move under the placement in force [mm].
         self.height: float | None = None
         self.left_out = 0
+        #: What is noted of rapid moves that are left out, by reason.
+        self.left_notes: dict[str, str] = {}
+        #: Why the place of the tool is not known.
+        self.reason = ""
         self._broken = False
 
     def map(self, point: Point) -> Point:
@@ -54,26 +59,28 @@ class PathWriter:
             return
         if keep:
             if state.lost or len(state.known) < 3:
-                state.lose(range(3))
-                self._broken = True
+                self.lose(range(3), "after a change of the frame")
             else:
                 place = self.map(state.position)
                 state.position = place if placement is None else placement.undo(place)
         self.placement, self.height = placement, None
 
-    def mute(self, reason: str, refusal: str = "") -> None:
-        """Leave moves out from here on; a cut among them is refused if there is a sentence for it."""
+    def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
+        """Leave moves out from here on; refuse a cut among them and note a rapid one where there is a text for it."""
         self.muted[reason] = refusal
+        self.left_notes[reason] = note
 
     def unmute(self, reason: str) -> None:
         """Let moves in again, from a place that nobody knows."""
         if self.muted.pop(reason, None) is not None:
-            self.lose(range(3))
+            self.lose(range(3), "after a change of the frame")
 
-    def lose(self, axes: Iterable[int]) -> None:
+    def lose(self, axes: Iterable[int], reason: str = "after a move of the machine's axes") -> None:
         """Take axes to a place that nobody knows."""
+        axes = list(axes)
         self.state.lose(axes)
-        self._broken = True
+        self._broken = self._broken or bool(axes)
+        self.reason = reason
 
     def retreat(self) -> None:
         """Go straight up to the greatest height of a rapid so far: on the way to the machine's home."""
@@ -90,6 +97,8 @@ class PathWriter:
         state, log = self.state, self.log
         before, state.position = state.position, target
         if self.muted:
+            for note in filter(None, map(self.left_notes.get, self.muted)):
+                log.note(note, self.line)
             return
         if not state.knows_position():
             log.counts["rapid_moves"] += 1
@@ -114,43 +123,66 @@ class PathWriter:
         """Return whether nobody knows where the tool is, for a reason that the file gives."""
         return not self.muted and (bool(self.state.lost) or self._broken)
 
-    def note_start(self) -> None:
-        """Note where the first cut starts, before its block says where it ends."""
-        if not (self.muted or self.state.lost or self._broken):
-            self.state.note_start(self.log, self.line)
+    def begin_cut(self) -> None:
+        """Let a cut begin where the tool is, before its block says where it ends.
+
+        Raises:
+            InputError: If that is not known, and the user states no place.
+
+        """
+        if self.muted:
+            return
+        state = self.state
+        unknown = state.list_unknown()
+        if unknown:
+            stated = self.options.from_mm
+            if stated is None and not (state.lost or self._broken):
+                names = " ".join("XYZ"[axis] for axis in unknown)
+                self.log.note(f"the first cut starts at no stated {names}: 0 is assumed (or state --from)", self.line)
+                stated = [0.0, 0.0, 0.0]
+            elif stated is not None and self.placement is not None:
+                stated = list(self.placement.undo((stated[0], stated[1], stated[2])))
+            try:
+                start = find_start(state.position, unknown, stated, self.reason if state.lost or self._broken else "")
+            except InputError as fault:
+                raise self.fail(fault.message) from None
+            state.settle(unknown)
+            if self.log.waypoints:
+                self.rapid(start)
+            else:
+                state.position, self.height, self._broken = start, start[2], False
+                self.log.place(self.map(start))
+        state.moved = True
+
+    def check_place(self, axes: Iterable[int]) -> None:
+        """Refuse a hole while a coordinate of the tool that its block does not state is not known."""
+        unknown = set(axes).intersection(self.state.list_unknown())
+        if unknown and not self.muted:
+            try:
+                find_start(self.state.position, unknown, None, self.reason)
+            except InputError as fault:
+                raise self.fail(fault.message) from None
+
+    def is_start_unknown(self) -> bool:
+        """Return whether a cut from here would begin at an unknown place."""
+        return not self.muted and bool(self.state.list_unknown())
 
     def start_cut(self, target: Point) -> bool:
-        """Prepare a cut from where the tool is; return whether it can be put down.
+        """Prepare a cut after `begin_cut`; return whether it can be put down.
 
         Raises:
             InputError: If it would cut where nobody knows.
 
         """
-        state = self.state
         if self.muted:
             if refusal := next(filter(None, self.muted.values()), ""):
                 raise self.fail(refusal)
             self.left_out += 1
-            state.position = target
+            self.state.position = target
             return False
-        return self._start_from_home(target) if state.lost or self._broken else True
-
-    def _start_from_home(self, target: Point) -> bool:
-        """Prepare a cut that starts where nobody knows; its end may be known."""
-        state = self.state
-        if state.lost or (not state.moved and len(state.known) < 3):
-            if state.turning and 2 not in state.lost:
-                raise self.fail("a cut begins where X or Y are not known: at the machine's home, or in another frame; "
-                                "let a rapid move (G0) come first")  # fmt: skip
-            self.log.note(HOME, self.line)
-            state.position = target
-            return False
-        if self.height is None and state.turning:
-            raise self.fail("a cut begins at the machine's home, whose place in the part is not known; "
-                            "let a rapid move (G0) above the part come first")  # fmt: skip
-        height = target[2] if self.height is None else max(self.height, target[2])
-        self.rapid((target[0], target[1], height))
-        state.moved = True
+        if self.needs_start():
+            raise self.fail("a cut begins where the tool is not known: rotary axes or a change of the frame moved it; "
+                            "let a rapid move (G0) to X Y Z come first")  # fmt: skip
         return True
 
     def cut_line(self, target: Point, feed: float, axis: Point | None = None) -> None:

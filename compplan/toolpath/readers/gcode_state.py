@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.gcode_offsets import Offsets
-from compplan.toolpath.readers.moves import MoveLog
 
 AXES = "XYZ"
 PLANE_NORMALS = {17: (0.0, 0.0, 1.0), 18: (0.0, 1.0, 0.0), 19: (1.0, 0.0, 0.0)}
@@ -94,16 +93,14 @@ class State:
         self.lost.update(axes)
         self.known.difference_update(axes)
 
-    def note_start(self, log: MoveLog, line: int) -> None:
-        """Note which coordinates the first cut starts from without having been told."""
-        if self.moved:
-            return
-        self.moved = True
-        missing = " ".join(AXES[axis] for axis in range(3) if axis not in self.known)
-        if missing:
-            custom = ", the top of the blank by custom" if "Z" in missing else ""
-            log.note(f"the first cut starts from {missing} 0{custom}: nothing is said of it before; "
-                     "let a rapid move (G0) above the part come first", line)  # fmt: skip
+    def list_unknown(self) -> list[int]:
+        """List the axes whose place is not known."""
+        return [axis for axis in range(3) if axis in self.lost or (not self.moved and axis not in self.known)]
+
+    def settle(self, axes: Iterable[int]) -> None:
+        """Take the place of axes as known."""
+        self.known.update(axes)
+        self.lost.difference_update(axes)
 
     def set_origin(self, coordinates: Mapping[int, float]) -> None:
         """Give the present position new coordinates (G92), in program units.

@@ -50,6 +50,12 @@ MACRO = re.compile(
     r"#\s*[\d#<\[]|(?<![A-Z_])[A-Z,]\s*[-+]?\s*\[|"
     r"^(?:N\s*\d+\s*)?(?:IF\s*\[|WHILE\s*\[|GOTO\s*\d|DO\s*[1-9]\s*$|END\s*[1-9]\s*$)"
 )
+#: O words of LinuxCNC: o1 while, o<name> call.
+O_WORD = re.compile(r"(?:N\s*\d+\s*)?O\s*(?:<[^<>]*>|\d+|\[[^\[\]]*\])\s*[A-Z]{2}")
+#: Lengths that have no decimal point, and the least ones that no part of a robot has. [mm]
+LENGTHS = frozenset("XYZIJKRUVW")
+WITHOUT_POINT = re.compile(r"(?<![A-Z,])([XYZIJKRUVW])\s*=?\s*([-+]?\d+)(?![\d.E])")
+FARTHEST_WITHOUT_POINT = 10_000.0
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
 MOTION = re.compile(r"(?<![A-Z0-9])G0*[0-3](?![\d.])")
 
@@ -61,7 +67,9 @@ class TextReader(GcodeFlowReader):
         super().__init__(file)
         self.options, self.state = options, state
         self.log = MoveLog(options.chord_tolerance_mm, self)
-        self.begun = self.steady = False
+        self.begun = self.steady = self.printer = False
+        #: Whether the block at hand cancels the tool's length.
+        self.cancels_length = False
         self.siemens = file.suffix.lower() in (".mpf", ".spf")
 
     @abstractmethod
@@ -84,9 +92,6 @@ class TextReader(GcodeFlowReader):
         """Read every line up to the end of the program."""
         self._run_lines(lines, 0, self._find_programs(lines))
         self.finish()
-        if not self.state.unit_stated:
-            unit = self.options.unit or "mm"
-            self.log.note(f"no unit is stated (G20, G21): {unit} is assumed", 1)
 
     def _run_line(self, raw: str) -> bool:
         """Carry out one line; return whether the program ends."""
@@ -113,6 +118,9 @@ class TextReader(GcodeFlowReader):
             return line[0] == "%" and (self.state.moved or (self.begun and line.startswith("%_N_")))
         if "/" in line:
             line = self._drop_marks(line)
+        if line[0] in "ON" and O_WORD.match(line):
+            raise self.error(f"program control {line[:40]!r} (O words) is not read; write the program out in the CAM "
+                             "system")  # fmt: skip
         words, rest = split_words(line)
         if rest and (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
             self.log.note(f"M{owner.group(1)} is not read", self.line)
@@ -141,8 +149,20 @@ class TextReader(GcodeFlowReader):
             raise self.error(fault_text)
         if named:
             self.state.tool_name = named.group(1)
+        if number := self._find_without_point(words, line):
+            raise self.error(f"{number} has no decimal point and may count in mm or in the control's least increment "
+                             f"(0.001 mm); write it with a point ({number}. or {number[0]}{float(number[1:]) / 1e3:g})"
+                             )  # fmt: skip
         self.begun = self.begun or any(letter not in "NO" for letter, _ in words)
         return self.run_block(words)
+
+    def _find_without_point(self, words: Words, line: str) -> str:
+        """Return a word of a length that is too great for a part unless it counts in increments, "" without any."""
+        if all(letter not in LENGTHS or abs(number * self.state.scale) < FARTHEST_WITHOUT_POINT
+               for letter, number in words):  # fmt: skip
+            return ""
+        found = [f"{word.group(1)}{word.group(2)}" for word in WITHOUT_POINT.finditer(line)]
+        return next((word for word in found if abs(float(word[1:]) * self.state.scale) >= FARTHEST_WITHOUT_POINT), "")
 
     def _drop_marks(self, line: str) -> str:
         """Return a line without the marks of blocks that an operator may skip."""

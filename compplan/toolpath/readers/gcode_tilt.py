@@ -191,7 +191,8 @@ class TiltReader(GcodeFrameReader):
         if self.options.rotary is None and turned and "plane" not in self.layers:
             words = " ".join(f"{letter}{angle:g}" for letter, angle in turned.items())
             self.path.mute(UNKNOWN_MACHINE, f"rotary words {words} (line {self.line}) turn the tool or the part; state "
-                           'which with rotary = "head", "table" or "head_table" (--rotary)')  # fmt: skip
+                           'which with rotary = "head", "table" or "head_table" (--rotary)',
+                           f"rapid {UNKNOWN_MACHINE} are left out")  # fmt: skip
         elif self.options.rotary is None:
             self.path.unmute(UNKNOWN_MACHINE)
         elif not turned.keys() <= self.letters:

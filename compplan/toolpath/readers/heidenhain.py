@@ -28,6 +28,7 @@ from compplan.toolpath.readers.lines import MOST_LINES, count_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.plain import PLAIN_KLARTEXT
+from compplan.toolpath.readers.start import refuse_unit
 
 name = "heidenhain"
 suffixes = (".h", ".i", ".hnc")
@@ -42,7 +43,7 @@ MOST_JUMPS = 200_000
 DEEPEST = 19
 MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
 #: Blocks that say nothing of the path.
-SILENT = {"BLK", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "END-SUB", "GLOBAL", "SQL"}
+SILENT = {"BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "END-SUB", "GLOBAL", "SQL"}
 REFUSED = {
     "SPL": "splines", "FL": "free contours", "FLT": "free contours", "FC": "free contours", "FCT": "free contours",
     "FPOL": "free contours", "FSELECT": "free contours", "CONTOUR": "contour cycles", "TURNDATA": "turning",
@@ -108,8 +109,9 @@ class _HeidenhainReader(HeidenhainCycleReader):
         except InputError as fault:
             raise fault if fault.file else self.error(fault.message) from None
         self.end_running()
-        if not self.begun:
-            self.log.note(f"no unit is stated (BEGIN PGM .. MM): {self.options.unit or 'mm'} is assumed", 1)
+        if not self.begun and self.options.unit is None:
+            self.line = 1
+            raise self.error(refuse_unit("BEGIN PGM .. MM or INCH").message)
 
     def _find_labels(self) -> None:
         for index, block in enumerate(self.blocks):
@@ -213,6 +215,8 @@ class _HeidenhainReader(HeidenhainCycleReader):
         if word in MOTIONS:
             corner = self._corner_after(index) if index < len(self.blocks) else None
             self.run_motion(word, text[len(word) :], corner)
+        elif text[0] == "(" and not self.begun and text.endswith(")"):
+            self.log.happen("comment", self.line, text=text[1:-1].strip())
         elif text[0] in "*;":
             self.log.happen("comment", self.line, text=text[1:].strip())
         elif word.startswith("Q") and "=" in text:

@@ -18,10 +18,9 @@ class HeidenhainContourReader(HeidenhainMoveReader):
         """Carry out APPR: its moves wait for the first element of the contour."""
         _, way, words, functions = self._read_way(rest, "APPR")
         self.contour.refuse_open()
+        self.begin_cut()
         start = self.contour.position
         first, _ = self.target(words)
-        if not self.course.knows:
-            raise self.error("an approach begins where the tool is not known to be")
         normal = unit_axis(self.tool_axis)
         depth = combine(dot(combine(1.0, first, -1.0, start), normal), normal, 0.0, normal)
         if math.hypot(*depth) > 1e-9:

@@ -20,7 +20,8 @@ REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation 
 
 TOOL = re.compile(r"TOOL\s+CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
 TOOL_DEF = re.compile(
-    rf"TOOL\s+DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*$"
+    rf"TOOL\s+DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*"
+    rf"(?:F\s*{VALUE})?\s*$"
 )
 TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 
@@ -32,6 +33,8 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
         super().__init__(file, options)
         self.tool_feed: float | None = None
         self.per_turn = self.spatial = self.calls = False
+        #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
+        self.old = self.fast = False
         self.radii: dict[str, float] = {}
         self.tool = ""
         self.ends = False
@@ -107,6 +110,12 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
             return number * self.unit.scale * self.spindle / 60.0
         return number * (1.0 if self.unit.rows == UNIT else 0.1 * INCH) / 60.0
 
+    def set_speed(self, speed: float) -> None:
+        """Take a speed of the spindle; one that turns changes its speed."""
+        self.spindle = speed
+        if self.turning:
+            self.log.happen(self.turning, self.line, value=speed)
+
     def _length(self, text: str) -> float:
         return self.value(text) * self.unit.scale
 
@@ -118,10 +127,11 @@ class HeidenhainMachineReader(HeidenhainFrameReader):
 
     def change_tool(self, text: str) -> None:
         """Carry out TOOL CALL and TOOL DEF."""
-        if re.match(r"TOOL\s+DEF\b", text):
+        if re.match(r"TOOL\s+DEF(?![A-Z])", text):
             found = TOOL_DEF.match(text)
             if not found:
                 raise self.error(f"tool {text[:40]!r} is not read")
+            self.old = self.old or found.group(2) is not None
             if found.group(3) is not None:
                 self.radii[found.group(1) or ""] = self.value(found.group(3))
             return

@@ -17,8 +17,12 @@ from compplan.toolpath.readers.options import CamTable, ask_compensation
 from compplan.toolpath.readers.plain import read_place
 from compplan.toolpath.readers.turning import LETTERS
 
+#: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
+OLD_RAPID = frozenset({9999.0, 15999.0})
 #: Axes of the working plane by the tool axis.
 PLANES = {0: (1, 2), 1: (2, 0), 2: (0, 1)}
+#: Words that say where a block goes.
+PLACES = frozenset((*(sign + letter for sign in ("", "I") for letter in (*AXES, *LETTERS)), "PR", "PA", "IPR", "IPA"))
 
 
 class HeidenhainMoveReader(HeidenhainMachineReader):
@@ -54,6 +58,8 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
                 raise self.error(f"word {letter} stands twice in the block {text[:40]!r}")
             else:
                 words[letter] = value
+        if "S" in words:
+            self.set_speed(self.value(words.pop("S")))
         return words, functions
 
     def run_motion(self, kind: str, rest: str, corner: Corner | None) -> None:
@@ -65,7 +71,7 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
             corner: Corner that the block after it asks for.
 
         """
-        words, functions = self.split(rest)
+        words, functions = self.split(re.sub(r"\([^()]*\)$", "", rest))
         self.start_functions(functions)
         self.take_side(words)
         rapid = self.take_feed(words)
@@ -104,7 +110,10 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
             if not words["F"]:
                 raise self.error("word F has no number")
             self.feed = self.to_mm_s(self.value(words["F"]))
-        return False
+            self.fast = self.old and self.value(words["F"]) in OLD_RAPID
+        if self.fast:
+            self.log.note("F9999 and F15999 are rapid traverse in programs of old controls", self.line)
+        return self.fast
 
     def target(self, words: Mapping[str, str]) -> tuple[Point, tuple[int, ...]]:
         """Return where the words of a block lead, and which axes they name as absolute coordinates."""
@@ -154,6 +163,8 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
     def _go_straight(self, kind: str, words: Mapping[str, str], corner: Corner | None, *, rapid: bool) -> None:
         if words.get("R", "+") not in ("+", "-") or "DR" in words:
             raise self.error("words of an arc in a straight block")
+        if not rapid and not words.keys().isdisjoint(PLACES):
+            self.begin_cut()
         target, named = self.target(words)
         moving = named or target != self.contour.position
         before = dict(self.rotary.angles)
@@ -175,7 +186,7 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
     def is_steady(self) -> bool:
         """Tell whether an L block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
         return bool(
-            self.feed and not self.was_rapid and self.contour.idle and self.course.knows
+            self.feed and not self.was_rapid and not self.fast and self.contour.idle and self.course.knows
             and not (self.calls or self.rotary.unknown)
         )  # fmt: skip
 
@@ -255,11 +266,12 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
         if any(letter in words or "I" + letter in words for letter in LETTERS):
             raise self.error("rotary axes on an arc are not read")
         self.check_machine()
-        start = self.contour.position
-        target, named = self.target(words)
-        feed = 0.0 if rapid else self.speed()
         if rapid:
             raise self.error("an arc with FMAX is not read; give it a feed")
+        self.begin_cut()
+        start = self.contour.position
+        target, named = self.target(words)
+        feed = self.speed()
         turns, plane = 1, PLANES[self.tool_axis]
         if kind in ("C", "CP"):
             plane = self._pole()[:2]

@@ -16,7 +16,7 @@ VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
     rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"
-    rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|M\s*(?=\d|Q))"
+    rf"R[0LR](?![\d.,])|R|F\s*(?:MAX|AUTO)|F[UZT]?|S(?=\s*[\d.,Q])|M\s*(?=\d|Q))"
     rf"\s*({VALUE}|[-+](?!\s*[\d.,Q]))?"
 )
 BLOCK_NUMBER = re.compile(r"\s*(\d+)\s*(?=\D|$)")
@@ -97,7 +97,8 @@ def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
 
 def _tidy(text: str) -> str:
     """Return a block in capitals with single spaces."""
-    return (" ".join(text.split()) if "  " in text or "\t" in text else text.strip()).upper()
+    tidy = (" ".join(text.split()) if "  " in text or "\t" in text else text.strip()).upper()
+    return f"CYCL{tidy[5:]}" if tidy.startswith("CYCLE ") else tidy
 
 
 def _cut_comment(body: str) -> tuple[str, str]:

@@ -35,7 +35,9 @@ def ask_compensation(options: CamTable, word: str) -> str:
 class CamTable(StrictTable):
     """[cam]: how a CAM file is read.
 
-    unit: unit of files that do not say it (left out: millimetres, with a note).
+    unit: unit of files that do not say it; such a file is refused without it.
+    from_mm: where cuts begin whose start the file leaves open (at its beginning, after the machine's home, after joint
+        moves of a robot), in the part frame; only unknown coordinates are taken. Such a cut is refused without it.
     feed_mm_s: feed of cutting moves for which the file states none, or 0.
     chord_tolerance_mm: greatest distance between an arc and its chords.
     arc_centres: how G-code I J K count in files that do not say it (left out: incremental, unless only another reading
@@ -65,6 +67,7 @@ class CamTable(StrictTable):
     """
 
     unit: Literal["mm", "inch"] | None = None
+    from_mm: Vector | None = None
     feed_mm_s: float | None = Field(default=None, gt=0.0, le=10_000.0)
     chord_tolerance_mm: float = Field(default=0.001, ge=1e-6, le=10.0)
     arc_centres: Literal["incremental", "absolute", "reversed"] | None = None

@@ -14,6 +14,7 @@ from compplan.io.tables import Array
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, sample_arcs
 from compplan.toolpath.readers.moves import FARTHEST, LARGEST_RADIUS, MoveLog
 from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.start import find_start
 
 #: A number in a robot program, capitals.
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
@@ -50,6 +51,8 @@ class RobotMoves:
         self.log = MoveLog(options.chord_tolerance_mm)
         self.frame = np.eye(4)
         self.pose: Array | None = None
+        self.moved = False
+        self.stated = options.from_mm
         self.direction = _direction(options.tool_direction or "z")
         self.assumed = options.tool_direction is None
 
@@ -61,7 +64,7 @@ class RobotMoves:
 
     def lose(self) -> None:
         """Forget the pose, where a joint move ends."""
-        self.pose = None
+        self.pose, self.moved = None, True
 
     def lose_joint_move(self, line: int) -> None:
         """Leave out a move to joint positions: where it takes the tip is not known."""
@@ -72,21 +75,32 @@ class RobotMoves:
         """Note that another tool is taken."""
         self.log.note("the tool changes on the way: the path is that of the tip of each", line)
 
+    def _begin(self, end: Array, line: int) -> Array:
+        """Return the pose at which a straight or circular move to a pose begins.
+
+        Raises:
+            InputError: If it is not known, and the user states no place.
+
+        """
+        self._note(line)
+        if self.pose is None:
+            reason = "after a joint move to axis values" if self.moved else "at the beginning of the program"
+            place = find_start((0.0, 0.0, 0.0), range(3), self.stated, reason)
+            self.pose = make_pose(np.array(place), end[:3, :3])
+            self.log.rapid(place, self._axis(end))
+        return self.pose
+
     def straight(self, pose: Array, feed: float, line: int) -> None:
         """Move straight to a pose with a feed in mm/s; the tool turns evenly on the way."""
-        self._note(line)
         end = self.frame @ pose
-        if self.pose is None:
-            self.log.note("the first straight move after joint moves is where the path begins: it is rapid", line)
-            self.rapid(pose, line)
-            return
+        before = self._begin(end, line)
         axis = self._axis(end)
-        if math.dist(self._axis(self.pose), axis) < STEADY:
+        if math.dist(self._axis(before), axis) < STEADY:
             self.log.line(_point(end), feed, axis)
             self.pose = end
             return
-        shares, rotations = self._turn(self.pose, end)
-        start, counts = self.pose[:3, 3], dict(self.log.counts)
+        shares, rotations = self._turn(before, end)
+        start, counts = before[:3, 3], dict(self.log.counts)
         for share, rotation in zip(shares, rotations, strict=True):
             point = start + share * (end[:3, 3] - start)
             self.log.line(_tuple(point), feed, self._axis(rotation))
@@ -107,21 +121,19 @@ class RobotMoves:
             InputError: If the three points lie on no circle.
 
         """
-        self._note(line)
-        if self.pose is None:
-            raise InputError("circle begins where a joint move ended, which is not known")
         end = self.frame @ pose
+        before = self._begin(end, line)
         through = self.frame[:3, :3] @ via + self.frame[:3, 3]
-        arc = find_arc(_point(self.pose), _tuple(through), _point(end), angle)
+        arc = find_arc(_point(before), _tuple(through), _point(end), angle)
         last = _tuple(sample_arcs([arc], self.log.chord)[0][-1]) if angle is not None else _point(end)
         goal = end.copy()
         goal[:3, 3] = last
-        shares, _ = self._turn(self.pose, goal)
+        shares, _ = self._turn(before, goal)
         if len(shares) == 1:
             self.log.arc(arc, last, feed)
             self.log.axis = self._axis(goal)
         else:
-            self._turning_arc(arc, self.pose, goal, feed)
+            self._turning_arc(arc, before, goal, feed)
         self.pose = goal
 
     def spline(self, poses: list[Array], feed: float, line: int) -> None:
@@ -131,12 +143,12 @@ class RobotMoves:
             InputError: If it begins at an unknown place.
 
         """
-        if self.pose is None:
-            raise InputError("spline begins where a joint move ended, which is not known")
+        ends = [self.frame @ pose for pose in poses]
+        before = self._begin(ends[0], line)
         self.log.note(
             "splines are read as cubic ones through their points (assumed: the controller's own is not published)", line
         )
-        points = np.array([self.pose, *(self.frame @ pose for pose in poses)])
+        points = np.array([before, *ends])
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, :3, 3], axis=0), axis=1))]
         if np.any(np.diff(length) <= 1e-9):
             raise InputError("two points of a spline coincide")

@@ -77,8 +77,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """
     reader = _SinumerikReader(file, options)
     reader.run(text)
-    if not reader.units:
-        reader.log.note(f"no unit is stated (G70, G71): {options.unit or 'mm'} is assumed", 1)
     return reader.log.finish(file, name, ", ".join(reader.units) or "not stated", count_lines(text))
 
 

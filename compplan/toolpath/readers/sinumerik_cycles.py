@@ -72,6 +72,7 @@ class SinumerikCycleReader(SinumerikMoveReader):
         DPR, where it is not 0, is the depth below RFP in place of DP.
         """
         self.contour.refuse_open()
+        self.ask_for_unit(numbers[:5])
         k = self.scale
         rtp, rfp, sdis, dp, dpr = (None if number is None else number * k for number in numbers[:5])
         if rtp is None or (dp is None and not dpr):
@@ -104,7 +105,7 @@ class SinumerikCycleReader(SinumerikMoveReader):
             if lead and speed:
                 return lead * speed / 60.0, lead * abs(back or speed) / 60.0
         if called == "CYCLE85" and numbers[6]:
-            return numbers[6] * k / 60.0, (numbers[7] or numbers[6]) * k / 60.0
+            return numbers[6] * self.feed_scale / 60.0, (numbers[7] or numbers[6]) * self.feed_scale / 60.0
         feed = self.speed(0.0)
         return feed, feed
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from compplan.toolpath.readers.arcs import Point
@@ -12,6 +13,7 @@ from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.gcode_machine import STARTING, STOPPING, stop_machine
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.sinumerik_words import GRAMMAR, Words
+from compplan.toolpath.readers.start import refuse_unit
 
 AXES = "XYZ"
 INCH = 25.4
@@ -34,6 +36,8 @@ class SinumerikFrameReader(FollowedReader):
     def __init__(self, file: Path, options: CamTable) -> None:
         super().__init__(file, options)
         self.scale = INCH if options.unit == "inch" else 1.0
+        #: Millimetres of a unit of F: G700 and G710 set it, G70 and G71 leave it as the control's basic system has it.
+        self.feed_scale = self.scale
         self.units: list[str] = []
         self.numbers: dict[tuple[str, tuple[float, ...]], float] = {}
         self.variables: set[str] = set()
@@ -92,6 +96,7 @@ class SinumerikFrameReader(FollowedReader):
             raise self.error(f"{word} with {sorted(unknown)[0]} is not read, expected X Y Z")
         numbers = [values.get(letter, 0.0) for letter in AXES]
         kind = word.removeprefix("A")
+        self.ask_for_unit(numbers if kind == "TRANS" else ())
         if kind == "TRANS":
             step = shift(*(number * self.scale for number in numbers))
         elif kind == "ROT":
@@ -164,12 +169,23 @@ class SinumerikFrameReader(FollowedReader):
                 "not known; write a program for each work offset"
             )
 
-    def set_unit(self, scale: float) -> None:
-        """Take millimetres or inches."""
+    def set_unit(self, scale: float, *, feeds: bool) -> None:
+        """Take millimetres or inches for lengths, and for feeds where the code sets those too."""
         self.scale = scale
+        if feeds:
+            self.feed_scale = scale
+        elif scale != self.feed_scale:
+            basic = "mm" if self.feed_scale == 1.0 else "inch"
+            self.log.note(f"G70 and G71 set lengths only: F counts in {basic}/min, the control's basic system (taken "
+                          "from --unit, else mm)", self.line)  # fmt: skip
         word = "inch" if scale != 1.0 else "mm"
         if word not in self.units:
             self.units.append(word)
+
+    def ask_for_unit(self, lengths: Iterable[float | None]) -> None:
+        """Refuse lengths that are not 0 before the program or the user states their unit."""
+        if not self.units and self.options.unit is None and any(lengths):
+            raise refuse_unit("G70, G71, G700 or G710; the control's own setting is not in the file")
 
     def speed(self, length: float) -> float:
         """Return the feed of a move of this length [mm] in mm/s, 0 where none is known."""
@@ -181,7 +197,7 @@ class SinumerikFrameReader(FollowedReader):
         if feed is None:
             self.log.note("cutting moves before any feed F have none", self.line)
             return 0.0
-        return feed * self.scale / 60.0
+        return feed * self.feed_scale / 60.0
 
     def start_machine(self, words: Words) -> None:
         """Let happen what a block switches before its move."""

@@ -19,8 +19,10 @@ from compplan.toolpath.readers.turning import LETTERS
 CENTRES, MIDDLES, DIRECTIONS = ("I", "J", "K"), ("I1", "J1", "K1"), ("A3", "B3", "C3")
 #: Addresses of a motion block, and those that say nothing of the path.
 MOVING = {*AXES, *CENTRES, *MIDDLES, *DIRECTIONS, *LETTERS, "CR", "AR", "AP", "RP", "TURN"}
+#: Lengths among them.
+LENGTHS = (*AXES, *CENTRES, *MIDDLES, "CR", "RP")
 CORNERS = {"RND": "ROUND", "CHR": "LEG", "CHF": "CHAMFER"}
-SILENT_WORDS = {"F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", "E", *VALUES, "ADISPOS", "SPOS", "FA", "DISCL",
+SILENT_WORDS = {"F", "S", "T", "D", "H", "M", "P", "FB", "FRC", "FRCM", *VALUES, "ADISPOS", "SPOS", "FA", "DISCL",
                 "FGREF", "OTOL", "CTOL", "TOFFL", "TOFFR", "OMA", "STOLF", "TCARR"}  # fmt: skip
 SILENT_CODES = {9.0, 25.0, 26.0, 40.0, 43.0, 49.0, 60.0, 61.0, 62.0, 63.0, 64.0, 80.0, 94.0, 96.0, 97.0, 140.0, 141.0,
                 142.0, 143.0, 290.0, 340.0, 341.0, 450.0, 451.0, 460.0, 461.0, 462.0, 601.0, 602.0, 603.0, 621.0, 961.0,
@@ -72,7 +74,7 @@ class SinumerikMoveReader(SinumerikFrameReader):
             elif code in (90.0, 91.0):
                 self.incremental = code == 91.0
             elif code in (70.0, 71.0, 700.0, 710.0, 20.0, 21.0):
-                self.set_unit(INCH if code in (70.0, 700.0, 20.0) else 1.0)
+                self.set_unit(INCH if code in (70.0, 700.0, 20.0) else 1.0, feeds=code not in (70.0, 71.0))
             elif code in (93.0, 94.0, 95.0):
                 self.feed_mode = int(code)
             elif code in (53.0, 153.0):
@@ -203,6 +205,9 @@ class SinumerikMoveReader(SinumerikFrameReader):
         return (point[0], point[1], point[2]), tuple(named)
 
     def _move(self, words: Words) -> None:
+        self.ask_for_unit(words.values.get(name) for name in LENGTHS)
+        if self.motion != 0.0:
+            self.begin_cut()
         target, named = self.target(words)
         if not self.stated and not self.log.waypoints:
             self.log.note("coordinates before any G0 or G1 are read as G1", self.line)
@@ -248,7 +253,7 @@ class SinumerikMoveReader(SinumerikFrameReader):
         if feed is not None:
             self.feed = float(feed)
         assert self.feed is not None
-        self.course.line(target, (), self.feed * self.scale / 60.0, self.line)
+        self.course.line(target, (), self.feed * self.feed_scale / 60.0, self.line)
         return True
 
     def _check_cut(self) -> None:
@@ -259,12 +264,12 @@ class SinumerikMoveReader(SinumerikFrameReader):
 
     def _block_feed(self, words: Words, length: float) -> float:
         if "FB" in words.values:
-            return words.values["FB"] * self.scale / 60.0
+            return words.values["FB"] * self.feed_scale / 60.0
         return self.speed(length)
 
     def _corner(self, words: Words) -> Corner | None:
         """Return the corner that a block asks for at its end."""
-        feed = words.values["FRC"] * self.scale / 60.0 if words.values.get("FRC") else None
+        feed = words.values["FRC"] * self.feed_scale / 60.0 if words.values.get("FRC") else None
         for address, kind in CORNERS.items():
             if words.values.get(address):
                 return Corner(kind, words.values[address] * self.scale, feed, self.line)

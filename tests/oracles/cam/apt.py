@@ -73,6 +73,8 @@ class AptReader:
     expand: bool = True
     record: Recorder = field(default_factory=Recorder)
     at: list[float] | None = None
+    start: list[float] | None = None
+    away: bool = False
     axis: Vector = (0.0, 0.0, 1.0)
     fast: bool = False
     feed: float = 0.0
@@ -133,6 +135,7 @@ class AptReader:
                 raise CannotTellError(f"{major}/{rest}", self.record.line)
         elif major == "GOHOME":
             self.record.note("GOHOME is no place of the part")
+            self.away = True
         elif not SILENT.fullmatch(major) and not SILENT.match(text.split(" ")[0]):
             raise CannotTellError(f"the record {major[:30]}", self.record.line)
         if major in ("LOADTL", "LOAD") and (numbers := [float(w) for w in words if _NUMBER.fullmatch(w)]):
@@ -180,6 +183,10 @@ class AptReader:
         if not leads:
             self.at = place
             return
+        if self.away and self.start and not self.fast and self.cycle is None:
+            self.record.move(RAPID, self.start, 0.0, self.axis)
+            self.at = self.start
+        self.away = False
         if self.cycle is not None:
             self.drill(place)
         elif self.arc is not None and self.at is not None:
@@ -343,7 +350,9 @@ def _cut_records(text: str) -> Iterator[tuple[int, str]]:
         kept = ""
 
 
-def read_apt(text: str, *, unit: str | None = None, sense: str = "auto", expand: bool = True) -> Reading:
+def read_apt(
+    text: str, *, unit: str | None = None, sense: str = "auto", expand: bool = True, start: list[float] | None = None
+) -> Reading:
     """Read an APT or CL file; where it states no unit, that of its feeds tells it.
 
     Raises:
@@ -355,6 +364,7 @@ def read_apt(text: str, *, unit: str | None = None, sense: str = "auto", expand:
         unit is None and "UNITS" not in capital and re.search(r"FEDRAT\s*/[^$\n]*\bIP[MR]\b", capital) is not None
     )
     reader = AptReader(scale=INCH if inches else 1.0, sense=sense, expand=expand)
+    reader.at = reader.start = start
     try:
         return reader.run(text)
     except (ValueError, IndexError, OverflowError) as error:

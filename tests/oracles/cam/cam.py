@@ -14,6 +14,7 @@ from oracles.cam.apt import read_apt
 from oracles.cam.gcode import GCode
 from oracles.cam.heidenhain import read_heidenhain
 from oracles.cam.krl import read_krl_path
+from oracles.cam.machine import DrivenMachine
 from oracles.cam.moves import RAPID, CannotTellError, Reading
 from oracles.cam.rapid import read_rapid_path
 from oracles.cam.sinumerik import read_sinumerik_program
@@ -72,20 +73,21 @@ def read_language(language: str, text: str, options: dict[str, Any], file: Path 
         CannotTellError: If something in it is not known here.
 
     """
-    expand = options.get("cycles", "expand") == "expand"
+    expand, start = options.get("cycles", "expand") == "expand", options.get("from_mm")
     if language == "G-code":
         return read_gcode(text, options)
     if language == "APT":
-        return read_apt(text, unit=options.get("unit"), sense=options.get("circle_sense", "auto"), expand=expand)
+        return read_apt(text, unit=options.get("unit"), sense=options.get("circle_sense", "auto"), expand=expand,
+                        start=start)  # fmt: skip
     if language == "Heidenhain":
-        return read_heidenhain(text, expand=expand, rotary=options.get("rotary"))
+        return read_heidenhain(text, expand=expand, rotary=options.get("rotary"), start=start)
     if language == "Sinumerik":
-        return read_sinumerik_program(text, expand=expand)
+        return read_sinumerik_program(text, expand=expand, start=start)
     points = options.get("tool_direction")
     if language == "RAPID":
-        return read_rapid_path(text, points=points)
+        return read_rapid_path(text, points=points, start=start)
     folder, name = (None, "") if file is None else (file.parent, file.stem)
-    return read_krl_path(text, folder=folder, name=name, points=points)
+    return read_krl_path(text, folder=folder, name=name, points=points, start=start)
 
 
 def pick_operation(reading: Reading, number: int) -> Reading:
@@ -119,11 +121,12 @@ def pick_operation(reading: Reading, number: int) -> Reading:
 
 def read_gcode(text: str, options: dict[str, Any]) -> Reading:
     """Read G-code."""
+    printer = bool(_PRINTER.search(text))
     reader = GCode(
         inch=options.get("unit") == "inch", centres=options.get("arc_centres") or "incremental",
         expand=options.get("cycles", "expand") == "expand", rotary=options.get("rotary"),
         rotary_axes=options.get("rotary_axes"), tracking=bool(options.get("tip_control")), wcs=options.get("wcs"),
-        printer=bool(_PRINTER.search(text)),
+        printer=printer, machine=DrivenMachine(start=None if printer else options.get("from_mm")),
     )  # fmt: skip
     try:
         return reader.run(text)

@@ -292,6 +292,9 @@ class GCode:
                     self.cycle = {"initial": self.machine.at[PLANES[self.machine.plane][2]]}
                 self.motion = self.modal if code == 80 else code
                 self.modal = code if code in (0, 1, 2, 3) else self.modal
+        if "Z" in has and (49 in codes or (has.get("H") == 0.0 and not {43, 44} & set(codes))):
+            self.machine.forget([2])  # the tool's length is cancelled: no place of the tip
+            has = {letter: value for letter, value in has.items() if letter != "Z"}
         if not any(axis in has for axis in "XYZABCIJKRUVW"):
             return
         if self.work.part is None:

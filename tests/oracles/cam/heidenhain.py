@@ -348,7 +348,9 @@ class Heidenhain:
 POLAR, STEPS = ("PR", "PA", "IPR", "IPA"), ("IX", "IY", "IZ")
 
 
-def read_heidenhain(text: str, *, expand: bool = True, rotary: str | None = None) -> Reading:
+def read_heidenhain(
+    text: str, *, expand: bool = True, rotary: str | None = None, start: list[float] | None = None
+) -> Reading:
     """Read a Heidenhain conversational program.
 
     Raises:
@@ -356,6 +358,7 @@ def read_heidenhain(text: str, *, expand: bool = True, rotary: str | None = None
 
     """
     reader = Heidenhain(expand, rotary)
+    reader.machine.start = start
     try:
         return reader.run(text)
     except (ValueError, KeyError, IndexError, OverflowError) as error:

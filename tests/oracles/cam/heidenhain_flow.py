@@ -25,6 +25,8 @@ class HeidenhainFlow:
     def __init__(self, text: str) -> None:
         """Cut a program into blocks, comments stripped, continued ones joined."""
         self.text = text.upper()
+        if re.search(r"TOOL DEF[^;\n]*L", self.text) and re.search(r"\bF ?(?:9999|15999)\b", self.text):
+            raise CannotTellError("rapid traverse as F9999")
         self.blocks: list[tuple[int, str]] = []
         kept, first = "", 0
         for number, line in enumerate(self.text.splitlines(), 1):
@@ -33,6 +35,8 @@ class HeidenhainFlow:
             part = part.replace("~", " ").strip()
             if not kept:
                 first, part = number, re.sub(r"^\d+\s*(?=\D|$)", "", part)
+                part = "" if re.match(r"\(|FLUTE LEN", part) else re.sub(r"^CYCLE ", "CYCL ", part)
+            part = re.sub(r"\s*\([^()]*\)$", "", part) if re.match(r"L[PN]?\s", part) else part
             kept = f"{kept} {part}".strip() if kept else part
             if not carried:
                 if kept:

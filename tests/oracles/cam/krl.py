@@ -205,7 +205,10 @@ class KrlPath:
         self.path.lead(pose, self.feed, rapid=word == "PTP")
 
 
-def read_krl_path(text: str, *, folder: Path | None = None, name: str = "", points: str | None = None) -> Reading:
+def read_krl_path(
+    text: str, *, folder: Path | None = None, name: str = "", points: str | None = None,
+    start: list[float] | None = None,
+) -> Reading:  # fmt: skip
     """Read a KRL program as a path.
 
     Args:
@@ -213,12 +216,13 @@ def read_krl_path(text: str, *, folder: Path | None = None, name: str = "", poin
         folder: Folder that its data file and the programs that it calls lie in.
         name: Its name, without ending.
         points: Axis of the TCP frame that points out of the tool.
+        start: Where cuts begin whose start the file leaves open. [mm]
 
     Raises:
         CannotTellError: If something in it is not known here.
 
     """
-    path = RobotPath(points)
+    path = RobotPath(points, start)
     try:
         KrlPath(folder, path).read(text, name)
     except (ValueError, KeyError, IndexError) as error:

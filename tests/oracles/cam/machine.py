@@ -62,6 +62,7 @@ class DrivenMachine:
         been_home: Whether it has left the part for a place of the machine.
         height: Greatest height of a rapid move so far, part frame. [mm]
         left: Where it left the part for a place of the machine, or None.
+        start: Where cuts begin whose start the file leaves open, part frame, or None. [mm]
 
     """
 
@@ -78,6 +79,7 @@ class DrivenMachine:
     homed: bool = False
     height: float = -math.inf
     left: list[float] | None = None
+    start: Sequence[float] | None = None
 
     def place(self, point: Sequence[float]) -> list[float]:
         """Return a point of the program's frame in the part frame."""
@@ -123,6 +125,10 @@ class DrivenMachine:
         unknown = [k for k in range(3) if math.isnan(self.at[k])]
         if not unknown:
             return list(target)
+        if self.start is not None:
+            here = carry(transpose(self.matrix), [self.start[k] - self.shift[k] for k in range(3)])
+            self.rapid([here[k] if k in unknown else self.at[k] for k in range(3)])
+            return [self.at[k] if math.isnan(target[k]) else target[k] for k in range(3)]
         if self.homed and not self.record.rows and through:
             return list(target)  # a printer on its way from home
         if self.homed or self.been_home or self.matrix != UNIT:

@@ -184,18 +184,19 @@ def _cut_statements(text: str) -> list[tuple[int, str]]:
     return found
 
 
-def read_rapid_path(text: str, *, points: str | None = None) -> Reading:
+def read_rapid_path(text: str, *, points: str | None = None, start: list[float] | None = None) -> Reading:
     """Read a RAPID module as a path.
 
     Args:
         text: The module.
         points: Axis of the TCP frame that points out of the tool.
+        start: Where cuts begin whose start the file leaves open. [mm]
 
     Raises:
         CannotTellError: If something in it is not known here.
 
     """
-    path = RobotPath(points)
+    path = RobotPath(points, start)
     try:
         RapidPath(path).read(text)
     except (ValueError, KeyError, IndexError, AssertionError) as error:

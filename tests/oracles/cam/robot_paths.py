@@ -24,6 +24,7 @@ class RobotPath:
     """
 
     points: str | None = None
+    start: list[float] | None = None
     record: Recorder = field(default_factory=Recorder)
     first: Array | None = None
     name: str = ""
@@ -48,6 +49,9 @@ class RobotPath:
 
     def lead(self, pose: Array, feed: float, *, rapid: bool) -> None:
         """Move to a pose, straight or fast; from where nobody knows it is fast."""
+        if not rapid and self.pose is None and self.start is not None:
+            self.record.move(RAPID, list(self.start), 0.0, self._axis(pose))
+            self.pose = pose
         kind = RAPID if rapid or self.pose is None else LINE
         self.record.move(kind, pose[:3, 3].tolist(), feed, self._axis(pose))
         self.pose = pose

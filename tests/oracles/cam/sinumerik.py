@@ -133,7 +133,7 @@ class Sinumerik840D:
         for code in codes:
             if code in (70, 71, 700, 710):
                 self.scale = 25.4 if code in (70, 700) else 1.0
-                self.feed_scale = 25.4 if code == 700 else math.nan if code == 70 else 1.0
+                self.feed_scale = {700: 25.4, 710: 1.0}.get(code, self.feed_scale)
             elif code in PLANES:
                 machine.plane = code
             elif code in (90, 91):
@@ -152,8 +152,6 @@ class Sinumerik840D:
             return
         if "F" in has:
             by = 1.0 if machine.feed_mode == 93 else self.feed_scale
-            if math.isnan(by):
-                raise CannotTellError("whether feeds count in inches under G70", line)
             machine.feed = self._value(has["F"]) * by
         if "S" in has:
             machine.spindle = abs(self._value(has["S"]))
@@ -283,7 +281,7 @@ def _depth(text: str, at: int) -> int:
     return text.count("(", 0, at) - text.count(")", 0, at) + text.count("[", 0, at) - text.count("]", 0, at)
 
 
-def read_sinumerik_program(text: str, *, expand: bool = True) -> Reading:
+def read_sinumerik_program(text: str, *, expand: bool = True, start: list[float] | None = None) -> Reading:
     """Read a SINUMERIK program.
 
     Raises:
@@ -291,6 +289,7 @@ def read_sinumerik_program(text: str, *, expand: bool = True) -> Reading:
 
     """
     reader = Sinumerik840D(expand)
+    reader.machine.start = start
     try:
         return reader.run(text)
     except (ValueError, KeyError, IndexError, OverflowError) as error:

@@ -91,7 +91,7 @@ def read(folder: Path, file: Path, text: str) -> cp.Toolpath:
     """Read a program from text; its file stands in a folder beside nothing else."""
     program = folder / file.name
     program.write_text(text, encoding="latin-1")
-    return cp.read_toolpath(program, cam=CamTable(cycles="expand"))
+    return cp.read_toolpath(program, cam=CamTable(cycles="expand", unit="mm", from_mm=[0.0, 0.0, 10.0]))
 
 
 def readable(file: Path, folder: Path) -> bool:

@@ -223,6 +223,8 @@ def _other_arc(block: Block, absolute: bool, clockwise: bool, plane: str, before
 
 def shuffle_words(text: str) -> str | None:
     """Write the words of each block in another order; block number and program number stay in front."""
+    if re.search(r"(?m)^M10[49]\b", text):
+        return None  # firmware of printers takes the first word of a line for its command
     rng, lines, count = random.Random(7), [], 0
     for block in split(text):
         movable = [w for w in block.words if w[0] not in "NO"]

@@ -1,7 +1,7 @@
-"""Is what was written what was planned? joints.csv and every program read back, and held against the commanded arm.
+"""Compare what was written with what was planned: joints.csv and every program are read back.
 
-Programs are read by `compplan.controllers.readback`, counted back by a reading of controller.toml of its own, and
-placed by Pinocchio; nothing goes through the writers.
+Joints are counted back by a reading of controller.toml of its own, and the tool is placed by the evaluation's robot
+model (Pinocchio); nothing goes through the writers.
 """
 
 from __future__ import annotations
@@ -30,9 +30,6 @@ from compplan.controllers.readback.said import compare_said
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.readback.spoken import Spoken
 from compplan.robot import Array
-from compplan.simulation.inertia import stand_stiff
-from compplan.simulation.judge import Judge
-from compplan.simulation.reading import read_judge
 
 #: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
 FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = {
@@ -57,14 +54,31 @@ FIT, CYCLE = 0.002, 0.004
 
 
 @dataclass(frozen=True)
-class Vote:
+class Findings:
     """What a reading of written files finds: sentences against a plan, and what was not checked."""
 
     breaches: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
-def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded) -> Vote:
+@dataclass(frozen=True)
+class StiffArm:
+    """Forward kinematics of the unloaded arm as the controller believes it.
+
+    Attributes:
+        carries_part: Whether a positioner carries the part; poses are then seen from the part.
+        locate: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
+
+    """
+
+    carries_part: bool
+    locate: Callable[[Array], tuple[Array, Array]]
+
+
+def compare_written(
+    folder: Path, tables: Mapping[str, Any], robot: Path, wanted: Commanded,
+    arm_with: Callable[[Mapping[str, Any] | None], StiffArm],
+) -> Findings:  # fmt: skip
     """Read back what was written.
 
     Args:
@@ -72,6 +86,7 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
         tables: The tables of the job as they are written.
         robot: The robot folder.
         wanted: What was planned.
+        arm_with: Returns the arm with a table [tool], or with the folder's own tool where it is None.
 
     """
     joints = read_joints(robot)
@@ -79,16 +94,16 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
     notes: list[str] = []
     output = tables.get("output") or {}
     if not output.get("programs"):
-        return Vote(tuple(breaches))
+        return Findings(tuple(breaches))
     counting = read_counting(robot, joints.outer)
-    judge = read_judge(robot, tables.get("tool"), geometry="controller.urdf")
+    arm = arm_with(tables.get("tool"))
     rows = wanted.program
-    position, rotation = stand_stiff(judge, wanted.sent[rows])
+    position, rotation = arm.locate(wanted.sent[rows])
     stand = _Stand(
         joints, counting, to_degrees(wanted.sent[rows], joints), position * 1e3, rotation,
-        np.eye(4) if judge.ground else _world(robot), wanted,
-        _part(tables), _tool(robot, wanted.sent[rows[:1]], position[0], rotation[0]),
-        float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot), judge,
+        np.eye(4) if arm.carries_part else _world(robot), wanted,
+        _part(tables), _tool(arm_with({"frame": "pendant"}), wanted.sent[rows[:1]], position[0], rotation[0]),
+        float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot), arm,
     )  # fmt: skip
     spoken = _say(stand, tables, robot)
     own = {name for key in ("header", "footer") for name in (output.get(key) or {})}
@@ -105,16 +120,16 @@ def vote_on_delivery(folder: Path, tables: Mapping[str, Any], robot: Path, wante
                 moves = stand.place_joints([stand.take_frame(move) for move in found if move.kind != "act"])
                 held = stand.find_rows(moves)
                 moves = moves if isinstance(held, str) else stand.excuse_stops(moves, held)
-                if stand.judge.ground and not all(move.carried or move.kind == "joint" for move in moves):
+                if stand.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
                     said = ["lines are not driven seen from the part that moves"]
                 elif isinstance(held, str):
                     said = [held]
                 else:
                     said = stand.compare(moves, held) or spoken.take(held).compare(language, moves)
-                if language in ("fanuc_ls", "inform") and not stand.judge.ground:
+                if language in ("fanuc_ls", "inform") and not stand.arm.carries_part:
                     said += compare_said(file, np.linalg.inv(stand.world) @ stand.part, stand.tool)
                 breaches += [f"{file.name}, read back: {text}" for text in said]
-    return Vote(tuple(breaches), tuple(notes))
+    return Findings(tuple(breaches), tuple(notes))
 
 
 def _read_back(
@@ -167,7 +182,7 @@ class _Stand:
     tool: Array
     tolerance: float
     cycle: float
-    judge: Judge
+    arm: StiffArm
 
     @property
     def fitted(self) -> bool:
@@ -181,7 +196,7 @@ class _Stand:
     def place_joints(self, moves: list[Move]) -> list[Move]:
         """Put the tool of lines that are written as joint positions where those hold it, seen from the part frame."""
         rows = [k for k, move in enumerate(moves) if move.kind != "joint" and move.pose is None and move.joints]
-        if not rows or not self.judge.ground:
+        if not rows or not self.arm.carries_part:
             return moves
         shown = np.empty((len(rows), len(self.counting.zero)))
         shown[:, ~self.counting.external] = [moves[k].joints for k in rows]
@@ -189,7 +204,7 @@ class _Stand:
         degrees = self.counting.undo(shown)
         q = np.where(np.array(self.joints.slides), 1e-3 * degrees, np.radians(degrees))
         placed = list(moves)
-        for k, position, rotation in zip(rows, *stand_stiff(self.judge, q), strict=True):
+        for k, position, rotation in zip(rows, *self.arm.locate(q), strict=True):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = rotation, 1e3 * position
             placed[k] = moves[k]._replace(pose=np.linalg.inv(self.part) @ pose, base=self.part)
@@ -339,9 +354,9 @@ def _part(tables: Mapping[str, Any]) -> Array:
     return _millimetres(read_part(tables.get("part") or {}))
 
 
-def _tool(robot: Path, q: Array, position: Array, rotation: Array) -> Array:
+def _tool(arm: StiffArm, q: Array, position: Array, rotation: Array) -> Array:
     """Return the tool of a posture, seen from the flange frame of the teach pendant. Shape (4, 4). [mm]"""
-    at, turn = stand_stiff(read_judge(robot, {"frame": "pendant"}, geometry="controller.urdf"), q)
+    at, turn = arm.locate(q)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn[0].T @ rotation, 1e3 * turn[0].T @ (position - at[0])
     return pose

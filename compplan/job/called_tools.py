@@ -1,0 +1,111 @@
+"""The tools that a CAM file calls, as a new job describes them: mill or drill, and the spindle speed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compplan.job.tools import called_speed
+from compplan.toolpath.operations import Operation, split_operations
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.reading import read_toolpath
+from compplan.toolpath.toolpath import Toolpath
+
+#: Moves that go less than this beside the tool axis are along it. [m]
+BESIDE = 1e-6
+#: Diameter [mm], material and spindle speed [1/min] of a drill that nobody has stated (assumed).
+DRILL: dict[str, str | float] = {"diameter_mm": 6.0, "material": "al7075_t6", "spindle_rpm": 3000.0}
+#: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
+ANY_FEED = 0.01
+
+
+@dataclass(frozen=True)
+class CalledTool:
+    """A tool that a CAM file cuts with.
+
+    Attributes:
+        number: T number; 0 where the file calls none, or calls the tool by name.
+        name: Its name, or "".
+        drills: Whether it cuts along its axis alone.
+        spindle_rpm: The one spindle speed that the file states for it, or None. [1/min]
+        top_mm: Where its stock may begin: the part zero where its cuts go through that, else their highest point. [mm]
+    """
+
+    number: int
+    name: str
+    drills: bool
+    spindle_rpm: float | None
+    top_mm: float
+
+    @property
+    def cut(self) -> dict[str, str | float]:
+        """Keys of the force model of its cut that are not those of a milling cutter."""
+        speed: dict[str, str | float] = {} if self.spindle_rpm is None else {"spindle_rpm": self.spindle_rpm}
+        return {"model": "drill", **DRILL, "stock_top_mm": self.top_mm, **speed} if self.drills else speed
+
+    @property
+    def label(self) -> str:
+        """What the file calls it."""
+        return repr(self.name) if self.name else f"T{self.number}"
+
+    @property
+    def key(self) -> str:
+        """The line of [[tool]] that tells it apart."""
+        return f"name = {json.dumps(self.name)}" if self.name else f"number = {self.number}"
+
+    @property
+    def process(self) -> str:
+        """The line of [[tool]] that describes its cut; "" where [process] does."""
+        table = ", ".join(f"{key} = {json.dumps(value)}" for key, value in self.cut.items())
+        said = "assumed: put yours" if self.drills else "S of the CAM file"
+        return f"process = {{ {table} }}  # {said}\n" if table else ""
+
+    @property
+    def assumed(self) -> str:
+        """Which numbers of its cut are assumed."""
+        milled = "depth, width, diameter and specific cutting force"
+        numbers = "diameter, material and stock top" if self.drills else milled
+        return f"{self.label} {numbers}{', and spindle speed' if self.spindle_rpm is None else ''}"
+
+
+def read_called_tools(path: Path) -> list[CalledTool]:
+    """Read which tools a CAM file cuts with, in the order of their first cut.
+
+    Raises:
+        InputError: If the file is not read as it stands.
+    """
+    operations = split_operations(read_toolpath(path, cam=CamTable(cycles="expand"), feed=ANY_FEED))
+    by_tool: dict[tuple[int, str], list[Operation]] = {}
+    for operation in operations:
+        by_tool.setdefault((operation.number, operation.name), []).append(operation)
+    tools = []
+    for (number, name), own in by_tool.items():
+        speeds = {called_speed(operation) for operation in own}
+        drills = all(_goes_along_axis(operation.toolpath) for operation in own)
+        top = max(_find_top(operation.toolpath) for operation in own)
+        tools.append(CalledTool(number, name, drills, speeds.pop() if len(speeds) == 1 else None, top))
+    return tools
+
+
+def describe_assumed(tools: Sequence[CalledTool]) -> str:
+    """Say which numbers of a new job are assumed."""
+    return f"assumed, put yours: tool length and mass; {'; '.join(tool.assumed for tool in tools)}"
+
+
+def _goes_along_axis(toolpath: Toolpath) -> bool:
+    """Whether every cutting move goes along the tool axis."""
+    cuts = ~toolpath.rapid[1:]
+    moves, axis = np.diff(toolpath.position, axis=0)[cuts], toolpath.axis[1:][cuts]
+    beside = moves - axis * np.einsum("ni,ni->n", moves, axis)[:, None]
+    return bool(cuts.any() and np.linalg.norm(beside, axis=1).max() < BESIDE)
+
+
+def _find_top(toolpath: Toolpath) -> float:
+    """Return the part zero where cutting moves go through it, else their highest point, 0.1 mm. [mm]"""
+    cuts = np.flatnonzero(~toolpath.rapid[1:]) + 1
+    heights = 1e3 * toolpath.position[np.union1d(cuts, cuts - 1), 2]
+    return 0.0 if heights.min() < 0.0 <= heights.max() else round(float(heights.max()), 1)

@@ -1,0 +1,41 @@
+"""Keys of earlier releases that a job may still hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from compplan.errors import InputError
+
+CAM = "a CAM system checks finished walls and stock; delete it"
+#: Removed keys, dotted, and what to do instead.
+REMOVED = {
+    "coupling": "the force is that of the tool on its path; delete it",
+    "stability": "state [process] tool_mode, a plan notes the limit of depth",
+    "posture.weights.stability": "delete it",
+    "surface": CAM,
+    "tool_beam": CAM,
+    "process.part": CAM,
+    "process.holder_mm": CAM,
+    "tool.process.part": CAM,
+    "tool.process.holder_mm": CAM,
+}
+
+
+def refuse_removed(data: Mapping[str, Any], file: str | Path) -> None:
+    """Refuse a job that holds a removed key.
+
+    Raises:
+        InputError: With the key, and what to do.
+
+    """
+    for key, advice in REMOVED.items():
+        *tables, last = key.split(".")
+        places: list[Any] = [data]
+        for table in tables:
+            inner = [place[table] for place in places if isinstance(place, Mapping) and table in place]
+            places = [row for rows in inner for row in (rows if isinstance(rows, list) else [rows])]
+        if any(isinstance(place, Mapping) and last in place for place in places):
+            name = f"[{last}]" if not tables else key
+            raise InputError(f"{name} is no longer supported; {advice}", file=file, where=key)

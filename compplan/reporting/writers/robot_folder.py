@@ -1,0 +1,37 @@
+"""Write a robot folder and read it back: nothing is delivered that a command cannot read and solve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from compplan.effects import apply_effects, attain_scene, command_campaign, robot_effects, stage_scene
+from compplan.errors import ConvergenceError, InputError
+from compplan.robot import Robot, read_robot_folder, write_robot_folder
+
+
+def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> Robot:
+    """Write a robot folder, read it as every command does and solve its equilibrium in the middle of its joint ranges.
+
+    Args:
+        robot: The robot.
+        folder: The folder to write; made if needed.
+        before: The robot as it was before it was measured, as `write_robot_folder` takes it.
+
+    Returns:
+        The robot as read from the folder.
+
+    Raises:
+        InputError: If the folder cannot be read, or its robot finds no equilibrium.
+    """
+    write_robot_folder(robot, folder, before)
+    read = read_robot_folder(folder)
+    middle = np.clip(0.0, read.lower, read.upper)[None]
+    try:
+        attained = attain_scene(apply_effects(stage_scene(read, command_campaign(middle)), robot_effects(read)))
+    except ConvergenceError as error:
+        raise InputError(f"the robot that was identified finds no equilibrium: {error}", file=folder) from None
+    if not np.isfinite(attained.position).all():
+        raise InputError("the robot that was identified finds no equilibrium", file=folder)
+    return read

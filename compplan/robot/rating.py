@@ -1,0 +1,107 @@
+"""What payload, reach and own weight say of an arm: springs to begin with, and masses that cannot be true."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compplan.robot.model import Array, Body, Joint, Robot
+
+#: Twist of each joint under the moment of the payload at full reach: geometric means of three measured arms
+#: (docs/robots.md, checked by tests/test_robot_library.py); wrist below LIGHT: Fanuc M-10iA (Singh 2021). [rad]
+TWIST = np.array([2.0, 1.5, 1.9, 19.0, 31.0, 14.0]) * 1e-3
+TWIST_LIGHT = np.array([2.0, 1.5, 1.9, 7.7, 3.6, 4.6]) * 1e-3
+#: Payload below which the light wrist counts, and the class of the measured arms. [kg, m]
+LIGHT, CLASS_PAYLOAD, CLASS_REACH = 50.0, 80.0, (2.0, 3.6)
+#: Arms weigh at most this many payloads, or as much as the heaviest shipped arm of that payload or less.
+MOST_PAYLOADS = 8.0
+#: Payload and mass, rounded up, of the shipped arms that are heavier than all arms of less payload. [kg]
+HEAVIEST = ((3.0, 18.0), (5.0, 22.0), (7.0, 115.0), (8.0, 250.0), (50.0, 560.0), (80.0, 620.0), (88.0, 650.0),
+            (150.0, 2550.0))  # fmt: skip
+#: Relative difference of the URDF's masses from a stated own weight that is taken for true (assumed).
+DIFFERENCE = 0.3
+#: How SOURCE.md states them.
+STATED = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm(?:, own weight ([\d.]+) kg)?")
+
+
+@dataclass(frozen=True)
+class Rating:
+    """What the maker states of an arm.
+
+    Attributes:
+        payload: Rated payload. [kg]
+        reach: Reach. [m]
+        mass: Own weight, or None. [kg]
+    """
+
+    payload: float
+    reach: float
+    mass: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The line of SOURCE.md."""
+        own = "" if self.mass is None else f", own weight {self.mass:g} kg"
+        return f"Payload {self.payload:g} kg and reach {round(1e3 * self.reach, 3):g} mm{own}"
+
+    @property
+    def grade(self) -> str:
+        """Grade of springs by the rule: "scaled" in the class of the measured arms, else "placeholder"."""
+        low, high = CLASS_REACH
+        return "scaled" if self.payload >= CLASS_PAYLOAD and low <= self.reach <= high else "placeholder"
+
+    def estimate_compliances(self) -> Array:
+        """Return the compliance of six joints by the rule of docs/robots.md. Shape (6,). [rad/(N m)]"""
+        twist = TWIST_LIGHT if self.payload < LIGHT else TWIST
+        return np.asarray(twist / (self.payload * 9.81 * self.reach))
+
+
+def read_rating(robot: Robot) -> Rating | None:
+    """Return what SOURCE.md of the robot's folder states as the maker's; None without."""
+    source = None if robot.folder is None else robot.folder / "SOURCE.md"
+    if source is None or not source.is_file():
+        return None
+    found = STATED.search(source.read_text(encoding="utf-8"))
+    if found is None:
+        return None
+    own = None if found[3] is None else float(found[3])
+    return Rating(float(found[1]), 1e-3 * float(found[2]), own)
+
+
+def sum_arm_mass(joints: Sequence[Joint], bodies: Sequence[Body]) -> float:
+    """Return the mass of an arm without what its rail stands on. [kg]
+
+    Args:
+        joints: The chain from the base.
+        bodies: The bodies of its links.
+    """
+    first = next((k for k, joint in enumerate(joints) if joint.kind == "revolute"), 0)
+    slides = [k for k in range(first) if joints[k].kind == "prismatic"]
+    below = {joints[0].parent, *(joint.child for joint in joints[: slides[-1]])} if slides else set()
+    return float(sum(body.mass for body in bodies if body.link not in below))
+
+
+def check_mass(mass: float, rating: Rating | None) -> str:
+    """Say why the mass of an arm cannot be true; "" where it can.
+
+    A stated own weight decides. Otherwise an arm weighs at most 8 payloads, or as much as the heaviest shipped arm of
+    that payload or less; without a payload, as much as the heaviest shipped arm.
+
+    Args:
+        mass: As `sum_arm_mass` returns it. [kg]
+        rating: What the maker states, or None.
+    """
+    if rating is not None and rating.mass is not None:
+        if abs(mass - rating.mass) <= DIFFERENCE * rating.mass:
+            return ""
+        return f"{mass:.0f} kg in all, {rating.mass:g} kg is stated as own weight"
+    payload = np.inf if rating is None else rating.payload
+    heaviest = max((most for least, most in HEAVIEST if least <= payload), default=0.0)
+    limit = heaviest if rating is None else max(heaviest, MOST_PAYLOADS * payload)
+    if mass <= limit:
+        return ""
+    of = "any shipped arm weighs" if rating is None else f"arms of {payload:g} kg payload weigh"
+    return f"{mass:.0f} kg in all, more than {of} ({limit:.0f} kg)"

@@ -1,0 +1,175 @@
+"""Touch-off: what the arm's errors at the touched points of a part do to the part frame.
+
+A part that was found with the robot stands where the controller showed the sagging arm at the touched points. With the
+pose c shown by the controller and the pose T(q) of the loaded arm, the part is displaced from the stated frame by the
+rigid motion D that fits D c = T(q) best. Loaded poses are compared with the path as D^-1 T(q): what bends or displaces
+the arm counts by its difference between path and touched points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compplan.controllers.writers.counting import believed_robot
+from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
+from compplan.effects.scene import Scene
+from compplan.robot import Array, Robot
+from compplan.robot.pose import fit_displacement, linear_displacement, see_position, see_rotation
+from compplan.robot.uncertainty import Unknown
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import locate_loaded
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.slopes import measure_slopes, stage_path
+
+#: A touched point is reached where its pose is missed by less. [m, rad]
+REACHED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class TouchOff:
+    """How a part was found by touching it.
+
+    Attributes:
+        frame: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
+        points: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
+
+    """
+
+    frame: Array
+    points: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedPart:
+    """A part as the touch found it.
+
+    Attributes:
+        robot: The robot model that found it.
+        q: Joint positions at the touched points. Shape (k, nq). [rad or m]
+        shown: The touched points in the found frame, base axes. Shape (k, 3). [m]
+        displacement: D, from the found frame to where the part stands by the robot model; None where nothing bends or
+            displaces the arm there. Shape (4, 4). [m]
+
+    """
+
+    robot: Robot
+    q: Array
+    shown: Array
+    displacement: Array | None
+
+    def see_position(self, position: Array) -> Array:
+        """Return positions of the arm relative to the found frame, base axes. Shape (n, 3). [m]."""
+        return position if self.displacement is None else see_position(position, self.displacement)
+
+    def see_rotation(self, rotation: Array) -> Array:
+        """Return orientations relative to the found frame, base axes. Shape (n, 3, 3)."""
+        return rotation if self.displacement is None else see_rotation(rotation, self.displacement)
+
+    def see_jacobian(self, jacobian: Array) -> Array:
+        """Return twists relative to the found frame, base axes, linear rows first. Shape (n, 6, nq)."""
+        if self.displacement is None:
+            return jacobian
+        turn = self.displacement[:3, :3].T
+        return np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1)
+
+
+def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: TouchOff) -> TouchedPart:
+    """Compute what the touch found, by the robot model.
+
+    The tool stands at each touched point as at the nearest waypoint of the cut; a point that the arm does not reach so
+    is replaced by that waypoint.
+
+    Args:
+        robot: The robot with its tool.
+        path: The nominal path, base frame.
+        rotation: Orientation of the TCP frame along it. Shape (n, 3, 3).
+        q: Joint positions along it. Shape (n, nq). [rad or m]
+        touch: How the part was found.
+
+    """
+    cut = np.flatnonzero(~path.rapid)
+    turn, origin = touch.frame[:3, :3], touch.frame[:3, 3]
+    points = pick_corners((path.position[cut] - origin) @ turn) if touch.points is None else touch.points
+    points = points @ turn.T + origin
+    row = cut[np.linalg.norm(path.position[cut] - points[:, None], axis=2).argmin(axis=1)]
+    believed = believed_robot(robot)
+    points, found = _reach_points(believed, points, path.position[row], rotation[row], q[row])
+    return TouchedPart(robot, found, points, _find_displacement(robot, believed, found))
+
+
+def pick_corners(points: Array) -> Array:
+    """Return three corners of the box of some points: least x and y, greatest z, and along its two longest sides.
+
+    Shape (3, 3). [m]
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    first, other = np.array([low[0], low[1], high[2]]), np.array([high[0], high[1], low[2]])
+    corners = np.tile(first, (3, 1))
+    for k, axis in enumerate(np.argsort(low - high, kind="stable")[:2].tolist()):
+        corners[k + 1, axis] = other[axis]
+    return corners
+
+
+def _reach_points(
+    believed: Robot, points: Array, position: Array, rotation: Array, near: Array
+) -> tuple[Array, Array]:
+    """Return points that the arm reaches, and the joint positions at which the controller shows them."""
+    arm = build_arm(believed)
+    there = refine_ik(arm, near, position, rotation, iterations=30) if len(arm.arm) == 6 else near
+    q = refine_ik(arm, there, points, rotation, iterations=30) if len(arm.arm) == 6 else near
+    missed = np.abs(pose_error(arm.chain, q, points, rotation)).max(axis=1) > REACHED
+    missed |= ((q < believed.lower) | (q > believed.upper)).any(axis=1)
+    q = np.where(missed[:, None], there, q)
+    return locate_frames(arm.chain, q).tcp_position, q
+
+
+def _find_displacement(robot: Robot, believed: Robot, q: Array) -> Array | None:
+    bends = bool(robot.springs or robot.link_elasticities) and robot.loading_gravity is not None
+    if not bends and not robot.effects and believed is robot:
+        return None
+    shown = locate_frames(build_chain(believed), q).tcp_position
+    return fit_displacement(shown, locate_touching(robot, q))
+
+
+def locate_touching(robot: Robot, q: Array) -> Array:
+    """Return where the arm holds the tip at rest and without process force. Shape (k, 3). [m]."""
+    still, robot = np.zeros((len(q), 6)), rest_robot(robot)
+    if robot.effects:
+        return attain_with_effects(robot, q, still, np.ones(len(q) - 1))[0]
+    return locate_loaded(build_chain(robot), q, still, tolerance=1e-12)[0]
+
+
+def stage_touch(touched: TouchedPart) -> Scene:
+    """Stage the robot at the touched points, at rest and without process force."""
+    return stage_path(rest_robot(touched.robot), touched.q, np.zeros((len(touched.q), 6)))
+
+
+def is_lasting(unknowns: Sequence[Unknown]) -> Array:
+    """Return 1 for every parameter that acts at the touched points, 0 for those of transient effects. Shape (p,)."""
+    lasting = [float(unknown.effect not in TRANSIENT) for unknown in unknowns]
+    return np.repeat(lasting, [len(unknown.keys) for unknown in unknowns])
+
+
+def subtract_touch(
+    model: Array, position: Array, touched: TouchedPart | None, unknowns: Sequence[Unknown]
+) -> Array:
+    """Return motions of the tip relative to the part that moves with the touched points.
+
+    Args:
+        model: Motion of the tip per unit of every parameter. Shape (k, 3, p). [m per SI unit]
+        position: Where the tip is. Shape (k, 3). [m]
+        touched: The part as the touch found it; None leaves the motions as they are.
+        unknowns: The parameters; p in all.
+
+    """
+    if touched is None or not model.shape[2]:
+        return model
+    at = measure_slopes(stage_touch(touched), unknowns, np.arange(len(touched.q)))
+    twist = linear_displacement(touched.shown) @ (at * is_lasting(unknowns)).reshape(-1, at.shape[2])
+    lever = position - touched.shown.mean(axis=0)
+    moved = twist[:3] + np.cross(twist[3:].T[None], lever[:, None]).transpose(0, 2, 1)
+    return np.asarray(model - moved)

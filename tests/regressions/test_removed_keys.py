@@ -1,0 +1,28 @@
+"""A job that holds a key of a removed capability is refused with one line that says what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from commandline import run_command
+
+JOB = Path(__file__).parents[2] / "examples" / "forces" / "pocket.toml"
+
+
+@pytest.mark.parametrize(
+    ("table", "name"),
+    [
+        ("[stability]\ndamping = 0.03", "[stability]"),
+        ("[surface]", "[surface]"),
+        ("[coupling]\nfrom_model = true", "[coupling]"),
+        ('[[tool]]\nnumber = 1\nprocess = { part = { mesh = "part.stl" } }', "tool.process.part"),
+        ("[tool_beam]\nstickout_mm = 50.0", "[tool_beam]"),
+    ],
+)
+def test_a_removed_key_is_refused_in_one_line(table: str, name: str, tmp_path, monkeypatch, capsys) -> None:
+    (tmp_path / "job.toml").write_text(f"{JOB.read_text(encoding='utf-8')}\n{table}\n", encoding="utf-8")
+    answer = run_command(["forces", tmp_path / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 2
+    assert f"{name} is no longer supported; " in answer.err and len(answer.err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
