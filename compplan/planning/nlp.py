@@ -148,14 +148,15 @@ def _build(problem: Problem) -> Program:
     sight = ca.MX(ca.DM(seen))
     jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
     hessian = ca.triu(ca.mtimes(sight.T, ca.mtimes(ca.diagcat(*ca.horzsplit(bends, inputs[0].numel())), sight)))
-    options = {
+    options: dict[str, Any] = {
         "ipopt": OPTIONS | (TIMED if problem.timed else {}),
         "jac_g": ca.Function("jacobian", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
         "hess_lag": ca.Function("hessian", [x, p, scale, pull], [hessian], ["x", "p", "lam_f", "lam_g"],
                                 ["triu_hess_gamma_x_x"]),
         "print_time": False, "calc_lam_p": False, "no_nlp_grad": True,
     }  # fmt: skip
-    solver = ca.nlpsol("path", SOLVER, {"x": x, "f": objective, "g": g, "p": p}, options)
+    program: dict[str, Any] = {"x": x, "f": objective, "g": g, "p": p}
+    solver = ca.nlpsol("path", SOLVER, program, options)
     return Program(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
 
 

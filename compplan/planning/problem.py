@@ -96,7 +96,7 @@ class Problem:
     @property
     def timed(self) -> bool:
         """Tell whether the speed along the path is a variable."""
-        return any(part.timed for part in (*self.limits, *self.costs))
+        return any(limit.timed for limit in self.limits) or any(cost.timed for cost in self.costs)
 
     @property
     def counts_band(self) -> bool:
@@ -106,7 +106,7 @@ class Problem:
     @property
     def most_band(self) -> float:
         """Greatest band that is allowed, as a share of that at the start."""
-        return min((float(limit.most) for limit in self.limits if limit.name == "band"), default=float("inf"))
+        return min((float(vars(limit)["most"]) for limit in self.limits if limit.name == "band"), default=float("inf"))
 
     @cached_property
     def rates(self) -> tuple[Array, Array]:

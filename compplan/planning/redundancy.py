@@ -250,8 +250,8 @@ def _follow(
         turned[name] = np.clip(turned[name], -most, most) if leans[name] else turned[name]
     aside = np.zeros((len(nominal), 3))
     if {"ahead", "left", "up"} & set(free.names):
-        most = interpolate(every, place, free.room[:, :3])
-        aside = (path_axes(nominal) @ np.clip(spread[:, 3:6], -most, most)[..., None])[..., 0]
+        room = interpolate(every, place, free.room[:, :3])
+        aside = (path_axes(nominal) @ np.clip(spread[:, 3:6], -room, room)[..., None])[..., 0]
     path = replace(nominal, position=nominal.position + aside)
     before = orient_tool(nominal, asked.tool_x, every, stance.spin, stance.lead, stance.lean)
     rotation = orient_tool(path, asked.tool_x, every, *turned.values()) @ np.swapaxes(before, 1, 2) @ stance.rotation

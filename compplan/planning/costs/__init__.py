@@ -19,16 +19,17 @@ from compplan.planning.problem import Station
 
 
 class Cost(Protocol):
-    """What the class of a cost offers; `str` says it in one term of mathematics.
+    """What the class of a cost offers; `str` says it in one term of mathematics."""
 
-    Attributes:
-        name: What it is called.
-        timed: Whether it speaks of the speed along the path.
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
 
-    """
-
-    name: str
-    timed: bool
+    @property
+    def timed(self) -> bool:
+        """Whether it speaks of the speed along the path."""
+        ...
 
     def term(self, station: Station) -> ca.SX:
         """Return what one station costs."""

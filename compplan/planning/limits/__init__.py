@@ -20,20 +20,27 @@ from compplan.robot import Array
 
 
 class Limit(Protocol):
-    """What the class of a limit offers; `str` says it in one line of mathematics.
+    """What the class of a limit offers; `str` says it in one line of mathematics."""
 
-    Attributes:
-        name: What plan.json calls it.
-        timed: Whether it speaks of the speed along the path.
-        of_joints: Whether its rows are one a joint, which failures name.
-        numbers: Its own numbers at every station, which its rows find in `Station.numbers`, or None. Shape (k, c).
+    @property
+    def name(self) -> str:
+        """What plan.json calls it."""
+        ...
 
-    """
+    @property
+    def timed(self) -> bool:
+        """Whether it speaks of the speed along the path."""
+        ...
 
-    name: str
-    timed: bool
-    of_joints: bool
-    numbers: Array | None
+    @property
+    def of_joints(self) -> bool:
+        """Whether its rows are one a joint."""
+        ...
+
+    @property
+    def numbers(self) -> Array | None:
+        """Its own numbers at every station, which its rows find in `Station.numbers`, or None. Shape (k, c)."""
+        ...
 
     def rows(self, station: Station) -> ca.SX:
         """Return the rows of one station. Shape (r)."""
