@@ -98,7 +98,7 @@ _MODULES = {
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run"),
     "planning.nlp": ("build_program", "solve_program"),
-    "planning.problem": ("Problem",),
+    "planning.problem": ("PlanningProblem",),
     "plan.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),

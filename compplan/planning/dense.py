@@ -24,9 +24,9 @@ from compplan.plan.strategies.limits import AT_CORRECTION, measure_correction
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import cutting_runs
 from compplan.planning.costs import Cost, Departure, MissedPose, Time
-from compplan.planning.limits import CorrectionLimit, JointRange, Limit, LoadedPose, VelocityLimit
+from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, solve_problem
-from compplan.planning.problem import Problem
+from compplan.planning.problem import PlanningProblem
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -107,7 +107,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     return PathSolution(q, solution, solves, iterations, cpu)
 
 
-def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> Problem:
+def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> PlanningProblem:
     """State the program that corrects a path: the loaded pose within all limits, near the posture that was chosen.
 
     Args:
@@ -122,7 +122,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
     lower, upper = np.tile(robot.lower, (k, 1)), np.tile(robot.upper, (k, 1))
     held = path.stays & ~task.missed[stations, None]  # where the arm alone does not reach, a rail helps
     lower, upper = (np.where(held, task.q_start[stations], side) for side in (lower, upper))
-    limits: list[Limit] = [LoadedPose(), JointRange()]
+    limits: list[Limit] = [PoseEquation(), JointRange()]
     if np.isfinite(task.max_correction):
         limits.append(CorrectionLimit(task.max_correction))
     free = released[stations]
@@ -142,7 +142,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         turn = np.where(loaded[:, None, None], back, np.eye(3))
     length = np.r_[0.0, np.cumsum(task.step_time)]
     position, rotation = place_pose(task, stations, task.position[stations], task.rotation[stations])
-    return Problem(
+    return PlanningProblem(
         chain=task.chain, joints=robot.joint_names, waypoint=stations, position=position, rotation=rotation,
         programmed=task.position[stations], wrench=task.wrench[stations], theta=task.theta[stations],
         bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],

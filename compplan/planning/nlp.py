@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 from compplan.statics.kinematics import build_loaded_function, locate_symbolic
 
@@ -74,7 +74,7 @@ class Solution(NamedTuple):
 
     """
 
-    problem: Problem
+    problem: PlanningProblem
     q: Array
     square: Array
     band: float
@@ -89,7 +89,7 @@ class Solution(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Program:
+class PathProgram:
     """A program, ready to be solved for any loads, poses and bounds at its stations.
 
     Attributes:
@@ -100,16 +100,16 @@ class Program:
 
     """
 
-    problem: Problem
+    problem: PlanningProblem
     solver: ca.Function
     sizes: tuple[int, ...]
     offsets: tuple[int, int, int, int, int]
 
 
-_KEPT: list[tuple[tuple[Any, ...], Program]] = []
+_KEPT: list[tuple[tuple[Any, ...], PathProgram]] = []
 
 
-def build_program(problem: Problem) -> Program:
+def build_program(problem: PlanningProblem) -> PathProgram:
     """Build the program of a problem, or find one that differs by numbers alone."""
     key = (len(problem), problem.spin_free, problem.axis_free, problem.turn is None, problem.released is None,
            problem.timed, tuple(map(str, problem.limits)), tuple(map(str, problem.costs)), problem.runs)  # fmt: skip
@@ -123,7 +123,7 @@ def build_program(problem: Problem) -> Program:
     return program
 
 
-def _build(problem: Problem) -> Program:
+def _build(problem: PlanningProblem) -> PathProgram:
     """Write the program: variables, objective, constraints."""
     k = len(problem)
     # variables: x, and what each station sees of them, v_i = L_i x
@@ -157,10 +157,10 @@ def _build(problem: Problem) -> Program:
     }  # fmt: skip
     program: dict[str, Any] = {"x": x, "f": objective, "g": g, "p": p}
     solver = ca.nlpsol("path", SOLVER, program, options)
-    return Program(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
+    return PathProgram(problem, solver, tuple(part.numel() for part in parts), (*np.cumsum([0, *sizes]).tolist(),))
 
 
-def _state_sight(problem: Problem) -> tuple[sparse.csc_matrix, tuple[int, int, int, int]]:
+def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int, int, int, int]]:
     """Return what the stations see of the variables as a matrix, and the numbers of q, square, slack and band."""
     k, nq, rows = len(problem), problem.chain.nq, problem.pose_rows + 1
     sizes = (nq * k, k if problem.timed else 0, rows * k if problem.released is not None else 0,
@@ -194,7 +194,7 @@ def _state_sight(problem: Problem) -> tuple[sparse.csc_matrix, tuple[int, int, i
     return sparse.csc_matrix(stacked[np.argsort(order)]), sizes
 
 
-def solve_program(program: Program, problem: Problem, guess: Solution | None = None) -> Solution:
+def solve_program(program: PathProgram, problem: PlanningProblem, guess: Solution | None = None) -> Solution:
     """Solve a program for the numbers of a problem from its posture, or from an earlier solution.
 
     Args:
@@ -255,7 +255,7 @@ def solve_program(program: Program, problem: Problem, guess: Solution | None = N
     )  # fmt: skip
 
 
-def solve_problem(problem: Problem, guess: Solution | None = None) -> Solution:
+def solve_problem(problem: PlanningProblem, guess: Solution | None = None) -> Solution:
     """Build and solve the program of a problem."""
     clock = time.process_time()
     program = build_program(problem)
@@ -274,7 +274,7 @@ def explain_conflict(solution: Solution) -> str:
     return f"{' and '.join(names)} conflict at waypoint {int(solution.problem.waypoint[station])} ({solution.status})"
 
 
-def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
+def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     """Write out one station; returns it and the inputs of its functions: what it sees of the variables, its data."""
     chain, nq, rows = problem.chain, problem.chain.nq, problem.pose_rows
     q, ahead = ca.SX.sym("q", nq), ca.SX.sym("q_next", nq)
@@ -311,7 +311,7 @@ def _state_station(problem: Problem) -> tuple[Station, list[ca.SX]]:
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]
 
 
-def _pack(problem: Problem) -> Array:
+def _pack(problem: PlanningProblem) -> Array:
     """Put the numbers of every station side by side, in the order of `_state_station`. Shape (k, c)."""
     k = len(problem)
     programmed = problem.position if problem.programmed is None else problem.programmed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -15,13 +15,9 @@ from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import SymbolicFrames
 
-if TYPE_CHECKING:
-    from compplan.planning.costs import Cost
-    from compplan.planning.limits import Limit
-
 
 @dataclass(frozen=True)
-class Problem:
+class PlanningProblem:
     """A path at k stations, and what the joint positions there have to fulfil; base frame, SI units.
 
     Attributes:
@@ -182,3 +178,53 @@ class Station:
     wrench: ca.SX
     frames: SymbolicFrames
     numbers: Mapping[str, ca.SX]
+
+
+class Limit(Protocol):
+    """What the class of a limit offers; `str` says it in one line of mathematics."""
+
+    @property
+    def name(self) -> str:
+        """What plan.json calls it."""
+        ...
+
+    @property
+    def timed(self) -> bool:
+        """Whether it speaks of the speed along the path."""
+        ...
+
+    @property
+    def of_joints(self) -> bool:
+        """Whether its rows are one a joint."""
+        ...
+
+    @property
+    def numbers(self) -> Array | None:
+        """Its own numbers at every station, which its rows find in `Station.numbers`, or None. Shape (k, c)."""
+        ...
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return the rows of one station. Shape (r)."""
+        ...
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return lower and upper bounds of the rows. Shapes (k, r)."""
+        ...
+
+
+class Cost(Protocol):
+    """What the class of a cost offers; `str` says it in one term of mathematics."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
+
+    @property
+    def timed(self) -> bool:
+        """Whether it speaks of the speed along the path."""
+        ...
+
+    def term(self, station: Station) -> ca.SX:
+        """Return what one station costs."""
+        ...

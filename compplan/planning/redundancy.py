@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 from compplan.plan.run_meter import RunMeter, spread_tip
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
-from compplan.planning.costs import Band, Cost, Smoothness, Time, Travel
+from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
-from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, Limit, LoadedPose, VelocityLimit
+from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, Limit, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, solve_problem
-from compplan.planning.problem import Problem
+from compplan.planning.problem import PlanningProblem
 from compplan.posture.lattice import orient_tool
 from compplan.posture.start import PostureRequest, Start, stand
 from compplan.posture.summary import Stance, summarise_costs
@@ -124,7 +124,7 @@ def find_free(task: PlanTask, stance: Stance, asked: Asked) -> Free | None:
     return Free(rows, tuple(names), path_axes(divide_toolpath(asked.nominal, task.origin[rows])), room)
 
 
-def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float) -> Problem:
+def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float) -> PlanningProblem:
     """State the program of posture and speed.
 
     Args:
@@ -147,17 +147,17 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
     room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
     bias = np.zeros((k, task.chain.n_springs))
     attained = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
-    limits: list[Limit] = [LoadedPose(free.room), JointRange(), VelocityLimit(task.velocity_limits),
+    limits: list[Limit] = [PoseEquation(free.room), JointRange(), VelocityLimit(task.velocity_limits),
                            AccelerationLimit(np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits,
                                                       20.0 * task.velocity_limits))]  # fmt: skip
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
-    costs: list[Cost] = [Time(prices.time, time), Travel(prices.motion, unit),
+    costs: list[Cost] = [Time(prices.time, time), JointTravel(prices.motion, unit),
                          Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), limits[3].most)]  # type: ignore
     if band is not None:
         limits.append(replace(band, most=prices.most_band))
         costs.append(Band(max(prices.band, 1e-3), k))
     position, frame = place_pose(task, rows, task.position[rows], free.frame)
-    return Problem(
+    return PlanningProblem(
         chain=task.chain, joints=robot.joint_names, waypoint=rows, position=position, rotation=frame,
         wrench=task.wrench[rows], bias=bias, theta=attained.theta if attained.theta is not None else bias,
         loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],

@@ -114,7 +114,7 @@ def _toppra() -> tuple[Any, Any, Any]:
 
     logging.getLogger("toppra").setLevel(logging.ERROR)
 
-    class Path(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
+    class PathGrid(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
         """The grid itself: rows hold what is needed of the path."""
 
         def __init__(self, along: Array) -> None:
@@ -135,7 +135,7 @@ def _toppra() -> tuple[Any, Any, Any]:
         def waypoints(self) -> tuple[Array, Array]:
             return self.along, self.along[:, None]
 
-    class Limit(LinearConstraint):  # type: ignore[misc]
+    class RowLimit(LinearConstraint):  # type: ignore[misc]
         """|a u + b x + c| <= 1 at both ends of every move, and bounds of x."""
 
         def __init__(self, rows: tuple[Array, Array, Array], bounds: Array) -> None:
@@ -150,7 +150,7 @@ def _toppra() -> tuple[Any, Any, Any]:
             found = canlinear_colloc_to_interpolate(*self.rows, sides, most, None, None, gridpoints, identical=True)
             return (*found[:5], None, self.bounds)  # no bounds of u, those of x
 
-    return Path, Limit, TOPPRA
+    return PathGrid, RowLimit, TOPPRA
 
 
 @dataclass(frozen=True)

@@ -5,36 +5,13 @@ A new cost is one file with a class that has what `Cost` has, and one line in `C
 
 from __future__ import annotations
 
-from typing import Protocol
-
-import casadi as ca
-
 from compplan.planning.costs.band import Band
 from compplan.planning.costs.departure import Departure
 from compplan.planning.costs.missed import MissedPose
 from compplan.planning.costs.smoothness import Smoothness
 from compplan.planning.costs.time import Time
-from compplan.planning.costs.travel import Travel
-from compplan.planning.problem import Station
-
-
-class Cost(Protocol):
-    """What the class of a cost offers; `str` says it in one term of mathematics."""
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        ...
-
-    @property
-    def timed(self) -> bool:
-        """Whether it speaks of the speed along the path."""
-        ...
-
-    def term(self, station: Station) -> ca.SX:
-        """Return what one station costs."""
-        ...
-
+from compplan.planning.costs.travel import JointTravel
+from compplan.planning.problem import Cost
 
 #: Every cost by its name.
 COSTS: dict[str, type] = {
@@ -43,7 +20,7 @@ COSTS: dict[str, type] = {
     "missed_pose": MissedPose,
     "smoothness": Smoothness,
     "time": Time,
-    "travel": Travel,
+    "travel": JointTravel,
 }
 
-__all__ = ["COSTS", "Band", "Cost", "Departure", "MissedPose", "Smoothness", "Time", "Travel"]
+__all__ = ["COSTS", "Band", "Cost", "Departure", "JointTravel", "MissedPose", "Smoothness", "Time"]

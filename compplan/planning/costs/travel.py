@@ -14,7 +14,7 @@ SMALL = 1e-3
 
 
 @dataclass(frozen=True)
-class Travel:
+class JointTravel:
     """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice.
 
     Attributes:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 
 
@@ -33,7 +33,7 @@ class AccelerationLimit:
         """Return accelerations as shares of their limits."""
         return (station.change * station.square + station.rate * station.push) / ca.DM(self.most)
 
-    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return the bounds of the shares."""
         shape = (len(problem), len(self.most))
         return -np.ones(shape), np.ones(shape)

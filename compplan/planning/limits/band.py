@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import SymbolicFrames, locate_symbolic
@@ -62,7 +62,7 @@ class BandLimit:
         """Return the band variable less the radius of the station."""
         return station.band - self.radius(station.frames, station.deflection, station.wrench) / self.reference
 
-    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return the bounds: none outside of the cut."""
         return np.where(self.cut, 0.0, -np.inf)[:, None], np.full((len(problem), 1), np.inf)
 

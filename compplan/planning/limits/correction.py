@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 
 
@@ -34,6 +34,6 @@ class CorrectionLimit:
         gap = station.frames.position - station.programmed
         return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most) - station.excess
 
-    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return its bounds: none where the tool is unloaded."""
         return np.full((len(problem), 1), -np.inf), np.where(problem.loaded, 0.0, np.inf)[:, None]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 
 
@@ -26,6 +26,6 @@ class JointRange:
         """Return no rows: the range bounds the variables themselves."""
         return ca.SX(0, 1)
 
-    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return the range. Shapes (k, nq)."""
         return problem.lower, problem.upper

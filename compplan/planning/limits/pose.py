@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class LoadedPose:
+class PoseEquation:
     """p(q, theta) = p_wanted, z(q, theta) along the tool; theta = C (J^T w + tau) in the loaded state.
 
     Attributes:
@@ -33,7 +33,7 @@ class LoadedPose:
         """Return the missed pose, less the slack of a released station."""
         return station.missed - station.slack
 
-    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return how far the pose may be off."""
         room = np.zeros((len(problem), problem.pose_rows)) if self.room is None else self.room
         return -room, room

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import Problem, Station
+from compplan.planning.problem import PlanningProblem, Station
 from compplan.robot import Array
 
 
@@ -34,7 +34,7 @@ class VelocityLimit:
         rate = (station.q_next - station.q) * station.pace / ca.DM(self.most)
         return rate**2 * 0.5 * (station.square + station.square_next)
 
-    def bounds(self, problem: Problem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return the bounds of the shares."""
         shape = (len(problem), len(self.most))
         return np.full(shape, -np.inf), np.ones(shape)
