@@ -21,9 +21,19 @@ from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs
 from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
-from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, Limit, PoseEquation, VelocityLimit
+from compplan.planning.limits import (
+    AccelerationLimit,
+    BandLimit,
+    JointRange,
+    Limit,
+    PoseEquation,
+    VelocityLimit,
+    linearise_clearance,
+)
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.problem import PlanningProblem
+from compplan.posture.clearance import sweep_margin
+from compplan.posture.collision_scene import CollisionScene
 from compplan.posture.lattice import orient_tool
 from compplan.posture.start import PostureRequest, Start, stand
 from compplan.posture.summary import Stance, summarise_costs
@@ -45,6 +55,9 @@ REACHED = 1e-6
 UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
 #: Weight of q'' / a_max, which keeps the solution smooth where nothing else does.
 SMOOTH = 0.3
+#: Solves of the program at most where something is in the way, clearance that is added between stations, and least
+#: share of a step after which distances are linearised anew. [1, m, 1]
+CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
 #: Rows at which what the columns of the band do not hold is measured, and its least share of the variance.
 REST_ROWS, LEAST_REST = 40, 1e-4
 
@@ -220,13 +233,27 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
         return None
     band = read_band(task, asked.meter, free.rows) if prices.band or np.isfinite(prices.most_band) else None
     problem = state_problem(task, free, prices, band, asked.meter.time(task))
-    solution = solve_problem(problem)
-    LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, band %.3f", solution.status, solution.iterations,
-              solution.cpu, solution.band)  # fmt: skip
-    if solution.violation > REACHED:
-        return None
-    found = _follow(task, stance, asked, free, solution, request)
-    return None if found is None else (found, Shaped(solution.iterations, free.names))
+    scene, clear = request.scene, problem.q_start
+    found, iterations = None, 0
+    for _ in range(1 if scene is None else CLEARANCE_SOLVES):
+        if scene is not None:
+            rows = linearise_clearance(scene, clear, request.wanted, RESERVE)
+            kept = tuple(limit for limit in problem.limits if limit.name != rows.name)
+            problem = replace(problem, limits=(*kept, rows), guess=clear)
+        solution = solve_problem(problem)
+        iterations += solution.iterations
+        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, band %.3f", solution.status, solution.iterations,
+                  solution.cpu, solution.band)  # fmt: skip
+        if solution.violation > REACHED:
+            return None
+        found = _follow(task, stance, asked, free, solution, request)
+        if scene is None or found is None or _keeps_clear(scene, found.q, request.wanted):
+            break
+        share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
+        while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), request.wanted):
+            share *= 0.5
+        clear = clear + share * (solution.q - clear)
+    return None if found is None else (found, Shaped(iterations, free.names))
 
 
 def _follow(
@@ -268,6 +295,12 @@ def _follow(
     better = replace(stance, q=q, rotation=rotation, spin=turned["spin"], lead=turned["lead"], lean=turned["lean"],
                      costs=costs, map=picture)  # fmt: skip
     return replace(stand(better, path, request), aside=aside if aside.any() else None)
+
+
+def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
+    """Tell whether the arm keeps clear all along joint positions."""
+    places = np.arange(0.0, len(q), max(len(q) // STATIONS, 1))
+    return bool(sweep_margin(scene, q, wanted, places)[1].min() >= 0.0)
 
 
 def _read_angles(

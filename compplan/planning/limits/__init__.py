@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from compplan.planning.limits.acceleration import AccelerationLimit
 from compplan.planning.limits.band import BandLimit
+from compplan.planning.limits.clearance import ClearanceLimit, linearise_clearance
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
 from compplan.planning.limits.pose import PoseEquation
@@ -21,15 +22,18 @@ LIMITS: dict[str, type] = {
     "velocity": VelocityLimit,
     "acceleration": AccelerationLimit,
     "band": BandLimit,
+    "clearance": ClearanceLimit,
 }
 
 __all__ = [
     "LIMITS",
     "AccelerationLimit",
     "BandLimit",
+    "ClearanceLimit",
     "CorrectionLimit",
     "JointRange",
     "Limit",
     "PoseEquation",
     "VelocityLimit",
+    "linearise_clearance",
 ]
