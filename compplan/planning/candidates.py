@@ -63,7 +63,8 @@ def better_start(start: Start, asked: Asked) -> Start:
         return start
     asked = replace(asked, meter=replace(asked.meter, energy=energy))
     task = asked.meter.state(start)
-    if preset in ("", "fast") and not energy and asked.meter.time(task) <= AT_FEED * least_time(task):
+    gated = not preset or (preset == "fast" and len(task) > LONGEST)
+    if gated and not energy and asked.meter.time(task) <= AT_FEED * least_time(task):
         return start
     measured = asked.meter.measure(start)
     if not measured:
@@ -78,8 +79,11 @@ def better_start(start: Start, asked: Asked) -> Start:
             if run.time / first.time + run.band / first.band < 2.0:
                 origins["programmed"] = asked.meter.state(plain), plain
     for name, (state, origin) in origins.items():
-        if (found := shape_start(state, origin, asked, prices)) is not None:
-            runs += [(run, name, found[1]) for run in asked.meter.measure(found[0])]
+        for weights in (prices, PRICES["accurate"]) if preset == "fast" else (prices,):
+            if (found := shape_start(state, origin, asked, weights)) is not None:
+                runs += [(run, name, found[1]) for run in asked.meter.measure(found[0])]
+    if stance.compared_by == "band_mm":  # no posture that was compared has a narrower band
+        runs = [entry for entry in runs if 1e3 * entry[0].still <= min(stance.compared.values()) * (1.0 + 1e-9)]
     taken = _choose_run(preset, first, runs, asked.meter)
     return start if taken is None else _take(start, first, taken, least_time(task))
 
