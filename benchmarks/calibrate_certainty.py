@@ -5,7 +5,8 @@ benchmarks.diagnosis_score keeps them. Penalised logistic regression with weight
 claim that was weighed, named or not; the development suite is for this, reporting seeds are not. A claim of a drawn
 campaign is right by its truth; one of a real part is right as often as the parts that share no pose with it (`disjoint`
 in its truth.json) weigh it, too. Claims of shapeless curves, which are stated with one probability, are left out.
-Prints the constants of compplan/diagnosis/doubt/certainty.py and how the map does on claims left out in turn.
+Prints the constants of compplan/diagnosis/validation/calibrated_probability.py and how the map does on claims left out
+in turn.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from scipy.special import expit
 from benchmarks.answer_scores import is_known, judge, list_small
 from benchmarks.contestants import read_truth
 from benchmarks.diagnosis_score import list_cases, name_of
-from compplan.diagnosis.answer.verdict import SHAPELESS
-from compplan.diagnosis.doubt.certainty import Evidence, features_of
+from compplan.diagnosis.results.verdict import SHAPELESS
+from compplan.diagnosis.validation.calibrated_probability import Evidence, features_of
 
 Array = NDArray[np.float64]
 #: Half the precision of the weights' normal prior, and folds of the check.

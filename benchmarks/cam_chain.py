@@ -3,8 +3,8 @@
     python -m benchmarks.cam_chain [--from gcode apt krl rapid] [--to krl rapid ..]
 
 Every program is read back by the readers of the tests, which share nothing with the writers. Joints are held against
-joints.csv, counted by hand as tests/golden_cell.py says; Cartesian positions against forward kinematics written out
-there; configuration, tool, base, external axes, and what is switched on the way, against the definitions.
+joints.csv, counted by hand as tests/support/golden_cell.py says; Cartesian positions against forward kinematics
+written out there; configuration, tool, base, external axes, and what is switched on the way, against the definitions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ sys.path.insert(0, str(TESTS))
 
 import golden_cell as cell  # noqa: E402
 from program_moves import Move, Pose, shift, turn  # noqa: E402
-from test_golden_programs import FORMS, place_tip, read_form  # noqa: E402
+
+from tests.controllers.test_golden_programs import FORMS, place_tip, read_form  # noqa: E402
 
 INPUTS = {"gcode": ".mpf", "apt": ".apt", "krl": ".src", "rapid": ".mod"}
 LANGUAGES = tuple(cell.COUNTING)

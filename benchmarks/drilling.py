@@ -12,8 +12,8 @@ import sys
 
 import numpy as np
 
+from compplan.process.engagement_search import find_engagement
 from compplan.process.force_models.drill import DrillProcess, ask_handbook
-from compplan.process.meeting import find_engagement
 from compplan.process.stock import build_block
 
 #: Diameter [mm], feed [mm a turn], thrust [N], torque [N m], source. No source says material or point: low carbon steel

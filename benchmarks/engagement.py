@@ -16,7 +16,7 @@ import numpy as np
 
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
-from compplan.process.meeting import find_engagement
+from compplan.process.engagement_search import find_engagement
 from compplan.process.milling import shape_milling
 from compplan.process.stock import build_block
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.plan_check.cell import Cell
+from benchmarks.plan_check.cell import SimulatedRobot
 from benchmarks.plan_check.job import Array
 from benchmarks.plan_check.robot import Arm, mount_tool, read_arm
 
@@ -40,7 +40,7 @@ def sample_use(
         effort: Limits. Shape (nq,). [N m or N]
         wrench: On the tool, base axes. Shape (n, 6). [N, N m]
     """
-    cell = None if arm is None else Cell(read_arm(arm) if isinstance(arm, Path) else arm)
+    cell = None if arm is None else SimulatedRobot(read_arm(arm) if isinstance(arm, Path) else arm)
     found = {"velocity": 0.0, "acceleration": 0.0, "jerk": 0.0, "torque": 0.0}
     for first, last in runs:
         rows = np.arange(first, last + 1)

@@ -36,7 +36,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop_page import ROUNDS, Program, describe_shops, write_loop_page
-from benchmarks.loop_page import Shop as Judged
+from benchmarks.loop_page import Equipment as ChunkResult
 from benchmarks.moving.__main__ import read_band
 from benchmarks.shop import (
     BAR,
@@ -45,7 +45,7 @@ from benchmarks.shop import (
     ROOT,
     SCATTER,
     TRACKER,
-    Shop,
+    Equipment,
     cut_part,
     draw_shop,
     fill_log,
@@ -125,7 +125,7 @@ def write_jobs(work: Path, robot: str, waypoints: int) -> tuple[Path, Path]:
     return files[0], files[1]
 
 
-def judge_program(shop: Shop, out: Path) -> Program:
+def judge_program(shop: Equipment, out: Path) -> Program:
     """Run a program on the true robot as often as `DRAWS` says, every part of its own force and clamping."""
     band = read_band(out / "deviation.csv")
     band = band[np.isfinite(band)]
@@ -147,7 +147,7 @@ def judge_program(shop: Shop, out: Path) -> Program:
     )  # fmt: skip
 
 
-def measure_robot(shop: Shop, robot: str, job: Path, work: Path, instrument: str) -> Path | str:
+def measure_robot(shop: Equipment, robot: str, job: Path, work: Path, instrument: str) -> Path | str:
     """Measure poses of the shop's robot and diagnose them; return the folder, the shipped one where nothing is."""
     poses, log = work / "poses", work / "log.csv"
     if instrument == "probe":
@@ -170,7 +170,7 @@ def measure_robot(shop: Shop, robot: str, job: Path, work: Path, instrument: str
     return work / "diagnosed" / "robot"
 
 
-def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> Judged:
+def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> ChunkResult:
     """Run one shop; return what every program of it left and had promised."""
     shop = draw_shop(ROOT / "robots" / robot, seed)
     a, b = write_jobs(work, robot, waypoints)
@@ -185,7 +185,7 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str 
         (probe_normals if instrument == "probe" else probe_part)(one, cut_part(one, work / "poses_A"), part)
     run_product(work / "taught_A", "learn", a, part, "--robot", folder, "--frame", "base")
     run_product(work / "taught_B", "plan", b, "--robot", work / "taught_A" / "robot")
-    return Judged(seed, robot, shop.hidden, {name: judge_program(shop, work / name) for name in ROUNDS})
+    return ChunkResult(seed, robot, shop.hidden, {name: judge_program(shop, work / name) for name in ROUNDS})
 
 
 def main() -> None:
@@ -199,7 +199,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="Folder to keep the shops' files in.")
     words = parser.parse_args()
     print(f"noise floor {1e3 * FLOOR:.4f} mm; true rms across / widest band, mm, share held: {', '.join(ROUNDS)}")
-    shops: list[Judged] = []
+    shops: list[ChunkResult] = []
     failed = 0
     for seed in range(words.seed, words.seed + words.shops):
         robot = words.robot or list(ROBOTS)[seed % len(ROBOTS)]

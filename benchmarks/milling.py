@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from compplan.process.cutter import Cutter
+from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import Coefficients
-from compplan.process.meeting import find_engagement
 from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.process.stock import build_block
 

@@ -26,7 +26,7 @@ from compplan.plan.evaluate import evaluate_run
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import command_path
 from compplan.plan.task import PlanTask
-from compplan.simulation.cell import build_cell
+from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.toolpath import select_waypoints
 
@@ -47,7 +47,7 @@ def time_program(task: PlanTask) -> dict[str, float]:
     clock = time.perf_counter()
     command = command_path(task, "nlp")
     whole = time.perf_counter() - clock
-    run = evaluate_run(task, command.q, build_cell(task.robot))
+    run = evaluate_run(task, command.q, build_simulated_robot(task.robot))
     n = len(task)
     return {
         "waypoints": n,

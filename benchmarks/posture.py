@@ -26,13 +26,13 @@ from benchmarks.posture_peers import run_peer
 from compplan.errors import CompplanError
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
-from compplan.posture.choose import choose_stance
+from compplan.posture.choose import choose_posture_path
+from compplan.posture.configuration import choose_posture
 from compplan.posture.lattice import orient_tool, pick_stations
 from compplan.posture.settings import read_settings
-from compplan.posture.stance import choose_posture
-from compplan.posture.summary import Stance
+from compplan.posture.summary import PostureSummary
 from compplan.robot import Robot
-from compplan.simulation.judge import Judge
+from compplan.simulation.exact import ExactRobot
 from compplan.statics.ik import build_arm, solve_branches
 from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath
@@ -43,7 +43,7 @@ ERROR, SAMPLES, STATIONS, STEP = 0.1, 1000, 80, np.radians(1.0)
 ROOM, SINGULAR, WINDOW = np.radians(2.0), 0.03, 30
 
 
-def judge_columns(judge: Judge, q: Array, wrench: Array) -> tuple[Array, Array]:
+def judge_columns(judge: ExactRobot, q: Array, wrench: Array) -> tuple[Array, Array]:
     """Return by Pinocchio what the errors leave at the tip, (n, 3, errors) [m], and joint Jacobians (n, 6, nq)."""
     data, elastic = judge.model.createData(), judge.elastic
     linear = np.empty((len(q), 6, judge.model.nv))
@@ -160,10 +160,10 @@ def run_case(case: Case, place: bool) -> dict[str, Any]:
     return row
 
 
-def _choose(case: Case, job: Job) -> Stance:
+def _choose(case: Case, job: Job) -> PostureSummary:
     settings = read_settings(job, case.robot)  # what is left under load alone, as near to limits as the brute force
     settings = replace(settings, weights={"travel": 0.0}, limit_margin=ROOM)
-    return choose_stance(case.robot, case.nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
+    return choose_posture_path(case.robot, case.nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
 
 
 def _wrench(case: Case) -> Array:
@@ -181,7 +181,7 @@ def _inside(q: Array, robot: Robot) -> Array:
     return np.where(good[..., None], q, np.nan)
 
 
-def _balance(judge: Judge, robot: Robot) -> float:
+def _balance(judge: ExactRobot, robot: Robot) -> float:
     """Return the length that balances linear and angular rows over random postures."""
     low, high = np.clip(robot.lower, -np.pi, np.pi), np.clip(robot.upper, -np.pi, np.pi)
     q = low + (high - low) * np.random.default_rng(0).random((64, robot.nq))

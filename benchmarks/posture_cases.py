@@ -13,7 +13,7 @@ from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
 from compplan.plan.plan import job_robot
 from compplan.robot import Robot
-from compplan.simulation.judge import Judge, build_judge
+from compplan.simulation.exact import ExactRobot, build_exact_robot
 from compplan.toolpath.toolpath import Toolpath
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ class Case:
     job: Job
     robot: Robot
     nominal: Toolpath
-    judge: Judge
+    judge: ExactRobot
     angle: float
 
 
@@ -75,7 +75,7 @@ def make_case(robot: str, path: str, angle: float, tool_x: tuple[float, float, f
     }  # fmt: skip
     job = check_job(table, PATHS / "benchmark.toml")
     loaded = job_robot(job)
-    return Case(f"{path}, {robot}, {angle:g} deg", job, loaded, load_nominal(job), build_judge(loaded), angle)
+    return Case(f"{path}, {robot}, {angle:g} deg", job, loaded, load_nominal(job), build_exact_robot(loaded), angle)
 
 
 def list_cases() -> list[Case]:

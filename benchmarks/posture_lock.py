@@ -29,7 +29,7 @@ from rich.progress import Progress
 
 from compplan.errors import CompplanError
 from compplan.job.job import load_job
-from compplan.learning.teach import build_learned
+from compplan.learning.part import build_learned
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import command_path
 from compplan.plan.task import PlanTask

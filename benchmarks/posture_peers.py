@@ -16,7 +16,7 @@ import pinocchio as pin
 from benchmarks.posture_cases import Array, Case
 from compplan.plan.plan import PlanOptions, PostureRequest, plan_compensation
 from compplan.posture.settings import read_settings
-from compplan.simulation.judge import build_judge, judge_pose
+from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.toolpath.contact import tool_axes
 
 #: Steps of pink on every waypoint, and its time step.
@@ -39,7 +39,7 @@ def follow_with_pink(case: Case, start: Array) -> Array:
     """Follow the path with pink: position and tool axis wanted, rotation about it free. Shape (n, nq). [rad]"""
     import pink
 
-    rigid = build_judge(replace(case.robot, springs=(), link_elasticities=(), gravity=None))
+    rigid = build_exact_robot(replace(case.robot, springs=(), link_elasticities=(), gravity=None))
     model = rigid.model
     model.lowerPositionLimit, model.upperPositionLimit = case.robot.lower.copy(), case.robot.upper.copy()
     model.velocityLimit = case.robot.velocity_limits.copy()
@@ -65,8 +65,8 @@ def follow_with_pink(case: Case, start: Array) -> Array:
 def _describe(case: Case, q: Array, spent: float) -> dict[str, Any]:
     cut = ~case.nominal.rapid
     wrench = np.zeros((len(q), 6)) if case.nominal.wrench is None else case.nominal.wrench
-    position = judge_pose(case.judge, q, wrench)[0]
-    unloaded = judge_pose(case.judge, q)[0]
+    position = solve_exact_pose(case.judge, q, wrench)[0]
+    unloaded = solve_exact_pose(case.judge, q)[0]
     outside = (q < case.robot.lower - 1e-9) | (q > case.robot.upper + 1e-9)
     away = np.linalg.norm(position - case.nominal.position, axis=1)[cut]
     return {

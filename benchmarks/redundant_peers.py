@@ -26,8 +26,8 @@ from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.redundant import Row, measure_task, show
 from compplan.job.job import Job, check_job
 from compplan.plan.plan import PlanOptions, _state_task, prepare_job
+from compplan.posture.initial_branches import Start
 from compplan.posture.lattice import orient_tool, pick_stations
-from compplan.posture.start import Start
 from compplan.robot import Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.ik import build_arm, pose_error, refine_ik, solve_branches

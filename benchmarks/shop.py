@@ -57,7 +57,7 @@ LOAD = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 @dataclass(frozen=True)
-class Shop:
+class Equipment:
     """A virtual shop: what its robot hides, its force over the predicted one, and the randomness of its instruments."""
 
     scenario: Scenario
@@ -67,7 +67,7 @@ class Shop:
     random: np.random.Generator
 
 
-def draw_shop(robot: Path, seed: int) -> Shop:
+def draw_shop(robot: Path, seed: int) -> Equipment:
     """Draw a shop: three hidden effects of different kinds; every third shop has one outside the vocabulary."""
     random = np.random.default_rng([20261122, seed])
     scenario = nominal_scenario(read_description(robot))
@@ -94,7 +94,9 @@ def draw_shop(robot: Path, seed: int) -> Shop:
         hidden.append("hose (in no vocabulary)")
     force = 1.0 + LEVEL * float(np.random.default_rng([20261122, seed, 1]).standard_normal())
     hidden.append(f"force x {force:.2f}")
-    return Shop(add_everyday(scenario, np.random.default_rng([20261122, seed, 3])), seed, tuple(hidden), force, random)
+    return Equipment(
+        add_everyday(scenario, np.random.default_rng([20261122, seed, 3])), seed, tuple(hidden), force, random
+    )
 
 
 def add_everyday(scenario: Scenario, random: np.random.Generator) -> Scenario:
@@ -161,7 +163,9 @@ def read_rows(file: Path) -> tuple[list[dict[str, str]], Array, Array]:
     return rows, q, np.array([[float(row[name]) for name in LOAD] for row in rows])
 
 
-def move(shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None) -> tuple[Array, Array]:
+def move(
+    shop: Equipment, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None
+) -> tuple[Array, Array]:
     """Let the shop's robot go through rows; return where the tip really is, (n, 3) [m], and its axes, (n, 3, 3)."""
     n = len(q)
     run = np.array(["path1" if path else "static1"] * n)
@@ -171,7 +175,7 @@ def move(shop: Shop, q: Array, wrench: Array, *, path: bool, measured: np.ndarra
     return tip, seen.rotation
 
 
-def cut_part(shop: Shop, folder: Path, scatter: float = SCATTER) -> Cut:
+def cut_part(shop: Equipment, folder: Path, scatter: float = SCATTER) -> Cut:
     """Cut the program of a plan, the force and the clamping of this part drawn anew.
 
     Raises:
@@ -193,7 +197,7 @@ def cut_part(shop: Shop, folder: Path, scatter: float = SCATTER) -> Cut:
     return Cut(tip, wanted, length[cutting])
 
 
-def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
+def measure_poses(shop: Equipment, empty: Path, log: Path) -> int:
     """Fill in an empty log; return the number of measured poses.
 
     Two rows a pose: where its approach begins, which stays empty, and the pose, approached from there and measured.
@@ -211,7 +215,7 @@ def measure_poses(shop: Shop, empty: Path, log: Path) -> int:
     return len(rows) // 2
 
 
-def seat_ball(shop: Shop, empty: Path, log: Path, plate: float) -> int:
+def seat_ball(shop: Equipment, empty: Path, log: Path, plate: float) -> int:
     """Fill in an empty log of sockets: the ball of the true robot sits in them, its joints are what is written down.
 
     A plate of two sockets, `plate` apart [m], is put up by hand near each place that the log asks for.
@@ -247,7 +251,7 @@ def seat_ball(shop: Shop, empty: Path, log: Path, plate: float) -> int:
     return len(pose)
 
 
-def read_stands(shop: Shop, empty: Path, log: Path) -> int:
+def read_stands(shop: Equipment, empty: Path, log: Path) -> int:
     """Fill in an empty log of dial gauges or a ball bar; return the number of measured poses.
 
     A gauge is set to zero by hand near the first pose of its label and leans a little; the bar turns about a centre
@@ -280,7 +284,7 @@ def _find_centre(tip: Array) -> Array:
     return np.asarray(least_squares(lambda at: np.linalg.norm(tip - at, axis=1) - BAR, start).x)
 
 
-def fill_log(shop: Shop, empty: Path, log: Path) -> int:
+def fill_log(shop: Equipment, empty: Path, log: Path) -> int:
     """Fill in the empty log of a campaign, whatever is to be measured; return the number of measured poses."""
     head = read_rows(empty)[0][0]
     if "contact" not in head:
@@ -298,7 +302,7 @@ def _write_rows(file: Path, rows: list[dict[str, str]]) -> None:
         writer.writerows(rows)
 
 
-def probe_normals(shop: Shop, cut: Cut, file: Path) -> None:
+def probe_normals(shop: Equipment, cut: Cut, file: Path) -> None:
     """Measure a cut part with a probe that moves along one normal at a time: outwards, then upwards at the next."""
     out = cut.wanted - cut.wanted.mean(axis=0)
     out = out / np.linalg.norm(out, axis=1)[:, None]
@@ -309,7 +313,7 @@ def probe_normals(shop: Shop, cut: Cut, file: Path) -> None:
     file.write_text("\n".join([head, *(",".join(f"{v:.7f}" for v in row) for row in table)]) + "\n", encoding="utf-8")
 
 
-def probe_part(shop: Shop, cut: Cut, file: Path, *, tracked: bool = False) -> None:
+def probe_part(shop: Equipment, cut: Cut, file: Path, *, tracked: bool = False) -> None:
     """Measure a cut part: points in the frame of the robot base; tracked ones say how far along the path they are."""
     points = cut.tip * 1e3 + 1e3 * PROBE * shop.random.standard_normal(cut.tip.shape)
     table = np.column_stack([points, np.full(len(points), 1e3 * PROBE), 1e3 * cut.length])

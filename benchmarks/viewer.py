@@ -58,7 +58,7 @@ def measure(folder: Path, browser: bool) -> dict[str, float]:
 
 def time_frames(viewer: Any, rows: list[int]) -> dict[str, float]:
     """Time rows that are shown as while the arm moves, and weigh what is sent for them."""
-    from tests.viewer_traffic import record_traffic
+    from viewer_traffic import record_traffic
 
     times = []
     with record_traffic() as sent:
@@ -72,7 +72,7 @@ def time_frames(viewer: Any, rows: list[int]) -> dict[str, float]:
 
 def count_pictures(viewer: Any, port: int) -> dict[str, float]:
     """Count the pictures that Chromium draws while the arm moves, and then with nothing but a ball."""
-    from tests.browser import browse
+    from browser import browse
 
     with browse() as page:
         page.open(f"http://127.0.0.1:{port}", 1300, 900)

@@ -15,8 +15,8 @@ One verb for each daily way from files, arrays or DataFrames to a result:
 is being done; an exception raised in it ends the call, nothing is written.
 
 The steps below each verb are here too: `load_job`, `plan_job`, `plan_compensation`; `read_campaign`,
-`diagnose_campaign`; `build_cell`, `evaluate_run`. Everything else is imported from its module. Names are loaded when
-they are first used.
+`diagnose_campaign`; `build_simulated_robot`, `evaluate_run`. Everything else is imported from its module. Names are
+loaded when they are first used.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from compplan.api.measure import diagnose, learn
     from compplan.api.plan import compare, plan
     from compplan.controllers.writers import Program, build_program, write_program
-    from compplan.diagnosis.answer.next_measurement import propose_measurements
-    from compplan.diagnosis.answer.result import Diagnosis
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
+    from compplan.diagnosis.results.next_measurement import propose_measurements
+    from compplan.diagnosis.results.result import Diagnosis
     from compplan.effects import EFFECTS, Effect, fold_effects
     from compplan.errors import CompplanError, InfeasibleError, InputError
     from compplan.identification.campaign import Identification, identify_campaign
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from compplan.job.job import Job, check_job, load_job
     from compplan.job.operations import split_job
     from compplan.learning.campaign import design_campaign
-    from compplan.learning.teach import Teaching, teach_part
+    from compplan.learning.part import LearnedPart, learn_from_part
     from compplan.measurement.campaign import Campaign
     from compplan.measurement.reading import read_campaign
     from compplan.plan.compare import Comparison, compare_job
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from compplan.reporting.writers.plan import write_comparison, write_plan
     from compplan.reporting.writers.post import Posted, post
     from compplan.robot import Robot, load_robot, write_robot_folder
-    from compplan.simulation.cell import Cell, build_cell, run_cell
     from compplan.simulation.predict import Prediction, predict_campaign
+    from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot
     from compplan.studies.job_study import JobStudy, study_job
     from compplan.studies.runner import Settings
     from compplan.toolpath.reading import read_toolpath
@@ -68,12 +68,14 @@ __version__ = VERSION
 _MODULES = {
     "api.measure": ("diagnose", "learn"),
     "api.plan": ("compare", "plan"),
-    "simulation.cell": ("Cell", "build_cell", "run_cell", "standard_cells"),
+    "simulation.simulated_robot": (
+        "SimulatedRobot", "build_simulated_robot", "run_simulated_robot", "standard_variants",
+    ),
     "simulation.predict": ("Prediction", "predict_campaign", "write_prediction"),
     "diagnosis.campaign_diagnosis": ("diagnose_campaign",),
-    "diagnosis.answer.result": ("Diagnosis",),
+    "diagnosis.results.result": ("Diagnosis",),
     "effects": (
-        "EFFECTS", "Effect", "apply_effects", "attain_scene", "fold_effects", "robot_effects", "stage_scene",
+        "EFFECTS", "Effect", "apply_effects", "solve_model_poses", "fold_effects", "robot_effects", "build_model",
     ),
     "errors": ("CompplanError", "InfeasibleError", "InputError"),
     "identification.campaign": ("Identification", "identify_campaign"),
@@ -107,16 +109,16 @@ _MODULES = {
     "studies.runner": ("Run", "Settings", "run_study"),
     "studies.study": ("Study", "prepare_study"),
     "studies.summary": ("summarise_run",),
-    "diagnosis.answer.next_measurement": ("propose_measurements",),
-    "diagnosis.answer.where": ("split_diagnosis",),
+    "diagnosis.results.next_measurement": ("propose_measurements",),
+    "diagnosis.results.where": ("split_diagnosis",),
     "job.force_prediction": ("ForcePrediction", "predict_forces"),
-    "learning.campaign": ("PoseCampaign", "Shop", "design_campaign"),
-    "learning.teach": ("Teaching", "teach_part"),
+    "learning.campaign": ("PoseCampaign", "Equipment", "design_campaign"),
+    "learning.part": ("LearnedPart", "learn_from_part"),
     "reporting.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
     "plan.correction_loop": ("largest_pole",),
     "plan.strategies.online_correction": ("LOOPS",),
     "posture.place": ("PlaceResult", "place_part"),
-    "robot.skeleton": ("write_skeleton",),
+    "robot.folder_template": ("write_skeleton",),
     "statics.chain": ("build_chain", "joint_jacobian", "locate_frames"),
     "statics.elastic": ("solve_equilibrium",),
     "studies.curves": ("trace_model_error",),
@@ -135,14 +137,14 @@ __all__ = [  # noqa: RUF022 (by subject)
     "Plan", "PlanOptions", "plan_job", "plan_compensation", "write_plan", "write_operations", "Posted",
     "Comparison", "compare_job", "write_comparison", "ForcePrediction", "predict_forces", "place_part",
     # the independent check
-    "Cell", "build_cell", "run_cell", "Evaluation", "evaluate_run",
+    "SimulatedRobot", "build_simulated_robot", "run_simulated_robot", "Evaluation", "evaluate_run",
     # programs
     "Program", "build_program", "write_program",
     # diagnosis, step by step
     "Diagnosis", "diagnose_campaign", "Effect", "EFFECTS", "fold_effects", "Prediction", "predict_campaign",
     "propose_measurements", "Identification", "identify_campaign",
     # measured parts
-    "Teaching", "teach_part", "design_campaign",
+    "LearnedPart", "learn_from_part", "design_campaign",
     # studies and maps
     "JobStudy", "Settings", "study_job", "write_study", "map_robot",
     # errors

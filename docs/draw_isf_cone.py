@@ -17,7 +17,9 @@ ROOT = Path(__file__).resolve().parent.parent
 def main() -> None:
     """Plan the cone and save docs/isf_cone.png."""
     plan = cp.plan_job(cp.load_job(ROOT / "paths" / "isf_cone.toml"))
-    softer = cp.evaluate_run(plan.task, plan.q, cp.build_cell(plan.robot.scale_compliance(1.2), "compliance x 1.2"))
+    softer = cp.evaluate_run(
+        plan.task, plan.q, cp.build_simulated_robot(plan.robot.scale_compliance(1.2), "compliance x 1.2")
+    )
     cut = plan.task.compensated
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(15, 5), width_ratios=(1, 1, 1.35), layout="constrained")
     draw_robot_flat(left, plan.robot, plan.q[np.flatnonzero(cut)[0]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import name_axis, outward_axis
 from compplan.robot.rating import read_rating

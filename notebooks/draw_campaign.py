@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.io.tables import write_table, write_text
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot, load_robot
@@ -69,7 +69,7 @@ def main() -> None:
     HERE.mkdir(exist_ok=True)
     for name, poses in (("measurements.csv", POSES), ("later.csv", LATER_POSES)):
         rows = plan_rows(random, poses)
-        attained = attain_scene(apply_effects(stage_scene(robot, rows), effects))
+        attained = solve_model_poses(apply_effects(build_model(robot, rows), effects))
         write_log(HERE / name, rows, attained.position + random.normal(0.0, SIGMA, (len(rows), 3)))
     write_text(HERE / "truth.toml", tomli_w.dumps({"effect": [effect.to_table() for effect in effects]}))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from golden_numbers import COMMANDS, GOLDEN, differences, fold_outputs, run_command_line
 
-from compplan.cli.commands.places import RESULTS
+from compplan.cli.commands.output_paths import RESULTS
 from compplan.io.transaction import read_manifest
 
 GOLD = json.loads(GOLDEN.read_text(encoding="utf-8"))
@@ -22,7 +22,7 @@ def test_every_number_that_a_command_writes_is_the_one_that_was_meant(name: str,
     out, printed = run_command_line(COMMANDS[name], tmp_path)
     found = fold_outputs(out, printed)
     changed = list(differences(found, GOLD[name]))
-    assert not changed, "\n".join([*changed[:20], "if all of these are meant: python tests/golden_numbers.py"])
+    assert not changed, "\n".join([*changed[:20], "if all of these are meant: python tests/support/golden_numbers.py"])
     command = COMMANDS[name].split()[0]
     if command in RESULTS:
         assert set(RESULTS[command]) <= {file for written in read_manifest(out).values() for file in written["files"]}

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from benchmarks.bad_inputs.making import make_workspace
 from benchmarks.bad_inputs.tables import BadInput
-from compplan.studies.workforce import die_with_parent
+from compplan.studies.workers import die_with_parent
 
 #: What a case may take: processor and wall time [s], and memory [bytes]; the address space bounds the machine's risk.
 SECONDS, WALL, MEMORY, ADDRESSES = 60, 300, 2 * 2**30, 8 * 2**30

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.executed.controller import STEP, Block, Controller, draw_controller, execute
 from benchmarks.executed.programs import read_cut
-from benchmarks.plan_check.cell import Cell, Kinematics
+from benchmarks.plan_check.cell import Kinematics, SimulatedRobot
 from benchmarks.plan_check.drawn import draw_posture, reach_of, turn_of
 from benchmarks.plan_check.job import ROBOTS, Job, Rows, read_job, read_joints
 from benchmarks.plan_check.paths import write_toolpath
@@ -47,7 +47,7 @@ ENDS, SAMPLE = 1.5e-3, 5e-3
 
 
 @dataclass(frozen=True)
-class Shop:
+class Equipment:
     """A robot under a drawn controller; `folder` is the robot folder that compplan has of it."""
 
     make: str
@@ -58,7 +58,7 @@ class Shop:
     pose: Array
 
 
-def draw_shop(folder: Path, seed: int) -> Shop:
+def draw_shop(folder: Path, seed: int) -> Equipment:
     """Draw a robot, its controller, and where it works."""
     rng = np.random.default_rng([seed, 320])
     make = tuple(CELLS)[seed % len(CELLS)]
@@ -66,7 +66,7 @@ def draw_shop(folder: Path, seed: int) -> Shop:
     shutil.copytree(ROBOTS / name, folder / name, dirs_exist_ok=True)
     arm = read_arm(folder / name)
     posture, pose = _draw_place(rng, arm)
-    return Shop(make, arm, draw_controller(seed, len(arm.commanded), make), folder / name, posture, pose)
+    return Equipment(make, arm, draw_controller(seed, len(arm.commanded), make), folder / name, posture, pose)
 
 
 def _draw_place(rng: np.random.Generator, arm: Arm) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ def _draw_place(rng: np.random.Generator, arm: Arm) -> tuple[Array, Array]:
             return found
 
 
-def identify_shop(shop: Shop, seed: int, place: Path) -> tuple[Path, dict]:
+def identify_shop(shop: Equipment, seed: int, place: Path) -> tuple[Path, dict]:
     """Log two paths, let `compplan trace` identify the controller; return its robot folder and what it says."""
     programs, logs = [], []
     for k, feed in enumerate(TRACED):
@@ -97,7 +97,7 @@ def identify_shop(shop: Shop, seed: int, place: Path) -> tuple[Path, dict]:
     return place / "trace" / "robot", json.loads((place / "trace" / "trace.json").read_text(encoding="utf-8"))
 
 
-def compare_logs(shop: Shop, seed: int, folder: Path, place: Path) -> list[dict]:
+def compare_logs(shop: Equipment, seed: int, folder: Path, place: Path) -> list[dict]:
     """Hold the model against logs that it was not fitted to; one entry a log, distances across the path in mm."""
     found = []
     rng = np.random.default_rng([seed, 321])
@@ -134,14 +134,14 @@ def draw_trace(pose: Array, seed: list[int]) -> Array:
     return poses
 
 
-def run_trace(shop: Shop, poses: Array, posture: Array, feed: float) -> tuple[Array, Array]:
+def run_trace(shop: Equipment, poses: Array, posture: Array, feed: float) -> tuple[Array, Array]:
     """Execute a traced program; return times and joints of the drives."""
     zones = [*[ZONE] * (len(poses) - 2), 0.0]
     blocks = [Block(pose, feed, zone) for pose, zone in zip(poses[1:], zones, strict=True)]
     return execute(shop.arm, posture, poses[0], blocks, shop.control)
 
 
-def write_program(file: Path, shop: Shop, poses: Array, posture: Array, feed: float) -> Path:
+def write_program(file: Path, shop: Equipment, poses: Array, posture: Array, feed: float) -> Path:
     """Write PROGRAM.csv: begin in a posture, then lines."""
     first = Kinematics(shop.arm).reach(posture[None], poses[:1], rounds=40)[0][0]
     lines = ["move,x_mm,y_mm,z_mm,i,j,k," + ",".join(f"q{j}_deg" for j in range(1, 7)) + ",feed_mm_s,zone_mm"]
@@ -184,7 +184,7 @@ def measure_beside(path: Array, tip: Array) -> Array:
     return 1e3 * best
 
 
-def run_job(shop: Shop, folder: Path, seed: int, place: Path) -> dict:
+def run_job(shop: Equipment, folder: Path, seed: int, place: Path) -> dict:
     """Draw a job, plan it with a robot folder, execute what was written, hold the loaded tip against the CAM path."""
     file = write_job(shop, folder, seed, place)
     said = run_command(["plan", file, "--out", place / "out"])
@@ -203,7 +203,7 @@ def run_job(shop: Shop, folder: Path, seed: int, place: Path) -> dict:
     }  # fmt: skip
 
 
-def write_job(shop: Shop, folder: Path, seed: int, place: Path) -> Path:
+def write_job(shop: Equipment, folder: Path, seed: int, place: Path) -> Path:
     """Write a job: lines between corners, a force, a feed and a tolerance, near where the controller was traced."""
     rng = np.random.default_rng([seed, 324])
     heading = np.cumsum(rng.uniform(-2.2, 2.2, int(rng.integers(*BENDS))))
@@ -240,7 +240,7 @@ def measure_loaded(job: Job, rows: Rows, q: Array) -> Array:
     change[:10] = change[-10:] = 0.0
     wanted = cKDTree(rows.wanted)
     near = wanted.query(Kinematics(job.arm).tip(q[::every])[:, :3, 3])[1]
-    rest = Cell(job.arm).rest(q[::every], rows.wrench[near], rate=rate[::every], change=change[::every])
+    rest = SimulatedRobot(job.arm).rest(q[::every], rows.wrench[near], rate=rate[::every], change=change[::every])
     cut = np.flatnonzero(~job.path.rapid)
     path = job.path.position[cut[0] - 1 : cut[-1] + 1]
     inner = np.ones(len(near), bool)

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 
 from benchmarks.moving.draw import Truth
-from benchmarks.plan_check.cell import Cell
+from benchmarks.plan_check.cell import SimulatedRobot
 from benchmarks.plan_check.robot import Array
 
 #: Step of time. [s]
@@ -22,7 +22,7 @@ class Swing:
     """
 
     def __init__(self, truth: Truth) -> None:
-        self.truth, self.cell = truth, Cell(truth.arm)
+        self.truth, self.cell = truth, SimulatedRobot(truth.arm)
         model = self.cell.model
         model.dof_armature[:] = 0.0
         model.dof_armature[self.cell.elastic] = 1e-6  # a body without mass

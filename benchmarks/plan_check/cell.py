@@ -24,7 +24,7 @@ class Rest:
     settled: np.ndarray
 
 
-class Cell:
+class SimulatedRobot:
     """An arm in MuJoCo. Commanded joints are set, elastic ones (6x6 links with their coupling) come to rest.
 
     theta = C (J^T w + weight [- inertia]) is iterated until it stands still; it holds exactly there, whatever the load.

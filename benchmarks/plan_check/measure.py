@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.plan_check.cell import Cell, Kinematics
+from benchmarks.plan_check.cell import Kinematics, SimulatedRobot
 from benchmarks.plan_check.clearance import least_clearance
 from benchmarks.plan_check.force import acts_in_rapids, contact_share, law
 from benchmarks.plan_check.job import Array, Job, Rows
@@ -83,7 +83,7 @@ def _load(rows: Rows, placed: Placed, wrench: Array, loaded: np.ndarray) -> None
 
 def examine(job: Job, plan: dict, rows: Rows) -> dict:
     """Return everything that was found of one plan, lengths in mm."""
-    motion, cell, kinematics = work_out(job, rows), Cell(job.arm), Kinematics(job.arm)
+    motion, cell, kinematics = work_out(job, rows), SimulatedRobot(job.arm), Kinematics(job.arm)
     found: dict = {"rows": len(rows), "cut_rows": int(motion.placed.cuts.sum())}
     notes = " ".join(plan.get("notes", [])).lower()
     words = ("tool weight", "weight of the tool", "tool's weight")
@@ -101,7 +101,7 @@ def examine(job: Job, plan: dict, rows: Rows) -> dict:
     return found
 
 
-def _at_rows(job: Job, cell: Cell, motion: Motion, weights: bool) -> dict:
+def _at_rows(job: Job, cell: SimulatedRobot, motion: Motion, weights: bool) -> dict:
     rows, placed = motion.rows, motion.placed
     chosen = _choose(np.flatnonzero(motion.loaded), _jumps(motion.wrench), MOST_ROWS)
     rest = cell.rest(rows.q[chosen], motion.wrench[chosen], weights=weights)
@@ -131,7 +131,7 @@ def _at_rows(job: Job, cell: Cell, motion: Motion, weights: bool) -> dict:
     return found | _inertia(job, cell, motion, few, weights)
 
 
-def _inertia(job: Job, cell: Cell, motion: Motion, chosen: np.ndarray, weights: bool) -> dict:
+def _inertia(job: Job, cell: SimulatedRobot, motion: Motion, chosen: np.ndarray, weights: bool) -> dict:
     """Let the inertia of the timed motion load the springs too (velocity and acceleration by differences)."""
     rows, (rate, change) = motion.rows, _rates(motion)
     q, wrench = rows.q[chosen], motion.wrench[chosen]
@@ -159,7 +159,7 @@ def _rates(motion: Motion) -> tuple[Array, Array]:
     return rate, change
 
 
-def _between(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion, weights: bool) -> dict:
+def _between(job: Job, cell: SimulatedRobot, kinematics: Kinematics, motion: Motion, weights: bool) -> dict:
     rows, placed = motion.rows, motion.placed
     moves = np.flatnonzero(placed.cuts[1:])
     ends = kinematics.tip(rows.q)[:, :3, 3]
@@ -262,7 +262,7 @@ def _limits(job: Job, motion: Motion) -> dict:
     }
 
 
-def _efforts(job: Job, cell: Cell, motion: Motion) -> dict:
+def _efforts(job: Job, cell: SimulatedRobot, motion: Motion) -> dict:
     chosen = _choose(np.flatnonzero(motion.loaded), np.linalg.norm(motion.wrench, axis=1), MOST_POSTURES)
     most = np.array([joint.effort for joint in job.arm.commanded])
     found = {}
@@ -273,7 +273,7 @@ def _efforts(job: Job, cell: Cell, motion: Motion) -> dict:
     return found
 
 
-def _correction_and_contact(job: Job, cell: Cell, kinematics: Kinematics, motion: Motion) -> dict:
+def _correction_and_contact(job: Job, cell: SimulatedRobot, kinematics: Kinematics, motion: Motion) -> dict:
     """The correction, and how deep a tip without process force stands below the path: stiff, or bent by weights."""
     rows = motion.rows
     offset = kinematics.tip(rows.q)[:, :3, 3] - rows.wanted

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop import POSES, SEATED, WITH
-from benchmarks.loop_page import HELD, Shop
+from benchmarks.loop_page import HELD, Equipment
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 from benchmarks.results.loop import read_rounds
 
@@ -102,7 +102,7 @@ def compare_instruments(work: Path, failed: Sequence[str] = ()) -> Findings:
     return Findings((first, *said), (draw_table(head, rows),), (*losses, *filter(None, bare)))
 
 
-def _true(shops: Sequence[Shop]) -> np.ndarray:
+def _true(shops: Sequence[Equipment]) -> np.ndarray:
     """Return true rms deviations across the path, shop by shop, one column a round. [m]"""
     return np.array([[shop.programs[name].true for name in ROUNDS] for shop in shops])
 
@@ -112,7 +112,7 @@ def _pairs(true: np.ndarray, ratio: np.ndarray) -> list[str]:
     return [text for t, r in zip(true, ratio, strict=True) for text in (f"{1e3 * t:.3f}", f"{r:.2f}")]
 
 
-def _name_bare(kind: str, shops: Sequence[Shop]) -> str:
+def _name_bare(kind: str, shops: Sequence[Equipment]) -> str:
     """Name the shops whose poses left the shipped robot as it was."""
     bare = [str(s.seed) for s in shops if abs(s.programs["poses_A"].true / s.programs["nominal_A"].true - 1.0) < 1e-3]
     if not bare:

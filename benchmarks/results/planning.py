@@ -78,11 +78,11 @@ def measure(settings: Settings) -> Findings:
 
 def _plan_softer(name: str) -> float:
     """Return what a plan leaves in a cell whose compliances are 20 % larger than the robot's. [mm]"""
-    import compplan.simulation.cell as cells
+    import compplan.simulation.simulated_robot as cells
     from compplan.job.job import load_job
     from compplan.plan.evaluate import evaluate_run
     from compplan.plan.plan import plan_job
 
     plan = plan_job(load_job(ROOT / "paths" / f"{name}.toml"))
-    cell = cells.build_cell(plan.robot.scale_compliance(1.2), "20 % softer")
+    cell = cells.build_simulated_robot(plan.robot.scale_compliance(1.2), "20 % softer")
     return 1e3 * evaluate_run(plan.task, plan.q, cell).max_deviation

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.rival.chain import Array, Chain
 from benchmarks.rival.log import Log
-from benchmarks.rival.scene import Motion, Scene, Spec, stage
+from benchmarks.rival.scene import ForwardModel, Motion, Spec, stage
 from benchmarks.rival.signatures import Columns, rotation_gap
 from benchmarks.rival.vocabulary import WAVES, list_specs
 
@@ -93,7 +93,7 @@ def kabsch(model: Array, measured: Array) -> tuple[Array, Array]:
 class Problem:
     """The weighted least squares of one campaign around one posing of the robot."""
 
-    def __init__(self, scene: Scene, register: tuple[str, ...]) -> None:
+    def __init__(self, scene: ForwardModel, register: tuple[str, ...]) -> None:
         self.scene, self.register, log = scene, register, scene.log
         self.columns = Columns(scene)
         self.frames = fit_frames(log, scene.posed.tip, scene.posed.attitude, register)

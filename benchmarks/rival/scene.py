@@ -35,7 +35,7 @@ class Spec:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ForwardModel:
     """A chain posed at the rows of a log, ready for columns.
 
     Attributes:
@@ -59,10 +59,10 @@ class Scene:
 
 def stage(
     chain: Chain, log: Log, q: Array, sagging: bool, cold: float | None = None, later: bool = False
-) -> Scene:  # fmt: skip
+) -> ForwardModel:  # fmt: skip
     """Pose the chain at the rows of a log; `sagging`: weights load it even where the folder leaves them out."""
     gravity = chain.gravity if chain.has_gravity or sagging else np.zeros(3)
-    return Scene(chain, log, q, load_chain(chain, q, log.wrench, gravity), cold, later, gravity)
+    return ForwardModel(chain, log, q, load_chain(chain, q, log.wrench, gravity), cold, later, gravity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Motion:
 class Moves:
     """What every joint and spring of a scene moves."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: ForwardModel) -> None:
         self.scene, self.n, self.nq = scene, len(scene.q), len(scene.chain.joints)
         posed, segments = scene.posed, scene.chain.segments
         self.reading = []

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.rival.chain import Chain
 from benchmarks.rival.log import Log
-from benchmarks.rival.scene import Scene, Spec
+from benchmarks.rival.scene import ForwardModel, Spec
 from benchmarks.rival.signatures import Columns
 
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
@@ -19,7 +19,7 @@ WARMING = (300.0, 1000.0, 3000.0)
 MOMENTS = 24
 
 
-def list_specs(scene: Scene, registered: tuple[str, ...]) -> Iterator[Spec]:
+def list_specs(scene: ForwardModel, registered: tuple[str, ...]) -> Iterator[Spec]:
     """List every effect and place of the vocabulary that a campaign can show, simple ones first."""
     chain, log = scene.chain, scene.log
     moving = [g.name for g in chain.segments if g.kind != "fixed"]
@@ -82,7 +82,7 @@ def _is_own(chain: Chain, name: str, axis: str) -> bool:
     return same and (axis[0] == "r") == (segment.kind == "revolute")
 
 
-def _nonlinear(scene: Scene, name: str, loaded: bool) -> Iterator[Spec]:
+def _nonlinear(scene: ForwardModel, name: str, loaded: bool) -> Iterator[Spec]:
     columns = Columns(scene)
     own = columns.own(columns.known[name])
     if not own or not loaded:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.io.given import is_file_name
+from compplan.io.in_memory import is_file_name
 from compplan.io.tomlfile import read_toml
 from compplan.job.job import Job, check_job
 from compplan.robot import Robot

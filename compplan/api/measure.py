@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.answer.result import Diagnosis
-    from compplan.learning.teach import Teaching
+    from compplan.diagnosis.results.result import Diagnosis
+    from compplan.learning.part import LearnedPart
     from compplan.robot import Robot
 
 
@@ -77,7 +77,7 @@ def learn(
     job: Any, measured: Any, robot: str | Path | Robot, *, frame: Literal["part", "base"] = "part",
     align: Literal["datum", "best_fit"] | None = None, out: str | Path | None = None,
     progress: Callable[[str], None] = lambda text: None,
-) -> Teaching:  # fmt: skip
+) -> LearnedPart:  # fmt: skip
     """Learn from measured points of a cut part: the corrected program of the next one, and the robot as now known.
 
         taught = cp.learn("job.toml", "part1.csv", "my_robot", out="part2")
@@ -102,12 +102,12 @@ def learn(
     """
     from compplan.api.given_job import make_job
     from compplan.errors import InputError
-    from compplan.learning.teach import teach_part
-    from compplan.reporting.writers.learn import write_lesson
+    from compplan.learning.part import learn_from_part
+    from compplan.reporting.writers.learn import write_learning
 
     if frame not in ("part", "base"):
         raise InputError(f"frame is {frame!r}, choose from ['part', 'base']")
-    result = teach_part(make_job(job), robot, measured, in_base=frame == "base", align=align, announce=progress)
+    result = learn_from_part(make_job(job), robot, measured, in_base=frame == "base", align=align, announce=progress)
     if out is not None:
-        write_lesson(result, Path(out))
+        write_learning(result, Path(out))
     return result

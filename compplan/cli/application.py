@@ -17,11 +17,11 @@ from typing import Any
 import click
 
 from compplan.cli import commands
-from compplan.cli.commands.loudness import offer_loudness
 from compplan.cli.commands.streams import steady_streams
+from compplan.cli.commands.verbosity import add_verbosity
 from compplan.errors import CompplanError, InputError, find_near
-from compplan.io.later import put_off
-from compplan.io.origin import record_inputs
+from compplan.io.lazy_imports import put_off
+from compplan.io.provenance import record_inputs
 from compplan.version import VERSION
 
 #: Set in the environment, it shows the traceback of a defect and every warning.
@@ -72,7 +72,7 @@ class LazyGroup(click.Group):
             return None
         put_off()  # loads numpy, as every command does, and therefore not before
         command: click.Command = importlib.import_module(f"{commands.__name__}.{cmd_name}").command
-        return offer_loudness(command)
+        return add_verbosity(command)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; another process that is gone is an error like any other, not a reader that has left."""
@@ -138,7 +138,7 @@ def group(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-offer_loudness(group)
+add_verbosity(group)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -12,8 +12,8 @@ rooms, each of which reads those before it: `data` (residuals and their noise) -
 next). Each room's own docstring says what comes in, what goes out and by which equation.
 """
 
-from compplan.diagnosis.answer.result import Candidate, Diagnosis, Gap
-from compplan.diagnosis.answer.verdict import Finding, Structure, Verdict
 from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
+from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
+from compplan.diagnosis.results.verdict import Finding, Structure, Verdict
 
 __all__ = ["Candidate", "Diagnosis", "Finding", "Gap", "Structure", "Verdict", "diagnose_campaign"]

@@ -7,22 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.diagnosis.answer.delivery import deliver_folders
-from compplan.diagnosis.answer.result import Candidate, Diagnosis, Gap
-from compplan.diagnosis.answer.verdict import MOST_MARGIN, Finding, Verdict, judge_calibration, reach_verdict
-from compplan.diagnosis.data.agreed import LISTED, rank_number
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
-from compplan.diagnosis.doubt.certainty import MOST_SURE
-from compplan.diagnosis.doubt.doubt import Doubt, raise_doubt
-from compplan.diagnosis.doubt.held_out import Folds, make_folds
+from compplan.diagnosis.data.shared import LISTED, rank_number
+from compplan.diagnosis.results.delivery import deliver_folders
+from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
+from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.polish import polish_fit
 from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
-from compplan.effects import Effect, attain_scene, robot_effects
+from compplan.diagnosis.validation.calibrated_probability import MOST_SURE
+from compplan.diagnosis.validation.held_out import Folds, make_folds
+from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities, revise_probabilities
+from compplan.effects import Effect, robot_effects, solve_model_poses
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Place
-from compplan.effects.scene import Scene
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit_frames import fit_registration
@@ -67,12 +67,12 @@ def diagnose_campaign(
     started = _register(problem, campaign)[0] if conventions else registration
     fit = polish_fit(fit_effects(problem, started, progress))
     progress("verdict")
-    doubt = raise_doubt(fit, progress)
+    doubt = revise_probabilities(fit, progress)
     verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))
     return _conclude(fit, doubt, verdict, nominal, started, len(known), progress)
 
 
-def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, Scene]:
+def _register(problem: Problem, campaign: Campaign) -> tuple[Registration | None, ForwardModel]:
     """Fit the registration of the nominal robot."""
     state = FitState(problem.fixed, {}, None, campaign.usable)
     scene, attained = attain_state(problem, state)
@@ -94,14 +94,15 @@ def _with_conventions(verdict: Verdict, problem: Problem, known: int) -> Verdict
 
 
 def _conclude(
-    fit: Fit, doubt: Doubt, verdict: Verdict, nominal: Scene, registration: Registration | None, known: int,
+    fit: Fit, doubt: RevisedProbabilities, verdict: Verdict, nominal: ForwardModel,
+    registration: Registration | None, known: int,
     progress: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
     """Hold out, choose the updated robot, and collect the record."""
     problem, campaign = fit.problem, fit.problem.campaign
     progress("held out")
     folds = Folds(fit, make_folds(campaign))
-    before = position_residual(campaign, nominal, attain_scene(nominal))
+    before = position_residual(campaign, nominal, solve_model_poses(nominal))
     plain = folds.hold_out([], background=False)
     if not problem.register:
         plain = replace(plain, residual=before[plain.rows])
@@ -113,7 +114,7 @@ def _conclude(
     first = deliveries[0]
     seen = good[plain.rows]
     if first.lawful is not None:
-        verdict = judge_calibration(verdict, plain.of(seen).rms, first.lawful.of(seen).rms)
+        verdict = check_calibration(verdict, plain.of(seen).rms, first.lawful.of(seen).rms)
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
     gap = Gap(

@@ -9,9 +9,9 @@ what its error `follows`, `of_instrument` where the tool itself goes right, and 
 
 To simulate any mixture of effects exactly (virtual cell, identification, diagnosis, prediction alike):
 
-    scene    = stage_scene(robot, campaign)                  compplan.effects.scene
+    scene    = build_model(robot, campaign)                  compplan.effects.forward_model
     scene    = apply_effects(scene, robot_effects(robot))    effects of the folder's effects.toml, or your own
-    attained = attain_scene(scene)                           attained.position, .rotation, .link, .motor
+    attained = solve_model_poses(scene)                           attained.position, .rotation, .link, .motor
 
 An effect is `Effect(name, joint, axis, parameters)`; parameters are SI, their keys end in the unit. For rows that are
 commands rather than measurements build a campaign with `command_campaign(q, wrench, time=..., on_path=True)`.
@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from compplan.effects.checks import check_effect
-from compplan.effects.scene import Attained, Scene, attain_scene, stage_scene
+from compplan.effects.forward_model import Attained, ForwardModel, build_model, solve_model_poses
 from compplan.effects.signature import Effect, EffectModel, Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.plugins import Registry
@@ -38,8 +38,20 @@ from compplan.robot import Array, Robot
 EFFECTS: Registry[EffectModel] = names.EFFECTS.held_by(__name__).load_installed()
 
 __all__ = [
-    "EFFECTS", "Attained", "Effect", "Scene", "Signature", "apply_effects", "attain_scene", "command_campaign",
-    "driver_of", "fold_effects", "is_of_instrument", "locate_effect", "robot_effects", "stage_scene",
+    "EFFECTS",
+    "Attained",
+    "Effect",
+    "ForwardModel",
+    "Signature",
+    "apply_effects",
+    "build_model",
+    "command_campaign",
+    "driver_of",
+    "fold_effects",
+    "is_of_instrument",
+    "locate_effect",
+    "robot_effects",
+    "solve_model_poses",
 ]  # fmt: skip
 
 
@@ -64,7 +76,7 @@ def _in_order(effects: Iterable[Effect]) -> list[Effect]:
     return sorted(effects, key=lambda effect: order.index(effect.name))
 
 
-def apply_effects(scene: Scene, effects: Iterable[Effect]) -> Scene:
+def apply_effects(scene: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
     """Put effects into a scene, exactly, in the order of the vocabulary.
 
     Args:

@@ -8,11 +8,11 @@ import numpy as np
 
 from compplan.effects import (
     apply_effects,
-    attain_scene,
+    build_model,
     command_campaign,
     is_of_instrument,
     robot_effects,
-    stage_scene,
+    solve_model_poses,
 )
 from compplan.robot import Array, Robot
 
@@ -27,7 +27,7 @@ def attain_with_effects(robot: Robot, q: Array, wrench: Array, step_time: Array)
     """
     campaign = command_campaign(q, wrench, time=np.r_[0.0, np.cumsum(step_time)])
     effects = [effect for effect in robot_effects(robot) if not is_of_instrument(effect.name)]
-    attained = attain_scene(apply_effects(stage_scene(robot, campaign, later=True), effects))
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign, later=True), effects))
     return attained.position, attained.rotation
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
@@ -41,7 +41,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield Signature(name, joint.name, None, "", (key,), scale, twist, encoder, positive=True)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the link lag behind its reading by half the width, on either side."""
     index = scene.joint_index(effect.joint)
     drive = scene.drive.copy()

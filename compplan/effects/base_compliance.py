@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import add_compliance, base_joint
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
@@ -32,7 +32,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, None, axis, "", (KEY,), np.array([SHARE * at.usual_compliance]), twist, positive=True)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the base tilt."""
     folded = fold(scene.robot, effect)
     if folded is not None:

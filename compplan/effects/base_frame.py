@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.effects.tool_frame import KEYS, twist_values
 from compplan.robot import Array, Robot
@@ -37,7 +37,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     yield Signature(name, None, None, "directions", KEYS[3:], SCALE[3:], twist[:, :, 3:], columns=KEYS[3:])
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Move everything in the measurement frame."""
     return replace(scene, base_twist=scene.base_twist + twist_values(effect))
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.effects.scene import own_springs
+from compplan.effects.forward_model import own_springs
 from compplan.robot import Array, Body, Joint, Robot, Spring
 from compplan.robot.pose import move_joint
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.base_frame import SCALE, base_twists
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.effects.tool_frame import KEYS, twist_values
 from compplan.robot import Array, Robot
@@ -50,13 +50,13 @@ def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]
     )
 
 
-def since(scene: Scene, row: int) -> Array:
+def since(scene: ForwardModel, row: int) -> Array:
     """Return 1 from a row on and 0 before; 1 everywhere in a later campaign. Shape (n,)."""
     rows = np.arange(len(scene.campaign))
     return np.ones(len(rows)) if scene.later else (rows >= row).astype(float)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Move everything in the measurement frame from the row on."""
     step = since(scene, int(effect.parameters["row"]))[:, None] * twist_values(effect)
     return replace(scene, base_twist=scene.base_twist + step)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
@@ -66,7 +66,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, joint.name, None, form, keys, scale, twist, encoder, columns=keys)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Load the joint's spring."""
     index = scene.joint_index(effect.joint)
     parts = shapes(np.nan_to_num(scene.campaign.q[:, index]))

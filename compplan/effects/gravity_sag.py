@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import add_own_compliance
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.joint_stiffness import RIGID_SCALE
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 from compplan.robot.model import STANDARD_GRAVITY
@@ -60,7 +60,7 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, fixed, positive=True, columns=columns)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the weights load the springs."""
     return replace(scene, robot=fold(scene.robot, effect))
 

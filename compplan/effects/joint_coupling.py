@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
@@ -39,7 +39,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             )
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the other joint's share; or count the joint backwards; or move its zero far."""
     index, values = scene.joint_index(effect.joint), effect.parameters
     q = np.nan_to_num(scene.campaign.q)

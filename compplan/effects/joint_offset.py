@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import shift_zero
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
@@ -29,7 +29,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield Signature(name, joint.name, None, "", (key,), np.array([SCALE]), at.motion[:, :, index, None])
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Shift the zero."""
     return replace(scene, robot=fold(scene.robot, effect))
 

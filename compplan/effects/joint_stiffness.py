@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import add_own_compliance
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
@@ -54,7 +54,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield Signature(name, joint.name, None, "", keys, np.array([scale]), twist, encoder, least=least)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Change the compliance about the joint's own axis."""
     return replace(scene, robot=fold(scene.robot, effect))
 

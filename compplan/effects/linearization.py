@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from compplan.effects.scene import (
+from compplan.effects.forward_model import (
     Attained,
+    ForwardModel,
     OwnSpring,
-    Scene,
     base_moment,
     own_springs,
     spring_coordinates,
@@ -55,7 +55,7 @@ class Linearization:
 
     """
 
-    scene: Scene
+    scene: ForwardModel
     attained: Attained
     point: Array
     motion: Array
@@ -170,8 +170,8 @@ class Linearization:
         return self.load_response(np.swapaxes(self.spring_jacobian, 1, 2) @ wrench)
 
 
-def linearize_scene(
-    scene: Scene, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
+def linearize_model(
+    scene: ForwardModel, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
 ) -> Linearization:
     """Take Jacobians and loads of a scene.
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import add_compliance, find_joint
+from compplan.effects.forward_model import ForwardModel, own_sign
 from compplan.effects.linearization import AXES, Linearization
-from compplan.effects.scene import Scene, own_sign
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
@@ -38,7 +38,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, joint.name, axis, "", (KEYS[axis[0]],), scale, twist, positive=True)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the link bend."""
     return replace(scene, robot=fold(scene.robot, effect))
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import shift_origin
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Joint, Robot
 
@@ -49,7 +49,7 @@ def _own(joint: Joint, axis: str) -> bool:
     return abs(float((joint.placement[:3, :3] @ joint.axis)["xyz".index(axis[1])])) > 0.9
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the joint's origin."""
     return replace(scene, robot=fold(scene.robot, effect))
 

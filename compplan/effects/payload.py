@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import add_payload
+from compplan.effects.forward_model import ForwardModel, payload_wrench
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene, payload_wrench
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
@@ -52,7 +52,7 @@ def payload_values(effect: Effect) -> Array:
     return np.array([effect.parameters["mass_kg"], *effect.parameters["first_moment_kg_m"]], float)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Hang the mass on the flange."""
     folded = fold(scene.robot, effect)
     if folded is not None:

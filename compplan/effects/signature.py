@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.robot import Array, Robot
 
 
@@ -121,7 +121,7 @@ class EffectModel(Protocol):
         """List the places and forms in which the campaign could show the effect, with their signatures."""
         ...
 
-    def apply(self, scene: Scene, effect: Effect) -> Scene:
+    def apply(self, scene: ForwardModel, effect: Effect) -> ForwardModel:
         """Put the effect into a scene, exactly."""
         ...
 

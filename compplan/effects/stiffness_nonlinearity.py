@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel, Law
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Law, Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
@@ -87,7 +87,7 @@ def linear_in_disguise(keys: Iterable[str]) -> bool:
     return LINEAR in keys or BENT in keys
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the deflection beyond the linear one."""
     values = effect.parameters
     ratios = {key: float(values[key]) for key in (LINEAR, QUADRATIC, CUBIC, SOFT, BENT) if key in values}

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
@@ -76,7 +76,7 @@ def warm_up(campaign: Campaign, time_constant: float) -> Array:
     return np.asarray(1.0 - np.exp(-np.maximum(np.nan_to_num(campaign.time), 0.0) / time_constant))
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the placements grow."""
     values, campaign = effect.parameters, scene.campaign
     if "time_constant_s" in values:

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
@@ -55,7 +55,7 @@ def static_move(campaign: Campaign) -> Array:
     return np.asarray(np.where(campaign.on_path[:, None], 0.0, moves[source]))
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Take the joints where they stood when the position was taken."""
     campaign, values = scene.campaign, effect.parameters
     zero, encoder = scene.zero.copy(), scene.encoder

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.effects.folding import change_joint
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 from compplan.robot.pose import apply_twist
@@ -48,7 +48,7 @@ def twist_values(effect: Effect) -> Array:
     return np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the TCP frame."""
     return replace(scene, robot=fold(scene.robot, effect))
 

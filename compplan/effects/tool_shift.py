@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.frame_shift import since
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.effects.tool_frame import KEYS, SCALE, tool_twists, twist_values
 from compplan.robot import Robot
@@ -49,7 +49,7 @@ def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]
         )
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the target on the tool from the row on."""
     step = since(scene, int(effect.parameters["row"]))[:, None] * twist_values(effect)
     return replace(scene, tool_twist=scene.tool_twist + step)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
@@ -59,7 +59,7 @@ def lagged_speed(campaign: Campaign, lag: float) -> Array:
     return result
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the joint, or all joints, stand behind the command by lag times speed."""
     lag = float(effect.parameters["lag_s"])
     behind = -lag * lagged_speed(scene.campaign, lag)

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
@@ -155,7 +155,7 @@ def error_at(effect: Effect, angle: Array) -> Array:
     return total
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the error between motor and link."""
     index = scene.joint_index(effect.joint)
     drive = scene.drive.copy()

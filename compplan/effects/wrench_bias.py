@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -56,13 +56,13 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         )
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Take the offset off what the sensor reports."""
     bias = np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
     return replace(scene, wrench=scene.wrench - _in_base_axes(scene, bias, str(effect.parameters["axes"])))
 
 
-def _in_base_axes(scene: Scene, bias: Array, axes: str) -> Array:
+def _in_base_axes(scene: ForwardModel, bias: Array, axes: str) -> Array:
     if axes == "base":
         return np.broadcast_to(bias, scene.wrench.shape)
     q = np.nan_to_num(scene.campaign.q) + scene.zero + scene.drive

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import Scene
 from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
@@ -32,7 +32,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
     yield Signature(name, None, None, "", (KEY,), np.array([SCALE]), twist, encoder)
 
 
-def apply(scene: Scene, effect: Effect) -> Scene:
+def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
     """Divide the gain out of what the sensor reports."""
     gain = max(1.0 + float(effect.parameters[KEY]), 0.1)
     return replace(scene, wrench=scene.wrench / gain)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.effects.asked import GEOMETRY
+from compplan.effects.requested import GEOMETRY
 from compplan.identification.estimate import Estimate
 from compplan.identification.gap import IdentifiedGap, measure_gap
 from compplan.identification.parameters import FreeRobot
@@ -22,7 +22,7 @@ from compplan.identification.problem import (
     screen_outliers,
 )
 from compplan.identification.refine import GAIN_LIMIT, Refinement, refine_structure
-from compplan.identification.spring_place import place_spring
+from compplan.identification.spring_position import place_spring
 from compplan.identification.update import identified_uncertainty, update_robot
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.heldout import gain_score

@@ -12,16 +12,16 @@ from scipy.special import stdtrit
 from compplan.errors import InputError, UnknownNameError
 from compplan.identification.forward import RowState, attain_fit, frame_parameters, linearise
 from compplan.identification.parameters import FreeRobot, Parameter
-from compplan.identification.separability import Inseparable, explain_held, tell_apart
+from compplan.identification.separability import Inseparable, explain_held, find_inseparable
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit.gauss_newton import iterate_gauss_newton
 from compplan.measurement.fit.heldout import HeldOutRows, predict_left_out
+from compplan.measurement.fit.intervals import state_spread
+from compplan.measurement.fit.linear_system import BLOCKS, System, information
+from compplan.measurement.fit.observed import forget_turns
 from compplan.measurement.fit.robust import check_loss, loss_weights
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
 from compplan.measurement.fit.separable import condition_number
-from compplan.measurement.fit.settle import settle_state
-from compplan.measurement.fit.sighted import forget_turns
-from compplan.measurement.fit.spread import state_spread
-from compplan.measurement.fit.system import BLOCKS, System, information
 from compplan.measurement.frames import move_frames
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
@@ -146,7 +146,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     system = linearise(rows, state)
     told = forget_turns(system, rows.taken.sights, rows.registration)
     matrix = information(told, told.whitener(np.ones(BLOCKS)), rows.group)
-    free = tell_apart(matrix, parameters)
+    free = find_inseparable(matrix, parameters)
     held = explain_held(rows.taken, state, matrix, parameters, free)
     _check_enough(system, free, held)
     p, sizes = len(state.values), np.array([parameter.size for parameter in parameters])
@@ -154,7 +154,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     def advance(at: RowState, step: Array) -> RowState:
         return attain_fit(structure, at.values + step[:p], rows, move_frames(at.frames, step[p:], rows.turned))
 
-    state, system, noise, steps = settle_state(
+    state, system, noise, steps = iterate_gauss_newton(
         state, partial(linearise, rows), advance, sizes, free, group=rows.group, loss=rows.loss, sigma=rows.sigma
     )
     covariance, freedom, clustered = state_spread(

@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.effects import EFFECTS, apply_effects, attain_scene, stage_scene
-from compplan.effects.linearization import Linearization, coordinate_twists, linearize_scene
-from compplan.effects.scene import Attained, Scene, own_springs
+from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_poses
+from compplan.effects.forward_model import Attained, ForwardModel, own_springs
+from compplan.effects.linearization import Linearization, coordinate_twists, linearize_model
 from compplan.identification.parameters import TYPICAL_SIZE, FreeRobot, Parameter
+from compplan.measurement.fit.linear_system import ENCODERS, ORIENTATION, POSITION, System
+from compplan.measurement.fit.observed import observe_rows
 from compplan.measurement.fit.rows import SIGMA_ENCODER, Rows
-from compplan.measurement.fit.sighted import see_rows
-from compplan.measurement.fit.system import ENCODERS, ORIENTATION, POSITION, System
 from compplan.measurement.frames import frame_columns, name_frames
 from compplan.measurement.registration import Registration, campaign_gap, campaign_turn
 from compplan.robot import Array
@@ -40,7 +40,7 @@ class RowState:
     structure: FreeRobot
     values: Array
     frames: Registration
-    scene: Scene
+    scene: ForwardModel
     attained: Attained
     index: NDArray[np.int_]
 
@@ -74,7 +74,7 @@ class RowState:
     def linear(self) -> Linearization:
         """First derivatives of the scene."""
         current = {effect.place: effect.parameters for effect in self.structure.effects(self.values)}
-        return linearize_scene(self.scene, self.attained, current)
+        return linearize_model(self.scene, self.attained, current)
 
 
 def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registration) -> RowState:
@@ -86,9 +86,9 @@ def attain_fit(structure: FreeRobot, values: Array, rows: Rows, frames: Registra
     effects = [*structure.known, *structure.effects(values)]
     whole = any(effect.name not in ("joint_offset", "link_geometry") for effect in effects)
     log = rows.campaign if whole else rows.taken
-    scene = apply_effects(stage_scene(structure.soften(values), log, registration=frames), effects)
+    scene = apply_effects(build_model(structure.soften(values), log, registration=frames), effects)
     index = rows.row if whole else np.arange(len(rows))
-    return RowState(structure, values, frames, scene, attain_scene(scene, tolerance=SETTLED), index)
+    return RowState(structure, values, frames, scene, solve_model_poses(scene, tolerance=SETTLED), index)
 
 
 def pose_residuals(rows: Rows, state: RowState) -> Array:
@@ -157,7 +157,7 @@ def linearise(rows: Rows, state: RowState) -> System:
     missing = ~np.isfinite(residual)
     system = System(np.where(missing, 0.0, residual), columns, np.where(missing, np.inf, sigma), block)
     sights = rows.taken.sights
-    return system if sights is None else see_rows(system, sights, state.frames, state.position)
+    return system if sights is None else observe_rows(system, sights, state.frames, state.position)
 
 
 def _add_effects(state: RowState, pose: Array, encoder: Array) -> None:

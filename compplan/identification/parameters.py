@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from compplan.effects import Effect, robot_effects
-from compplan.effects.scene import link_coordinates, spring_coordinates
+from compplan.effects.forward_model import link_coordinates, spring_coordinates
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Array, LinkElasticity, Robot, Spring

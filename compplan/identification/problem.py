@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.effects import apply_effects, attain_scene, robot_effects, stage_scene
-from compplan.effects.asked import GEOMETRY, effect_forms, geometry_forms
-from compplan.effects.linearization import linearize_scene
+from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
+from compplan.effects.linearization import linearize_model
+from compplan.effects.requested import GEOMETRY, effect_forms, geometry_forms
 from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 from compplan.identification.estimate import REFERENCES, Estimate, fit_rows, leave_poses_out
@@ -19,9 +19,9 @@ from compplan.identification.parameters import (
 from compplan.identification.refine import GAIN_LIMIT
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.heldout import gain_score
+from compplan.measurement.fit.linear_system import BLOCKS
 from compplan.measurement.fit.robust import check_loss
 from compplan.measurement.fit.rows import Rows, count_poses, usable_rows
-from compplan.measurement.fit.system import BLOCKS
 from compplan.measurement.fit_frames import fit_registration
 from compplan.measurement.registration import PARTS, Registration, fitted_parts, folder_registration, match_targets
 from compplan.robot import Array, Robot
@@ -111,9 +111,9 @@ def list_forms(robot: Robot, options: IdentifyOptions, rows: Rows, geometry: str
     wanted = options.geometry.replace("auto", "none") if geometry is None else geometry
     if wanted == "none" and not options.effects:
         return []
-    scene = stage_scene(robot, rows.campaign, registration=rows.registration)
+    scene = build_model(robot, rows.campaign, registration=rows.registration)
     scene = apply_effects(scene, robot_effects(robot))
-    at = linearize_scene(scene, attain_scene(scene))
+    at = linearize_model(scene, solve_model_poses(scene))
     return [*geometry_forms(at, wanted), *effect_forms(at, options.effects)]
 
 
@@ -157,7 +157,7 @@ def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Re
         quiet = rows & campaign.unloaded
         if count_poses(campaign.q[quiet]) >= UNLOADED_POSES:
             rows = quiet
-        seen = attain_scene(apply_effects(stage_scene(robot, campaign), robot_effects(robot)))
+        seen = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
         start = None if set(parts) & set(PARTS) else known
         return fit_registration(campaign, seen.position, seen.rotation, parts, rows=rows, start=start)
     return Registration.identity(campaign, ()) if known is None else replace(known, parts=())

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from compplan.identification.estimate import Estimate, fit_rows, leave_poses_out
 from compplan.identification.forward import linearise
 from compplan.identification.parameters import FreeRobot, Parameter
-from compplan.identification.separability import tell_apart
+from compplan.identification.separability import find_inseparable
 from compplan.measurement.fit.heldout import distance_rms, gain_score
+from compplan.measurement.fit.linear_system import invert, stack, weigh
 from compplan.measurement.fit.rows import Rows
-from compplan.measurement.fit.system import invert, stack, weigh
 from compplan.robot import Array
 
 #: Standard errors by which a candidate has to shrink the held-out score; about one in 700 by chance for each.
@@ -147,5 +147,5 @@ def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> Refineme
 def _tellable(matrix: Array, parameters: Sequence[Parameter], free: NDArray[np.bool_], k: int) -> bool:
     """Tell whether the data tell a candidate apart from the present parameters."""
     index = np.flatnonzero(free)
-    told = tell_apart(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
+    told = find_inseparable(matrix[np.ix_(index, index)], [parameters[int(j)] for j in index])
     return bool(told[index.searchsorted(k)] and told.sum() == len(index))

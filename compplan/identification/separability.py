@@ -42,7 +42,7 @@ class Inseparable:
         return f"{self.held} cannot be determined apart from {' and '.join(self.together_with)}: {self.reason}"
 
 
-def tell_apart(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
+def find_inseparable(information: Array, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
     """Find a largest set of parameters that the data tell apart; the rest has to be held. Shape (p,)."""
     sizes = np.array([parameter.size for parameter in parameters])
     kinds = ["offset" if parameter.name.endswith(".offset") else parameter.kind for parameter in parameters]

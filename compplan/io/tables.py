@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
 from compplan.io.columns import UNITS, FileColumn, match_columns
-from compplan.io.origin import note_input
+from compplan.io.provenance import note_input
 from compplan.io.transaction import replace_file
 
 Array = NDArray[np.float64]

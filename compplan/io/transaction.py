@@ -26,8 +26,8 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.io.foreign import refuse_foreign
-from compplan.io.origin import describe_origin, is_input
+from compplan.io.foreign_files import refuse_foreign
+from compplan.io.provenance import describe_origin, is_input
 
 LOG = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
@@ -80,7 +80,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
     folder = Path(folder)
     check_folder(folder)
     place = folder.resolve()
-    with _describe_faults(folder), hold_folder(folder):
+    with _describe_faults(folder), lock_folder(folder):
         home = _home_of(place)
         part = Path(tempfile.mkdtemp(dir=home, prefix=f".{place.name}."[:200], suffix=PART))
         handle = os.open(part, os.O_RDONLY)
@@ -108,7 +108,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
 
 
 @contextmanager
-def hold_folder(folder: str | Path) -> Iterator[None]:
+def lock_folder(folder: str | Path) -> Iterator[None]:
     """Keep other runs out of a folder, and finish or clear what dead ones left; an empty folder goes at the end.
 
     Raises:

@@ -21,12 +21,12 @@ from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
 from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
-from compplan.job.tools import NumberedTool, ToolsTable, check_tools, lay_cutter
+from compplan.job.tools import NumberedTool, ToolsTable, check_tools, place_cutter
 from compplan.process.force_law import turns_with_travel
-from compplan.process.force_lesson import LearnedForce
 from compplan.process.force_models.columns import ColumnsProcess
-from compplan.process.library import lay_material
-from compplan.process.process import Process
+from compplan.process.learned_force import LearnedForce
+from compplan.process.material_library import apply_material
+from compplan.process.wrench import Process
 from compplan.robot import Robot
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.generators import GENERATORS, CircleTable, ConeTable, SpiralTable
@@ -233,7 +233,7 @@ class Job(StrictTable):
         return self._mounted
 
     @property
-    def told_force(self) -> tuple[LearnedForce | None] | None:
+    def stated_force(self) -> tuple[LearnedForce | None] | None:
         """What parts said of its force, alone, where that is told; None where the robot folder says it."""
         return self._force
 
@@ -332,12 +332,12 @@ def check_job(
         tools = check_tools(data["tool"], file)
         data = {key: value for key, value in data.items() if key != "tool"}
     if isinstance(data.get("process"), dict):
-        data["process"] = lay_material(data["process"], Path(file), "process")
+        data["process"] = apply_material(data["process"], Path(file), "process")
     if isinstance(data.get("tool"), dict) and "cutter_file" in data["tool"]:
         if "tools" in data:
             raise InputError("stands beside [tools], which says every cutter", file=file, where="tool.cutter_file")
         tool = check_table(ToolTable, data["tool"], file=file, key="tool")
-        data["process"] = lay_cutter(data.get("process", {}), tool, Path(file))
+        data["process"] = place_cutter(data.get("process", {}), tool, Path(file))
     table = data.get("toolpath")
     if isinstance(table, dict) and "file" in table:
         named = check_table(FileTable, table, file=file, key="toolpath")

@@ -15,8 +15,8 @@ from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.process.cutting import CuttingTable, prepare_cutting
 from compplan.process.force_law import ForceLaw, compare_zero, read_stock_top
-from compplan.process.force_lesson import LearnedForce, read_learned_force
-from compplan.process.process import describe_process
+from compplan.process.learned_force import LearnedForce, read_learned_force
+from compplan.process.wrench import describe_process
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.corners import KEPT, SLOWED, round_corners
 from compplan.toolpath.generators import generate_toolpath
@@ -177,8 +177,8 @@ def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTabl
 
 def find_learned_force(job: Job) -> LearnedForce | None:
     """Return what parts said of the force of a job's process: what it was told, or what its robot folder holds."""
-    if job.told_force is not None:
-        return job.told_force[0]
+    if job.stated_force is not None:
+        return job.stated_force[0]
     if job.mounted is not None:
         return read_learned_force(job.mounted.folder, job.process)
     try:

@@ -9,7 +9,7 @@ from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import job_toolpath_file
 from compplan.job.tool_tables import read_tool_library
-from compplan.job.tools import Described, called_speed, find_listed, find_numbered, lay_process
+from compplan.job.tools import Described, called_speed, fill_process, find_listed, find_numbered
 from compplan.toolpath.operations import Operation, split_operations
 from compplan.toolpath.reading import read_toolpath
 
@@ -127,7 +127,7 @@ def _make_job(job: Job, number: int | None, operation: Operation, described: Des
         data["name"] = f"{job.name or job.file.stem}, {label}"
     given = None if job.given is None else operation.toolpath
     try:
-        process = lay_process(job.data.get("process", {}), described, called_speed(operation))
+        process = fill_process(job.data.get("process", {}), described, called_speed(operation))
         if process is not None:
             data["process"] = process
         made = check_job(data, job.file, toolpath=given, robot=job._mounted)

@@ -15,7 +15,7 @@ from compplan.io.tomlfile import StrictTable, check_table
 from compplan.job.frames import ToolTable
 from compplan.job.tool_tables import read_tool_library, take_cutter, take_tool
 from compplan.job.tool_tables.listed import LibraryTool
-from compplan.process.process import Process
+from compplan.process.wrench import Process
 from compplan.toolpath.operations import Operation
 
 #: Force models that a tool table knows the cutter of, and what it says of it.
@@ -119,7 +119,7 @@ def find_listed(
     return Described(_mount(entry, spindle or ToolTable()), {}, "tools.file", _describe_cutter(entry))
 
 
-def lay_cutter(process: Mapping[str, Any], tool: ToolTable, job: Path) -> dict[str, Any]:
+def place_cutter(process: Mapping[str, Any], tool: ToolTable, job: Path) -> dict[str, Any]:
     """Return [process] with the cutter that [tool] cutter_file says; as it is where it names none.
 
     Args:
@@ -196,7 +196,7 @@ def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
     return {key: value for key, value in said.items() if value is not None}
 
 
-def lay_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
+def fill_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
     """Return the [process] of one tool: what holds for all, the tool's own keys over it, the file's spindle speed.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
-from compplan.effects import attain_scene
-from compplan.effects.scene import Scene
+from compplan.effects import solve_model_poses
+from compplan.effects.forward_model import ForwardModel
 from compplan.errors import InputError
 from compplan.learning.candidates import Candidates, find_postures, list_candidates
 from compplan.learning.contacts import (
@@ -18,9 +18,9 @@ from compplan.learning.contacts import (
     PLACES,
     SOCKETS,
     TRACKER,
-    Stand,
+    Fixture,
     find_touching,
-    list_stands,
+    list_fixtures,
     see_distances,
     sight_candidates,
 )
@@ -28,17 +28,17 @@ from compplan.learning.design import Choice, Design, choose_measurements, find_i
 from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.distance import band_radius
+from compplan.measurement.observations import DISTANCE, Observations
 from compplan.measurement.poses.information import learn_rows
-from compplan.measurement.sights import DISTANCE, Sights
 from compplan.plan.plan import Plan
 from compplan.posture.collision_scene import CollisionScene, build_scene
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.predict import predict_campaign
-from compplan.uncertainty.assumed import LINK_ELASTICITY, known_uncertainty, list_assumed, widen_uncertainty
+from compplan.uncertainty.assumed import LINK_ELASTICITY, list_assumed, robot_uncertainty, widen_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
-from compplan.uncertainty.slopes import measure_slopes, read_force_spread, stage_path, take_scene
-from compplan.uncertainty.vary import stage_robot
+from compplan.uncertainty.perturbation import build_varied_model
+from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, read_force_spread, select_model_rows
 
 #: Random poses that the design is compared with, and how often they are drawn.
 MANY, DRAWS = 50, 5
@@ -53,7 +53,7 @@ BY_CHANCE = 0.999
 
 
 @dataclass(frozen=True)
-class Shop:
+class Equipment:
     """What a shop has to measure with.
 
     Attributes:
@@ -118,7 +118,7 @@ class PoseCampaign:
     """
 
     plan: Plan
-    shop: Shop
+    shop: Equipment
     poses: Candidates
     worth: NDArray[np.int_]
     choice: Choice
@@ -135,13 +135,13 @@ class PoseCampaign:
         return model_part(self.design, covariance)
 
     @property
-    def stands(self) -> tuple[Stand, ...]:
+    def stands(self) -> tuple[Fixture, ...]:
         """Where the instrument stands; none for a tracker, which stands anywhere."""
-        return list_stands(self.shop.instrument, self.poses.sights, self.poses.tip)
+        return list_fixtures(self.shop.instrument, self.poses.sights, self.poses.tip)
 
 
 def design_campaign(
-    plan: Plan, shop: Shop, count: int, log: Campaign | None = None,
+    plan: Plan, shop: Equipment, count: int, log: Campaign | None = None,
     announce: Callable[[str], None] = lambda words: None,
 ) -> PoseCampaign:  # fmt: skip
     """Design measurements for the path of a plan.
@@ -193,23 +193,23 @@ def design_campaign(
 
 
 def _stage_purpose(
-    plan: Plan, shop: Shop, lowest: float, solids: CollisionScene
-) -> tuple[Uncertainty, Scene, NDArray[np.bool_], list[str]]:
+    plan: Plan, shop: Equipment, lowest: float, solids: CollisionScene
+) -> tuple[Uncertainty, ForwardModel, NDArray[np.bool_], list[str]]:
     """Return what is known, the robot where the band is to be narrow, the rows that count, and what is assumed."""
     task, robot = plan.task, plan.robot
     if shop.purpose == PATH:
-        scene = stage_path(robot, plan.q, task.wrench, task.step_time)
-        return known_uncertainty(robot), scene, task.cut, list_assumed(robot)
+        scene = build_path_model(robot, plan.q, task.wrench, task.step_time)
+        return robot_uncertainty(robot), scene, task.cut, list_assumed(robot)
     known = widen_uncertainty(robot, shop.loaded)
     reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
     # loads as they come on the path: the fit has to hold under them, too
     wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
-    return known, stage_path(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool), [known.source]
+    return known, build_path_model(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool), [known.source]
 
 
 def put_up(
-    robot: Robot, shop: Shop, postures: Array, middle: Array, lowest: float, solids: CollisionScene
-) -> tuple[Array, Sights]:
+    robot: Robot, shop: Equipment, postures: Array, middle: Array, lowest: float, solids: CollisionScene
+) -> tuple[Array, Observations]:
     """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
     places = PLACES[shop.instrument] if shop.places is None else shop.places
     length = LENGTHS.get(shop.instrument, 0.0) if shop.length is None else shop.length
@@ -248,7 +248,7 @@ def _choose(
     return design, start, candidates, choice, [said] if left < asked else []
 
 
-def add_places(design: Design, start: Array, sights: Sights, tip: Array, count: int) -> tuple[Design, Array]:
+def add_places(design: Design, start: Array, sights: Observations, tip: Array, count: int) -> tuple[Design, Array]:
     """Add the unknown places of contacts to a design, and what known distances say of them to its covariance.
 
     Raises:
@@ -268,7 +268,7 @@ def add_places(design: Design, start: Array, sights: Sights, tip: Array, count: 
     return design, wide
 
 
-def take_frames(design: Design, scene: Scene) -> Design:
+def take_frames(design: Design, scene: ForwardModel) -> Design:
     """Return the design without what unknown frames follow: each later campaign, each part brings its own.
 
     Args:
@@ -276,7 +276,7 @@ def take_frames(design: Design, scene: Scene) -> Design:
         scene: The robot at all rows of its path.
     """
     path = design.path
-    attained = attain_scene(take_scene(scene, path.rows))
+    attained = solve_model_poses(select_model_rows(scene, path.rows))
     rows = design.rows(path.model, attained.position, attained.rotation)
     flat, p = rows.reshape(-1, rows.shape[2]), path.model.shape[2]
     frames = np.linalg.qr(flat[:, p:])[0]
@@ -284,7 +284,7 @@ def take_frames(design: Design, scene: Scene) -> Design:
     return replace(design, path=replace(path, model=model.reshape(path.model.shape)))
 
 
-def _ask_for_load(design: Design, shop: Shop, covariance: Array, force: Array) -> list[str]:
+def _ask_for_load(design: Design, shop: Equipment, covariance: Array, force: Array) -> list[str]:
     """Say what unloaded poses leave, where compliances make most of it, and which force of the path none shows. [N]"""
     aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
     if shop.loaded:
@@ -313,7 +313,7 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
     sights = None if log.sights is None else log.sights.take(use)
     # the places of this log are its own: they widen the state while its rows are learned
     own = design if sights is None else replace(design, places=len(sights.names))
-    scene = stage_robot(robot, log)
+    scene = build_varied_model(robot, log)
     predicted = predict_campaign(robot, log, register=design.frames)
     slopes = measure_slopes(scene, design.known.unknowns, use)
     rows = own.rows(slopes, predicted.position[use], predicted.rotation[use], sights)

@@ -12,18 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.effects import attain_scene
+from compplan.effects import solve_model_poses
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.observations import Observations
 from compplan.measurement.poses.pool import take_clear
-from compplan.measurement.sights import Sights
 from compplan.posture.clearance import measure_margin
 from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown
 from compplan.statics.chain import build_chain, locate_frames
-from compplan.uncertainty.slopes import measure_slopes, take_scene
-from compplan.uncertainty.vary import stage_robot
+from compplan.uncertainty.perturbation import build_varied_model
+from compplan.uncertainty.sensitivities import measure_slopes, select_model_rows
 
 #: Postures that are kept, and drawn for it at most.
 KEPT, DRAWN = 300, 3000
@@ -53,7 +53,7 @@ class Candidates:
     tip: Array
     rotation: Array
     slopes: Array
-    sights: Sights | None = None
+    sights: Observations | None = None
 
     def __len__(self) -> int:
         return len(self.tip)
@@ -145,6 +145,6 @@ def list_candidates(
     wrench[:, :3] = np.repeat(loads, 4 * k, axis=0)
     way = np.stack([q - sign[:, None] * run_up(robot), q], axis=1).reshape(-1, robot.nq)
     log = Campaign(np.array(["static_1"] * len(way)), way, wrench, np.full((len(way), 3), np.nan))
-    scene, rows = stage_robot(robot, log), np.arange(1, len(way), 2)
-    attained = attain_scene(take_scene(scene, rows))
+    scene, rows = build_varied_model(robot, log), np.arange(1, len(way), 2)
+    attained = solve_model_poses(select_model_rows(scene, rows))
     return Candidates(log, attained.position, attained.rotation, measure_slopes(scene, unknowns, rows))

@@ -1,7 +1,7 @@
 """Candidates for instruments that see no positions: sockets, dial gauges, probes, planes, spheres, a ball bar.
 
 A shop puts them up where the campaign says, by hand: places are unknown within centimetres, and every place is met
-more than once. What each kind tells stands in `compplan.measurement.sights`.
+more than once. What each kind tells stands in `compplan.measurement.observations`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.learning.candidates import FLOOR, Candidates, run_up
-from compplan.measurement.sights import CONTACT, DISTANCE, READING, KnownDistances, Sights, along
+from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations, along
 from compplan.posture.clearance import measure_margin
 from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
@@ -82,7 +82,7 @@ class _Meeting:
 def find_touching(
     robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
     scene: CollisionScene | None, seed: int,
-) -> tuple[Array, Sights]:  # fmt: skip
+) -> tuple[Array, Observations]:  # fmt: skip
     """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
 
     Args:
@@ -134,14 +134,14 @@ def find_touching(
         pairs = np.arange(2 * places).reshape(-1, 2)
         known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
     kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
-    return np.concatenate(q), Sights(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
+    return np.concatenate(q), Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
 
 
-def _probe_anywhere(postures: Array, tip: Array, normals: Array) -> tuple[Array, Sights]:
+def _probe_anywhere(postures: Array, tip: Array, normals: Array) -> tuple[Array, Observations]:
     """Return postures, once for each normal, and what a probe sees: it reads zero at a place that is known."""
     m = 3 * len(postures)
     direction = np.tile(normals, (len(postures), 1))
-    read = Sights(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0), direction, np.zeros(m))
+    read = Observations(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0), direction, np.zeros(m))
     return np.repeat(postures, 3, axis=0), read
 
 
@@ -159,7 +159,7 @@ def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Stand:
+class Fixture:
     """Where an instrument is put up: its label, its place in the robot's base frame (3,) [m], and how, in words."""
 
     label: str
@@ -167,7 +167,7 @@ class Stand:
     says: str
 
 
-def list_stands(instrument: str, sights: Sights | None, tip: Array) -> tuple[Stand, ...]:
+def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> tuple[Fixture, ...]:
     """Tell where the instrument of a campaign stands, label by label.
 
     Args:
@@ -185,7 +185,7 @@ def list_stands(instrument: str, sights: Sights | None, tip: Array) -> tuple[Sta
             at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label, mm=f"{value:g}",
             along=", ".join(f"{v:g}" for v in own.direction[0]), side=f"{2e3 * SIDE:.0f}",
         )  # fmt: skip
-        stands.append(Stand(label, place, says))
+        stands.append(Fixture(label, place, says))
     return tuple(stands)
 
 
@@ -202,13 +202,13 @@ def _choose_place(offered: Array, chosen: Array, middle: Array) -> int:
     return int(np.linalg.norm(offered[:, None] - chosen, axis=2).min(axis=1).argmax())
 
 
-def sight_candidates(candidates: Candidates, sights: Sights) -> Candidates:
+def sight_candidates(candidates: Candidates, sights: Observations) -> Candidates:
     """Give candidates what is seen of them: as many times as they stand under different loads, from different sides."""
     times = len(candidates) // len(sights.kind)
     return replace(candidates, sights=sights.take(np.tile(np.arange(len(sights.kind)), times)))
 
 
-def see_rows(rows: Array, sights: Sights, point: Array) -> Array:
+def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
     """Return what sights see of parameters, frames and places, from what positions would. Shape (m, 3, P + 3 c).
 
     Args:

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.learning.candidates import Candidates
-from compplan.learning.contacts import see_rows
+from compplan.learning.contacts import observe_rows
 from compplan.measurement.distance import band_radius
+from compplan.measurement.observations import DISTANCE, Observations
 from compplan.measurement.poses.exchange import settle_choice, take_greedily
-from compplan.measurement.poses.information import learn_rows, measure_gains, weigh_rows
-from compplan.measurement.sights import DISTANCE, Sights
+from compplan.measurement.poses.information import learn_rows, measure_gains, weight_rows
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
@@ -77,7 +77,7 @@ class Design:
         """Variance of one measurement per axis: instrument, repeatability, what no parameter explains. [m^2]."""
         return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + self.known.smooth**2
 
-    def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Sights | None = None) -> Array:
+    def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Observations | None = None) -> Array:
         """Return what measurements see of parameters, frames and places. Shape (m, 3, p + f)."""
         parts = [slopes]
         if "base" in self.frames:
@@ -88,7 +88,7 @@ class Design:
         if "tool" in self.frames:
             parts.append(rotation)
         rows = np.concatenate(parts, axis=2)
-        return rows if sights is None else see_rows(rows, sights, tip)
+        return rows if sights is None else observe_rows(rows, sights, tip)
 
     def look(self, candidates: Candidates) -> Array:
         """Return what candidates see of parameters, frames and places. Shape (m, 3, p + f)."""
@@ -152,7 +152,7 @@ def choose_measurements(design: Design, candidates: Candidates, count: int, star
     before = design.start if start is None else start
     rows, first = design.look(candidates), first_visits(candidates)
     weight = design.target.T @ design.target
-    worth = weigh_rows(
+    worth = weight_rows(
         lambda mean, covariance, rows: measure_gains(covariance, rows, weight, design.noise),
         learn_rows(before, rows[first], design.noise), rows, design.noise,
     )  # fmt: skip

@@ -17,10 +17,17 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from compplan.io.columns import FileColumn
-from compplan.io.given import is_file_name, open_table
-from compplan.io.scanned import is_scan
+from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.scans import is_scan
 from compplan.io.tables import Table
-from compplan.learning.guards import check_extent, describe_motion, explain_points, find_pasted, fit_rigid, sample_cut
+from compplan.learning.plausibility import (
+    check_extent,
+    describe_motion,
+    explain_points,
+    find_pasted,
+    fit_rigid,
+    sample_cut,
+)
 from compplan.learning.scan import SCAN_SIGMA, read_scan
 from compplan.learning.surface import Surface
 from compplan.measurement.exports import rename_title

@@ -10,7 +10,7 @@ import numpy as np
 from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import Job
-from compplan.learning.learn import KEPT
+from compplan.learning.model_update import KEPT
 from compplan.robot import Array, Robot
 from compplan.toolpath.toolpath import interpolate
 

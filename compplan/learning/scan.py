@@ -9,7 +9,7 @@ import trimesh
 
 from compplan.errors import InputError
 from compplan.io.meshes import open_mesh
-from compplan.io.scanned import MESHES, read_numbers
+from compplan.io.scans import MESHES, read_numbers
 from compplan.io.tables import Table, read_text
 from compplan.robot import Array
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.io.shown import Shown
-from compplan.measurement.sights import Sights
+from compplan.io.display import Shown
+from compplan.measurement.observations import Observations
 from compplan.robot import Array
 
 #: Joint motion below this is encoder jitter, not a move [rad or m]; one unit of the fourth decimal of a degree.
@@ -89,7 +89,7 @@ class Campaign(Shown):
     target_offset: Array | None = None
     moved: Array | None = None
     scatter: float = 0.0
-    sights: Sights | None = None
+    sights: Observations | None = None
 
     def __len__(self) -> int:
         return len(self.q)

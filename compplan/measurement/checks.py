@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.io.tables import Table
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.pasted import find_pasted
+from compplan.measurement.repeated_rows import find_pasted
 from compplan.robot import Array, Robot
 
 #: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from compplan.measurement.sights import DISTANCE, Sights, along
+from compplan.measurement.observations import DISTANCE, Observations, along
 from compplan.robot import Array
 
 #: A creep is said where chance makes so large a one once in a thousand at most.
@@ -48,7 +48,7 @@ class Creep:
         )
 
 
-def find_creep(sights: Sights | None, gap: Array, use: NDArray[np.bool_]) -> tuple[Creep, ...]:
+def find_creep(sights: Observations | None, gap: Array, use: NDArray[np.bool_]) -> tuple[Creep, ...]:
     """Find the stands that creep beyond chance.
 
     Args:
@@ -68,7 +68,7 @@ def find_creep(sights: Sights | None, gap: Array, use: NDArray[np.bool_]) -> tup
     return tuple(creep for creep, luck in filter(None, found) if luck < chance)
 
 
-def _judge_stand(sights: Sights, gap: Array, rows: NDArray[np.int_]) -> tuple[Creep, float] | None:
+def _judge_stand(sights: Observations, gap: Array, rows: NDArray[np.int_]) -> tuple[Creep, float] | None:
     """Return the creep of a stand and how likely chance makes one as large; None where too few rows tell it."""
     if len(rows) < 3:
         return None

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
+from compplan.measurement.observations import Observations, along
 from compplan.measurement.registration import CONTACTS, PARTS, Registration
-from compplan.measurement.sights import Sights, along
 from compplan.robot import Array
 from compplan.robot.pose import apply_twist
 
@@ -38,8 +38,8 @@ def fit_registration(
     """Fit frames and places of contacts to a campaign, robustly; the robot's own poses stay as they are.
 
     Minimises the distance of T_world_base T_base_tcp T_tcp_target from the measured targets, orientation included where
-    it was measured, and what `compplan.measurement.sights` says of other instruments, by Gauss-Newton steps with Huber
-    weights, started from the best rigid fit of the positions.
+    it was measured, and what `compplan.measurement.observations` says of other instruments, by Gauss-Newton steps with
+    Huber weights, started from the best rigid fit of the positions.
 
     Args:
         campaign: What was measured.
@@ -98,7 +98,7 @@ class _Seen(NamedTuple):
     measured: Array
     turned: Array | None
     tool_of: NDArray[np.int_]
-    sights: Sights | None
+    sights: Observations | None
     sigma: float
 
 

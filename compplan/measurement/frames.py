@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from compplan.measurement.observations import Observations
 from compplan.measurement.registration import CONTACTS, Registration
-from compplan.measurement.sights import Sights
 from compplan.robot import Array
 
 #: Along and about which axes a frame moves.
@@ -18,7 +18,7 @@ TURNS: tuple[str, ...] = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 def frame_columns(
     frames: Registration, position: Array, tcp_rotation: Array, target: NDArray[np.int_], turned: bool,
-    sights: Sights | None = None,
+    sights: Observations | None = None,
 ) -> list[Array]:  # fmt: skip
     """Differentiate measured poses by the fitted frames, in the order of `move_frames`. Shapes (n, 6, 3 or 6).
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from compplan.io.columns import FileColumn
 from compplan.io.tables import Table
 from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
-from compplan.measurement.sights import CONTACT, DISTANCE, POSITION, READING, KnownDistances, Sights
+from compplan.measurement.observations import CONTACT, DISTANCE, POSITION, READING, KnownDistances, Observations
 from compplan.robot import Array
 
 #: Standard deviation of contacts, readings and distances where no file states one (assumed: a dial gauge). [m]
@@ -67,7 +67,7 @@ class InstrumentFile(StrictTable):
 
 
 @dataclass(frozen=True)
-class SightedRows:
+class ObservedRows:
     """Sights of a log, with what belongs to them.
 
     Attributes:
@@ -76,7 +76,7 @@ class SightedRows:
         notes: What was assumed or cannot be told, one sentence each.
     """
 
-    sights: Sights
+    sights: Observations
     sigma: Array
     notes: tuple[str, ...]
 
@@ -90,7 +90,7 @@ def read_instrument(file: Path) -> InstrumentFile:
     return read_toml_model(InstrumentFile, file)
 
 
-def read_sights(table: Table, position: Array, instrument: InstrumentFile | None) -> SightedRows | None:
+def read_observations(table: Table, position: Array, instrument: InstrumentFile | None) -> ObservedRows | None:
     """Read the columns contact, reading, dir and distance of a log; None where it has none of them.
 
     Args:
@@ -118,7 +118,7 @@ def read_sights(table: Table, position: Array, instrument: InstrumentFile | None
     turn = Rotation.from_rotvec(np.deg2rad(said.instrument.rotation_deg)).as_matrix()
     origin = np.where((kind == READING)[:, None], np.array(said.instrument.position_mm) * 1e-3, 0.0)
     origin = np.where((measured & (kind == READING))[:, None], position, origin)
-    sights = Sights(
+    sights = Observations(
         kind=kind, contact=np.where(kind == POSITION, -1, contact), names=names, origin=origin,
         direction=_read_directions(table, kind) @ turn.T,
         value=np.where(kind == DISTANCE, distance, np.where(kind == READING, reading, np.nan)),
@@ -133,7 +133,7 @@ def read_sights(table: Table, position: Array, instrument: InstrumentFile | None
     sigma = said.instrument.sigma_mm
     if sigma is None and "sigma_position" not in table:
         notes.append(f"no sigma_mm of the instrument is stated: {ASSUMED_SIGMA * 1e3:g} mm is assumed")
-    if not sights.tell_scale and not (measured & (kind == POSITION)).any():
+    if not sights.estimate_scale and not (measured & (kind == POSITION)).any():
         notes.append(
             "the scale is not known from these rows: contacts alone look the same for an arm of other size, so lengths"
             " stay near the robot folder's; a known [[distance]] between contacts, a reading or a ball bar tells it"
@@ -144,7 +144,7 @@ def read_sights(table: Table, position: Array, instrument: InstrumentFile | None
             " tip may be 1.7 times as far off; bands count all three directions"
         )
     level = ASSUMED_SIGMA if sigma is None else sigma * 1e-3
-    return SightedRows(sights, np.where(sights.seen, level, np.nan), tuple(notes))
+    return ObservedRows(sights, np.where(sights.seen, level, np.nan), tuple(notes))
 
 
 def _number_contacts(table: Table) -> tuple[tuple[str, ...], NDArray[np.int_]]:
@@ -179,8 +179,8 @@ def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
 
 
 def _drop_lonely(
-    table: Table, sights: Sights, tied: Sequence[str], measured: NDArray[np.bool_]
-) -> tuple[Sights, list[str]]:
+    table: Table, sights: Observations, tied: Sequence[str], measured: NDArray[np.bool_]
+) -> tuple[Observations, list[str]]:
     """Drop labels whose rows are so few that the unknown place takes all that they tell, and say so.
 
     Args:
@@ -208,7 +208,7 @@ def _drop_lonely(
     return sights.drop_contacts(lonely), [f"{few}; its rows do not count{more}"]
 
 
-def _count_least(rows: Sights) -> int:
+def _count_least(rows: Observations) -> int:
     """Count the rows that a label needs: one more than its unknown place takes."""
     if (rows.kind == CONTACT).any():
         return 2
@@ -233,7 +233,7 @@ def _read_directions(table: Table, kind: NDArray[np.int_]) -> Array:
     return np.where(rows[:, None], direction / np.where(rows, length, 1.0)[:, None], np.nan)
 
 
-def _add_distances(sights: Sights, tables: tuple[DistanceTable, ...]) -> tuple[Sights, list[str]]:
+def _add_distances(sights: Observations, tables: tuple[DistanceTable, ...]) -> tuple[Observations, list[str]]:
     """Add the known distances whose contacts the log has; return the labels that it has not as well."""
     number = {name: k for k, name in enumerate(sights.names)}
     absent = [label for table in tables for label in table.between if label not in number]

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.columns import FileColumn
-from compplan.io.given import is_file_name, open_table
-from compplan.io.scanned import is_scan
+from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.scans import is_scan
 from compplan.io.tables import Table
 from compplan.measurement.campaign import MODES, WRENCH, Campaign
 from compplan.measurement.checks import check_campaign
 from compplan.measurement.exports import rename_title
-from compplan.measurement.instrument import COLUMNS, InstrumentFile, SightedRows, read_sights
+from compplan.measurement.instrument import COLUMNS, InstrumentFile, ObservedRows, read_observations
 from compplan.robot import Array, Robot
 
 
@@ -106,7 +106,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
     return checked if sighted is None else replace(checked, notes=(*checked.notes, *sighted.notes))
 
 
-def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, SightedRows | None]:
+def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, ObservedRows | None]:
     """Return the positions, NaN where a row has another sight, and the sights.
 
     Raises:
@@ -114,7 +114,7 @@ def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, 
 
     """
     position = table.stack(["x", "y", "z"]) if "x" in table else np.full((len(table), 3), np.nan)
-    sighted = read_sights(table, position, instrument)
+    sighted = read_observations(table, position, instrument)
     if "x" not in table and sighted is None:
         raise table.error("columns x_mm, y_mm and z_mm are missing, expected a position, or contact, reading_mm or"
                           " distance_mm of another instrument")  # fmt: skip

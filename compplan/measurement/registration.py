@@ -16,7 +16,7 @@ from compplan.errors import InputError
 from compplan.io.tables import write_text
 from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.sights import CONTACT
+from compplan.measurement.observations import CONTACT
 from compplan.robot import Array, Robot
 from compplan.robot.pose import build_pose
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.plan.bending import follow_links, plan_loads
 from compplan.plan.between import Between, measure_between, wanted_pieces
-from compplan.plan.feed import FeedWish, TorqueRules, time_run
+from compplan.plan.deflection import follow_links, plan_loads
+from compplan.plan.feed import FeedRequest, TorqueRules, time_run
 from compplan.plan.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.plan.strategies import command_path, nlp
 from compplan.plan.strategies.lost_motion import find_crossings, without_play
@@ -68,7 +68,7 @@ class Agreement:
 
 
 def agree(
-    task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None] = lambda text: None
+    task: PlanTask, strategy: str, wish: FeedRequest, progress: Callable[[str], None] = lambda text: None
 ) -> Agreement:
     """Let a strategy command a task, time the command, and repeat until force, feed and division fit.
 
@@ -106,7 +106,7 @@ def _doubt_inertia(found: Agreement) -> str:
     return ""
 
 
-def _fit(task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None]) -> Agreement:
+def _fit(task: PlanTask, strategy: str, wish: FeedRequest, progress: Callable[[str], None]) -> Agreement:
     """Divide a path, command it and divide it again until it is right between waypoints too."""
     task = _divide_ahead(_resolve_starts(task, wish) if task.inertia else task, wish)
     mending, slow = Mending(), None
@@ -136,7 +136,7 @@ def _solve_last(found: Agreement) -> Agreement:
     return replace(found, command=command, timing=timing, between=measure_between(task, command.q, timing.time))
 
 
-def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
+def _divide_ahead(task: PlanTask, wish: FeedRequest) -> PlanTask:
     """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
     mending = Mending()
     for last in range(DIVISIONS + 1):
@@ -156,7 +156,7 @@ def _divide_ahead(task: PlanTask, wish: FeedWish) -> PlanTask:
 
 
 def _take_turns(
-    task: PlanTask, strategy: str, wish: FeedWish, progress: Callable[[str], None], slow: Array | None
+    task: PlanTask, strategy: str, wish: FeedRequest, progress: Callable[[str], None], slow: Array | None
 ) -> Agreement:
     """Command the path; where the force follows the feed, slow the run down until its own corrections can follow.
 
@@ -200,7 +200,7 @@ def _take_turns(
     return Agreement(driven, command, timing, between, excess, turns, notes, change if task.inertia else 0.0, slow)
 
 
-def _drive(task: PlanTask, q: Array, wish: FeedWish) -> tuple[PlanTask, Timing]:
+def _drive(task: PlanTask, q: Array, wish: FeedRequest) -> tuple[PlanTask, Timing]:
     """Time joint positions and put the force at that feed into the task."""
     timing = time_run(task, q, wish)[1]
     return replace(task, wrench=predict_loads(task, _moving_feed(task, timing))), timing
@@ -243,7 +243,7 @@ def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
 
-def _resolve_starts(task: PlanTask, wish: FeedWish) -> PlanTask:
+def _resolve_starts(task: PlanTask, wish: FeedRequest) -> PlanTask:
     """Divide first and last moves of runs, in steps that grow away from the rest, until their rows tell the motion.
 
     A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import Array
-from compplan.plan.bending import DAMPING
+from compplan.plan.deflection import DAMPING
 from compplan.plan.task import PlanTask
 from compplan.process.cutting import CuttingForce
 from compplan.process.engagement import Engagement

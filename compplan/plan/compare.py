@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.origin import describe_origin
+from compplan.io.display import Curve, Curves, Shown
+from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length
-from compplan.io.shown import Curve, Curves, Shown
 from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
 from compplan.plan.evaluate import Evaluation, evaluate_run
@@ -18,10 +18,10 @@ from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.strategies import STRATEGIES, command_path
 from compplan.plan.task import Command, PlanTask
 from compplan.robot import Array
-from compplan.simulation.cell import AS_MODELLED, JUDGE, Cell, standard_cells
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.simulation.simulated_robot import AS_MODELLED, JUDGE, SimulatedRobot, standard_variants
+from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import draw_paths, linearise_path
-from compplan.uncertainty.slopes import ForceSpread, read_force_spread, stage_path
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, read_force_spread
 
 #: Robots and forces that are drawn.
 DRAWS = 200
@@ -68,7 +68,7 @@ class Comparison(Shown):
 
     name: str
     task: PlanTask
-    cells: tuple[Cell, ...]
+    cells: tuple[SimulatedRobot, ...]
     commands: Mapping[str, Command]
     evaluations: Mapping[str, Mapping[str, Evaluation]]
     judge: str = JUDGE
@@ -153,7 +153,10 @@ def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRA
     A strategy that only plans leaves what it leaves as modelled, and beside it what the robot does otherwise.
     """
     task = comparison.task
-    known, scene = known_uncertainty(task.robot), stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    known, scene = (
+        robot_uncertainty(task.robot),
+        build_path_model(task.robot, task.q_start, task.wrench, task.step_time),
+    )
     slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
     moved = draw_paths(slopes, known, draws)
     left = {name: run.deviation[slopes.rows, :, None] + moved for name, run in comparison.as_modelled.items()}
@@ -166,7 +169,7 @@ def compare_task(
     *,
     name: str = "path",
     strategies: Sequence[str] | None = None,
-    cells: Sequence[Cell] | None = None,
+    cells: Sequence[SimulatedRobot] | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Comparison:
     """Let every strategy command a task, and run every command in every cell.
@@ -179,7 +182,7 @@ def compare_task(
         announce: Called with what is done next.
 
     """
-    cells = tuple(cells) if cells is not None else standard_cells(task.robot)
+    cells = tuple(cells) if cells is not None else standard_variants(task.robot)
     commands = {}
     for strategy in STRATEGIES if strategies is None else strategies:
         if announce:

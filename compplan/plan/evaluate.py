@@ -13,7 +13,14 @@ from compplan.plan.strategies.limits import measure_correction
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing
 from compplan.robot import Array
-from compplan.simulation.cell import MISMATCHES, Cell, CellRun, build_cell, run_cell, touch_cell
+from compplan.simulation.simulated_robot import (
+    MISMATCHES,
+    SimulatedRobot,
+    SimulatedRun,
+    build_simulated_robot,
+    run_simulated_robot,
+    touch_cell,
+)
 from compplan.statics.sensitivity import attain_pose
 
 #: Waypoints that are judged in a cell with other compliances.
@@ -146,18 +153,18 @@ def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
 
     """
-    cell = build_cell(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
+    cell = build_simulated_robot(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
     cell = find_part(task, cell)
     rows = np.flatnonzero(task.compensated)
     if task.robot.effects:
-        position = run_cell(cell, q, task.wrench, task.step_time).position[rows]
+        position = run_simulated_robot(cell, q, task.wrench, task.step_time).position[rows]
     else:
         rows = rows[:: max(1, -(-len(rows) // MOST_JUDGED))]
-        position = run_cell(cell, q[rows], task.wrench[rows]).position
+        position = run_simulated_robot(cell, q[rows], task.wrench[rows]).position
     return Mismatch(cell.name, rows, position - task.programmed[rows])
 
 
-def find_part(task: PlanTask, cell: Cell) -> Cell:
+def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
     """Return a cell whose robot has found the part by touching it, where the task says so."""
     if task.touched is None or cell.displacement is not None:
         return cell
@@ -165,7 +172,7 @@ def find_part(task: PlanTask, cell: Cell) -> Cell:
 
 
 def evaluate_run(
-    task: PlanTask, q: Array, cell: Cell, wrench: Array | None = None, bias: Array | None = None
+    task: PlanTask, q: Array, cell: SimulatedRobot, wrench: Array | None = None, bias: Array | None = None
 ) -> Evaluation:
     """Run a command in a cell and compare the loaded tool with the nominal path.
 
@@ -179,7 +186,7 @@ def evaluate_run(
     """
     load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
     cell = find_part(task, cell)
-    return _compare(task, cell.name, run_cell(cell, q, load, task.step_time, more))
+    return _compare(task, cell.name, run_simulated_robot(cell, q, load, task.step_time, more))
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
@@ -195,10 +202,10 @@ def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
     else:
         found = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias, theta=task.theta)
         found = task.see_pose(found)
-    return _compare(task, "planner's model", CellRun(found.position, found.rotation))
+    return _compare(task, "planner's model", SimulatedRun(found.position, found.rotation))
 
 
-def _compare(task: PlanTask, name: str, run: CellRun) -> Evaluation:
+def _compare(task: PlanTask, name: str, run: SimulatedRun) -> Evaluation:
     position, rotation = run
     cosine = -np.einsum("ni,ni->n", rotation[:, :, 2], task.nominal.axis)
     sine = np.linalg.norm(np.cross(rotation[:, :, 2], task.nominal.axis), axis=1)

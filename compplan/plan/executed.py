@@ -30,22 +30,22 @@ from scipy.interpolate import CubicHermiteSpline
 
 from compplan.controllers.motion.align import find_nearest
 from compplan.controllers.motion.drives import follow_command
+from compplan.controllers.motion.from_program import build_moves
 from compplan.controllers.motion.geometry import build_path, follow_path
 from compplan.controllers.motion.timing import schedule_path
-from compplan.controllers.motion.written import lay_moves
-from compplan.controllers.writers.counting import believed_robot, load_motion
 from compplan.controllers.writers.fit import fit_moves
+from compplan.controllers.writers.joint_convention import believed_robot, load_motion
+from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion
 from compplan.controllers.writers.program import build_program
-from compplan.controllers.writers.servo import ASSUMED, ServoMotion
 from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves, widest_zone
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
 from compplan.plan.agreement import Agreement, agree
-from compplan.plan.feed import FeedWish
+from compplan.plan.feed import FeedRequest
 from compplan.plan.task import PlanTask, attain_rows
 from compplan.plan.timing import Timing, cutting_runs
-from compplan.posture.start import Easing
+from compplan.posture.initial_branches import Easing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -171,7 +171,7 @@ def bound_executed(task: PlanTask) -> Array:
     return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
 
 
-def vote_on_executed(task: PlanTask, executed: ExecutedPath | None) -> tuple[str, ...]:
+def check_executed(task: PlanTask, executed: ExecutedPath | None) -> tuple[str, ...]:
     """Say in a sentence where the executed path leaves the tolerance."""
     if executed is None or (use := executed.near / bound_executed(task)).max(initial=0.0) <= 1.0:
         return ()
@@ -205,7 +205,7 @@ def slow_down(task: PlanTask, timing: Timing, executed: ExecutedPath | None, tur
     return replace(task, start=replace(task.start, pace=pace))
 
 
-def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
+def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
     """Follow a command as the controller of the robot folder does.
 
     Args:
@@ -251,7 +251,7 @@ def judge_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | 
 
 
 def drive_within(
-    task: PlanTask, strategy: str, wish: FeedWish, output: OutputTable | None, progress: Callable[[str], None]
+    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None, progress: Callable[[str], None]
 ) -> tuple[Agreement, str, ExecutedPath | None]:
     """Command a task; judge where the controller takes the tip, and drive slower where identified drives go too far.
 
@@ -274,7 +274,7 @@ def drive_within(
         strategy = "none"
         found = agree(task, strategy, wish, progress)
         found = replace(found, notes=(*found.notes, floor))
-    executed = judge_executed(found.task, found.command.q, found.timing.time, output)
+    executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
     trial, after = found, executed
     for turn in range(0 if wish.constant or found.command.status != "solved" else TURNS):
         slower = slow_down(trial.task, trial.timing, after, turn)
@@ -282,8 +282,8 @@ def drive_within(
             break
         progress("slower where the drives leave the tolerance")
         trial = agree(replace(task, start=slower.start), strategy, wish, progress)
-        after = judge_executed(trial.task, trial.command.q, trial.timing.time, output)
-        if trial.command.status == "solved" and after is not None and not vote_on_executed(trial.task, after):
+        after = evaluate_executed(trial.task, trial.command.q, trial.timing.time, output)
+        if trial.command.status == "solved" and after is not None and not check_executed(trial.task, after):
             note = (f"The run is up to {slower.pace.max():.3g} times slower where the drives as identified would take "
                     f"the tip beyond the tolerance ({1e3 * executed.most:.3g} mm, now {1e3 * after.most:.3g}).")
             return replace(trial, notes=(*trial.notes, note)), strategy, after
@@ -355,7 +355,7 @@ def _write_follower(
         fitted = fit_moves(program)
         arm = build_arm(believed)
         zones, stated, _ = find_zones(fitted.program, zone)
-        nodes, rows = lay_moves(fitted, q, arm, zones)
+        nodes, rows = build_moves(fitted, q, arm, zones)
         path = build_path(nodes, arm, motion.blend_share)
         schedule = schedule_path(path, motion)
         step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing, cutting_runs, parameter_steps, time_command
 from compplan.robot import Array, Robot
-from compplan.simulation.judge import build_judge
+from compplan.simulation.exact import build_exact_robot
 from compplan.statics.chain import build_chain, locate_frames
 
 #: Torque left to move with where the static load alone is beyond a limit, as a share of the load.
@@ -26,7 +26,7 @@ STATIC_ROOM = 1.05
 
 
 @dataclass(frozen=True)
-class FeedWish:
+class FeedRequest:
     """What the process asks of the feed.
 
     Attributes:
@@ -60,7 +60,7 @@ class ConstantFeed:
 
 
 def time_run(
-    task: PlanTask, q: Array, wish: FeedWish, slow: Array | None = None
+    task: PlanTask, q: Array, wish: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
     """Time a command as the process asks.
 
@@ -139,7 +139,7 @@ class TorqueRules:
 
     def __init__(self, robot: Robot, q: Array, wrench: Array) -> None:
         weighed = replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81]))
-        rigid = build_judge(weighed, standing=True)
+        rigid = build_exact_robot(weighed, standing=True)
         if robot.ground:
             turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
             wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])

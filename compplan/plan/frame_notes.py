@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array

@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.io.notes import Stop
 from compplan.job.job import Job
-from compplan.plan.bending import Bending
+from compplan.plan.deflection import Bending
 from compplan.plan.frame_notes import describe_frames
 from compplan.plan.outside import describe_outside
 from compplan.plan.slow import describe_causes
@@ -27,7 +27,7 @@ TURNING = ("milling", "end_mill", "drill")
 SWING = 0.5
 
 
-def describe_fading(robot: Robot, share: float) -> str:
+def describe_shrinkage(robot: Robot, share: float) -> str:
     """Say that parts of the robot folder may not hold along the path, and what the plan makes of that."""
     parts = [] if robot.visited is None else robot.visited.parts
     names = ", ".join(dict.fromkeys(part.effect.replace("_", " ") for part in parts))

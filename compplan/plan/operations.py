@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.plan.result import Plan, summarise_plan
 
 #: Words from the best to the worst.

@@ -15,18 +15,19 @@ from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.plan.approach import plan_approach, plan_retract
-from compplan.plan.bending import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.buckling import explain_buckling, find_buckling
 from compplan.plan.chatter_limit import describe_depth_limit
+from compplan.plan.checks import run_checks
+from compplan.plan.deflection import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.plan.evaluate import (
     evaluate_model,
     evaluate_run,
     measure_margins,
 )
-from compplan.plan.executed import drive_within, vote_on_executed
-from compplan.plan.feed import FeedWish, time_run
+from compplan.plan.executed import check_executed, drive_within
+from compplan.plan.feed import FeedRequest, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
-from compplan.plan.notes import describe_fading, describe_left_out, list_notes
+from compplan.plan.notes import describe_left_out, describe_shrinkage, list_notes
 from compplan.plan.path_problem import count_equations
 from compplan.plan.result import Plan
 from compplan.plan.run_meter import BAND_ROWS, RunMeter, spread_tip
@@ -34,23 +35,22 @@ from compplan.plan.sampling import find_contacts, predict_loads, prepare_samplin
 from compplan.plan.strategies.lost_motion import state_sides
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
-from compplan.plan.votes import cast_votes
 from compplan.planning.candidates import better_start
 from compplan.planning.redundancy import Asked
+from compplan.posture.configuration import Preference, check_start
 from compplan.posture.finished import RobotMeasure
-from compplan.posture.keep import Lock, find_kept_start, read_lock
-from compplan.posture.stance import Wish, check_start
-from compplan.posture.start import PostureRequest, Start, check_clearance, read_request, stand
-from compplan.posture.summary import Stance
+from compplan.posture.initial_branches import PostureRequest, Start, check_clearance, read_request, stand
+from compplan.posture.kept_posture import Lock, find_kept_start, read_lock
+from compplan.posture.summary import PostureSummary
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x, tool_axes
 from compplan.toolpath.toolpath import Toolpath, check_toolpath
 from compplan.uncertainty.band import band_radius
-from compplan.uncertainty.fading import fade_robot
 from compplan.uncertainty.posture_errors import posture_errors
-from compplan.uncertainty.slopes import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.sensitivities import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.shrinkage import shrink_robot
 from compplan.uncertainty.touch_off import TouchOff, touch_part
 
 
@@ -84,7 +84,7 @@ class PlanOptions:
 
     strategy: str = "nlp"
     spin_free: bool = True
-    wish: Wish = field(default_factory=Wish)
+    wish: Preference = field(default_factory=Preference)
     max_correction: float = 0.010
     tolerance: float = 1e-4
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
@@ -92,7 +92,7 @@ class PlanOptions:
     acceleration_scale: float = 1.0
     jerk_after: float | None = None
     posture: PostureRequest | None = None
-    feed: FeedWish = field(default_factory=FeedWish)
+    feed: FeedRequest = field(default_factory=FeedRequest)
     law: ForceLaw | None = None
     chord: float | None = None
     inertia: bool = True
@@ -179,7 +179,7 @@ def plan_compensation(
 
 
 def plan_task(
-    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedWish | None = None, job: Job | None = None,
+    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedRequest | None = None, job: Job | None = None,
     progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
 ) -> Plan:  # fmt: skip
     """Let one strategy command a task; time and judge its command; `progress` is told what is being done.
@@ -192,7 +192,7 @@ def plan_task(
     """
     output = output if job is None else job.output
     try:
-        found, strategy, executed = drive_within(task, strategy, feed or FeedWish(), output, progress)
+        found, strategy, executed = drive_within(task, strategy, feed or FeedRequest(), output, progress)
     except ConvergenceError as error:
         raise explain_buckling(task) or error from None
     command, timing, feed_notes = found.command, found.timing, found.notes
@@ -214,8 +214,8 @@ def plan_task(
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
     breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    votes = () if bench.driven is None else cast_votes(bench.driven, after, bending)
-    breaches += (*vote_on_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
+    votes = () if bench.driven is None else run_checks(bench.driven, after, bending)
+    breaches += (*check_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
     told = list_notes(task, timing, bending, job)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
@@ -274,15 +274,15 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         tool_x = np.asarray(options.tool_x, float)
         start = better_start(start, Asked(robot, nominal, tool_x, meter, options.tube))
     task = _state_task(robot, chain, options, start)
-    faded, share = fade_robot(robot, start.q, task.wrench)
+    faded, share = shrink_robot(robot, start.q, task.wrench)
     if faded is robot:
         return task
-    start = replace(start, notes=(*start.notes, describe_fading(robot, share)))
+    start = replace(start, notes=(*start.notes, describe_shrinkage(robot, share)))
     return _state_task(faded, build_chain(faded), options, start)
 
 
 def _time_stance(
-    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: Stance
+    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
 ) -> float:
     """Time the run along a posture before anything is corrected. [s]."""
     task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
@@ -292,13 +292,13 @@ def _time_stance(
         return np.inf
 
 
-def _read_travel(robot: Robot, stance: Stance) -> float:
+def _read_travel(robot: Robot, stance: PostureSummary) -> float:
     """Return the joint travel of a posture. [deg]."""
     return float(stance.costs["joint_travel_deg"])
 
 
 def _measure_band(
-    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: Stance
+    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
 ) -> float:
     """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
     task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
@@ -367,7 +367,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
     return PlanOptions(
         strategy=table.strategy,
         spin_free=table.rotate_about_tool_axis,
-        wish=Wish(words.shoulder, words.elbow, words.wrist, start),
+        wish=Preference(words.shoulder, words.elbow, words.wrist, start),
         max_correction=table.max_correction_mm * 1e-3,
         tolerance=job.strictest_tolerance,
         tool_x=job.tool_x_base,
@@ -375,7 +375,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         acceleration_scale=job.limits.acceleration_scale,
         jerk_after=job.limits.full_acceleration_after_s,
         posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
-        feed=FeedWish(job.feed.mode == "constant", job.feed.torque_limits),
+        feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
         inertia=table.inertia,
         force=read_force_spread(job),
         tube=job.tolerance.tube,

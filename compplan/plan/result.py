@@ -9,29 +9,29 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import ConvergenceError
+from compplan.io.display import Curve, Curves, Shown
 from compplan.io.notes import Stop, list_stops
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_number, format_set_length
-from compplan.io.shown import Curve, Curves, Shown
 from compplan.job.job import Job
 from compplan.plan.approach import Passage
-from compplan.plan.bending import Bending
 from compplan.plan.between import Between
 from compplan.plan.citations import list_citations
+from compplan.plan.deflection import Bending
 from compplan.plan.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
-from compplan.plan.executed import ExecutedPath, judge_executed
+from compplan.plan.executed import ExecutedPath, evaluate_executed
 from compplan.plan.reversals import list_reversals
 from compplan.plan.slow import group_waypoints
 from compplan.plan.task import Command, PlanTask
 from compplan.plan.timing import Timing
-from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, explain_width, judge_keeping
+from compplan.plan.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, check_tolerance, explain_width
 from compplan.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.robot import Array, Robot
-from compplan.simulation.cell import JUDGE
+from compplan.simulation.simulated_robot import JUDGE
 from compplan.statics.chain import locate_frames
-from compplan.uncertainty.band import Promise, promise_path
+from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import read_placement, shift_part
-from compplan.uncertainty.slopes import read_force_spread, stage_path
+from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
 from compplan.version import VERSION
 
 #: Stretches and limits that a sentence lists, and its letters at most.
@@ -81,7 +81,7 @@ class Plan(Shown):
     clearance: ClearanceProfile | None = None
     notes: tuple[str, ...] = ()
     job: Job | None = None
-    learned: Promise | None = None
+    learned: ErrorBand | None = None
 
     @property
     def robot(self) -> Robot:
@@ -114,7 +114,7 @@ class Plan(Shown):
     @cached_property
     def executed(self) -> ExecutedPath | None:
         """Where the controller takes the loaded tip, and what programs hold; None where neither is known."""
-        return judge_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
+        return evaluate_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
 
     @property
     def sent(self) -> Array:
@@ -132,13 +132,13 @@ class Plan(Shown):
         return evaluate_mismatch(self.task, self.q)
 
     @cached_property
-    def promise(self) -> Promise | None:
+    def promise(self) -> ErrorBand | None:
         """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
         if self.learned is not None or self.status == "infeasible":
             return self.learned
         task = self.task
         bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
-        scene = stage_path(task.robot, self.q, task.wrench, task.step_time)
+        scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
         noise = None if self.job is None else self.job.noise
         left, output = self.after.distance, None if self.job is None else self.job.output
         if self.executed is not None:
@@ -152,7 +152,7 @@ class Plan(Shown):
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
         try:
-            return promise_path(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
+            return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
                                 between=bow, motion=self.bending.motion, part=part, touched=task.touched)  # fmt: skip
         except ConvergenceError:
             return None
@@ -165,7 +165,7 @@ class Plan(Shown):
             self.promise, self.job is None or self.job.plan.inertia,
             self.executed is not None and self.executed.known,
         )  # fmt: skip
-        found = judge_keeping(case)
+        found = check_tolerance(case)
         return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
 
     @property
@@ -314,7 +314,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
         **_describe_force(plan),
         **plan.bending.describe(),
-        **summarise_promise(plan.promise),
+        **summarise_band(plan.promise),
         "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
         "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
         "correction_mm": {"max": plan.margins.max_correction * 1e3},
@@ -359,7 +359,7 @@ def _describe_margins(plan: Plan) -> dict[str, Any]:
     }
 
 
-def summarise_promise(promise: Promise | None) -> dict[str, Any]:
+def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
     """Return what plan.json says of the band; nothing where there is none."""
     if promise is None:
         return {}

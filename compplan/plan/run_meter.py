@@ -19,25 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from compplan.effects.scene import Scene
+from compplan.effects.forward_model import ForwardModel
 from compplan.errors import ConvergenceError
-from compplan.plan.bending import measure_motion
-from compplan.plan.feed import FeedWish, TorqueRules, time_run
+from compplan.plan.deflection import measure_motion
+from compplan.plan.feed import FeedRequest, TorqueRules, time_run
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
-from compplan.posture.start import Easing, Start
+from compplan.posture.initial_branches import Easing, Start
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.vibration import Dynamics, build_dynamics
-from compplan.uncertainty.assumed import known_uncertainty
+from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import Slopes, band_radius, split_covariance
-from compplan.uncertainty.slopes import (
+from compplan.uncertainty.sensitivities import (
     ForceSpread,
+    build_path_model,
     measure_force_slopes,
     measure_slopes,
     pick_rows,
-    rest_scene,
-    stage_path,
+    unload_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
@@ -87,7 +87,7 @@ class RunMeter:
 
     """
 
-    wish: FeedWish
+    wish: FeedRequest
     force: ForceSpread
     state: Callable[[Start], PlanTask]
     damping: float
@@ -179,14 +179,14 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
     """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
-    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
-    return _spread_scene(scene, known_uncertainty(task.robot), force, rows, task.touched)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    return _spread_scene(scene, robot_uncertainty(task.robot), force, rows, task.touched)
 
 
 def _spread_scene(
-    scene: Scene, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_], touched: TouchedPart | None
+    scene: ForwardModel, known: Uncertainty, force: ForceSpread, rows: NDArray[np.int_], touched: TouchedPart | None
 ) -> Array:
-    rest = rest_scene(scene, rows)
+    rest = unload_model(scene, rows)
     shared, local = measure_force_slopes(scene, rows, force, rest)
     model = measure_slopes(scene, known.unknowns, rows, rest)
     model = subtract_touch(model, rest.position, touched, known.unknowns)

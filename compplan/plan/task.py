@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.writers.counting import believed_robot
+from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
 from compplan.plan.path_problem import PathProblem
-from compplan.posture.start import Start
+from compplan.posture.initial_branches import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.plan.bending import Bending
+from compplan.plan.deflection import Bending
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
-from compplan.uncertainty.band import CAUSES, Promise
+from compplan.uncertainty.band import CAUSES, ErrorBand
 
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
@@ -67,7 +67,7 @@ class Case:
     explained: str
     left: Array
     bending: Bending
-    promise: Promise | None
+    promise: ErrorBand | None
     inertia_wanted: bool = True
     traced: bool = False
 
@@ -154,7 +154,7 @@ class ToleranceVerdict:
         return tuple(lines)
 
 
-def judge_keeping(case: Case) -> ToleranceVerdict:
+def check_tolerance(case: Case) -> ToleranceVerdict:
     """Judge whether the part may be expected within its tolerance."""
     tolerance, promise = case.task.tolerance, case.promise
     missing = find_missing(case)
@@ -171,11 +171,11 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
         if missing:
             return _not_known(case, *missing, promise, share)
         basis, cause = describe_basis(promise), find_cause(case, promise)
-        sentence = f"Keeps {say_tolerance(case.task)}: with 95 % the tip stays within {_mm(promise.whole)}"
+        sentence = f"Keeps {describe_tolerance(case.task)}: with 95 % the tip stays within {_mm(promise.whole)}"
         sentence += " along the whole cut"
         if case.task.allowed is not None:
             sentence += f", and uses {_percent(float(use[cut].max()))} of the tolerance at most"
-        sentence += f" ({basis}).{say_inertia(case)}"
+        sentence += f" ({basis}).{describe_inertia(case)}"
         return ToleranceVerdict(
             KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
         )
@@ -184,7 +184,7 @@ def judge_keeping(case: Case) -> ToleranceVerdict:
     return _may_not_keep(case, promise, beyond, share)
 
 
-def use_tolerance(task: PlanTask, promise: Promise) -> Array:
+def use_tolerance(task: PlanTask, promise: ErrorBand) -> Array:
     """Return the share of its tolerance that the band of the whole path uses at each waypoint. Shape (n,)."""
     if task.allowed is None:
         return promise.along / task.tolerance
@@ -192,7 +192,7 @@ def use_tolerance(task: PlanTask, promise: Promise) -> Array:
     return task.allowed.use_of_band(promise.along, promise.covariance, mean)
 
 
-def say_tolerance(task: PlanTask) -> str:
+def describe_tolerance(task: PlanTask) -> str:
     """Say the tolerance, or the range of those across the travel where parts of the cut have their own."""
     if task.allowed is None:
         return _mm(task.tolerance)
@@ -203,7 +203,7 @@ def say_tolerance(task: PlanTask) -> str:
     return f"{span}{_mm(sizes.max())}{more}"
 
 
-def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
+def _may_not_keep(case: Case, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
     tolerance, length = case.task.tolerance, case.task.nominal.arc_length
     where = find_stretches(beyond, length, promise.along)
     cause = find_cause(case, promise)
@@ -214,12 +214,12 @@ def _may_not_keep(case: Case, promise: Promise, beyond: NDArray[np.bool_], share
     off += f" of the cut, most of all {1e3 * length[widest]:.4g} mm along the path"
     if case.task.allowed is not None:
         off += f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)"
-    sentence = f"May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
-    sentence += "" if change == LET_COMPENSATE else say_inertia(case)
+    sentence = f"May not keep {describe_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
+    sentence += "" if change == LET_COMPENSATE else describe_inertia(case)
     if case.status != "solved":
         change = SETTLE
         head = f"Do not start: the plan is {case.explained}. {SETTLE}"
-        sentence = f"{head} May not keep {say_tolerance(case.task)}: {off}. Largest cause: {cause}."
+        sentence = f"{head} May not keep {describe_tolerance(case.task)}: {off}. Largest cause: {cause}."
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
         list_left_out(case),
@@ -233,19 +233,24 @@ def _no_solution(case: Case) -> ToleranceVerdict:
     change = "Move the part (compplan place JOB), or allow more."
     first = f" (the first is waypoint {min(case.failures)})" if case.failures else ""
     sentence = (
-        f"Do not start: there is no solution. May not keep {say_tolerance(case.task)}: {len(case.failures)} waypoints "
+        f"Do not start: there is no solution. May not keep {describe_tolerance(case.task)}: "
+        f"{len(case.failures)} waypoints "
         f"are not reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND[0].upper()}{NO_BAND[1:]}."
-        f"{say_inertia(case)}"
+        f"{describe_inertia(case)}"
     )
     return ToleranceVerdict(
         MAY_NOT_KEEP, sentence, case.task.tolerance, None, None, (), cause, change, "", list_left_out(case)
     )
 
 
-def _not_known(case: Case, missing: str, change: str, promise: Promise | None, share: float | None) -> ToleranceVerdict:
+def _not_known(
+    case: Case, missing: str, change: str, promise: ErrorBand | None, share: float | None
+) -> ToleranceVerdict:
     tolerance, basis = case.task.tolerance, "" if promise is None else describe_basis(promise)
     band = None if promise is None else promise.whole
-    sentence = f"Not known whether it keeps {say_tolerance(case.task)}: {missing}. {change}{say_inertia(case)}"
+    sentence = (
+        f"Not known whether it keeps {describe_tolerance(case.task)}: {missing}. {change}{describe_inertia(case)}"
+    )
     if case.status != "solved":
         sentence = f"Do not start. {sentence}"
     return ToleranceVerdict(
@@ -263,14 +268,14 @@ def find_missing(case: Case) -> tuple[str, str] | None:
     return None
 
 
-def find_cause(case: Case, promise: Promise) -> str:
+def find_cause(case: Case, promise: ErrorBand) -> str:
     """Name what makes the band widest where it is widest."""
     left = float(case.left[promise.widest])
     causes = {**promise.causes, "what the plan itself leaves": left}
     return max(causes, key=lambda name: causes[name])
 
 
-def find_change(case: Case, promise: Promise, cause: str) -> str:
+def find_change(case: Case, promise: ErrorBand, cause: str) -> str:
     """Say what would change the verdict."""
     if cause == "inertia and vibration" and not case.inertia_wanted:
         return LET_COMPENSATE
@@ -284,7 +289,7 @@ def find_change(case: Case, promise: Promise, cause: str) -> str:
     return MEASURE
 
 
-def describe_basis(promise: Promise) -> str:
+def describe_basis(promise: ErrorBand) -> str:
     """Say what the band rests on, in a few words."""
     robot = "measured" if promise.known.grade == "measured" else "assumed"
     force = "assumed" if "assumed" in promise.force.source else "stated"
@@ -296,7 +301,7 @@ def describe_basis(promise: Promise) -> str:
     return f"{said}; the force is {force}"
 
 
-def explain_width(promise: Promise | None, nominal: float) -> str:
+def explain_width(promise: ErrorBand | None, nominal: float) -> str:
     """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
     if promise is None or promise.greatest <= WIDE * nominal:
         return ""
@@ -308,7 +313,7 @@ def explain_width(promise: Promise | None, nominal: float) -> str:
     )
 
 
-def say_inertia(case: Case) -> str:
+def describe_inertia(case: Case) -> str:
     """Say that inertia is left alone where the job wants it so, "" otherwise."""
     if case.inertia_wanted or not np.isfinite(case.bending.inertia):
         return ""

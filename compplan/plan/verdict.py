@@ -1,7 +1,7 @@
 """The judge's vote: what a plan has to show before it says "solved".
 
-The judge reads robot folder and tool by itself (`compplan.simulation.reading`) and brings the loaded tool to rest at
-and between waypoints. Limits are held on the timed path by differences.
+The judge reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded tool to rest
+at and between waypoints. Limits are held on the timed path by differences.
 """
 
 from __future__ import annotations
@@ -13,20 +13,26 @@ import numpy as np
 import pinocchio as pin
 
 from compplan.job.job import Job
-from compplan.plan.bending import FOLLOWED, find_runs
 from compplan.plan.between import Between, divide_times, insert_between, judged_moves
+from compplan.plan.checks import Driven
+from compplan.plan.deflection import FOLLOWED, find_runs
 from compplan.plan.evaluate import Evaluation, Margins, find_part
 from compplan.plan.strategies.limits import AT_CORRECTION
 from compplan.plan.task import Command, PlanTask, attain_rows
 from compplan.plan.timing import Timing, find_slowdown
-from compplan.plan.votes import Driven
 from compplan.robot import Array
-from compplan.simulation.cell import AS_MODELLED, Cell, build_cell, run_cell, touch_cell
-from compplan.simulation.inertia import average_loads, load_springs, stand_stiff
-from compplan.simulation.judge import Judge
-from compplan.simulation.reading import read_judge
+from compplan.simulation.exact import ExactRobot
+from compplan.simulation.exact_model import read_exact_robot
+from compplan.simulation.inertia import average_loads, load_springs, solve_rigid
+from compplan.simulation.simulated_robot import (
+    AS_MODELLED,
+    SimulatedRobot,
+    build_simulated_robot,
+    run_simulated_robot,
+    touch_cell,
+)
 from compplan.simulation.vibration import build_dynamics
-from compplan.uncertainty.fading import has_faded
+from compplan.uncertainty.shrinkage import has_faded
 
 #: Rounding that limits on the timed path leave.
 ROUNDING = 1.001
@@ -45,7 +51,7 @@ class Bench:
     `driven` is what else is checked, None for robots and paths in memory.
     """
 
-    cell: Cell
+    cell: SimulatedRobot
     wrench: Array
     bias: Array | None = None
     driven: Driven | None = None
@@ -55,21 +61,21 @@ def set_up_bench(task: PlanTask, q: Array, timing: Timing, job: Job | None) -> B
     """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
     if job is None or task.robot.folder is None or job.mounted is not None:
         bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
-        return Bench(find_part(task, build_cell(task.robot)), task.wrench, bias)
+        return Bench(find_part(task, build_simulated_robot(task.robot)), task.wrench, bias)
     tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
     if has_faded(task.robot):  # no file holds it
-        cell, moving = find_part(task, build_cell(task.robot)), build_dynamics(task.robot).standing
+        cell, moving = find_part(task, build_simulated_robot(task.robot)), build_dynamics(task.robot).standing
     else:
-        cell = Cell(AS_MODELLED, task.robot, read_judge(Path(task.robot.folder), tool))
-        moving = read_judge(Path(task.robot.folder), tool, moving=True)
+        cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(Path(task.robot.folder), tool))
+        moving = read_exact_robot(Path(task.robot.folder), tool, moving=True)
         if task.touched is not None:
-            believed = read_judge(Path(task.robot.folder), tool, geometry="controller.urdf")
-            cell = touch_cell(cell, task.touched.q, stand_stiff(believed, task.touched.q)[0])
+            believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
+            cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
     bias = _load_springs(task, moving, timing.time) if task.inertia else None
     return Bench(cell, task.wrench, bias, Driven(task, q, timing.time, job, cell.judge, moving))
 
 
-def _load_springs(task: PlanTask, moving: Judge, time: Array) -> Array:
+def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
     rests = np.zeros(len(task), bool) if task.rests is None else task.rests
     loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
@@ -96,13 +102,16 @@ def find_breaches(
     use = np.where(after.cut, task.use_tolerance(after.deviation), 0.0)
     if use.max() > 1.0:
         worst = int(use.argmax())
-        breaches.append(f"the independent check finds the loaded tip "
-                        f"{_mm(after.distance[worst])} off the path at waypoint {worst}")
+        breaches.append(
+            f"the independent check finds the loaded tip {_mm(after.distance[worst])} off the path at waypoint {worst}"
+        )
     apart, worst = compare_models(task, command.q, after)
     if apart > AGREED + AGREED_SHARE * tolerance:
-        breaches.append(f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
-                        f"at waypoint {worst}: one of them misreads the robot, the tool or the load")
-    judged, move = judge_between(task, command.q, between, bench)
+        breaches.append(
+            f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
+            f"at waypoint {worst}: one of them misreads the robot, the tool or the load"
+        )
+    judged, move = evaluate_between(task, command.q, between, bench)
     strays = move >= 0 and judged > task.move_tolerance[move]
     if strays:
         breaches.append(f"the independent check finds the loaded tip {_mm(judged)} off the path after waypoint {move}")
@@ -136,7 +145,7 @@ def compare_models(task: PlanTask, q: Array, after: Evaluation) -> tuple[float, 
     return float(apart.max()), int(rows[apart.argmax()])
 
 
-def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
+def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
     """Let the judge bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
 
     Returns:
@@ -154,9 +163,11 @@ def judge_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> t
     if task.robot.effects:  # they see the whole path in order
         path, load = insert_between(q, half[0], moves, 0.5), insert_between(bench.wrench, half[1], moves, 0.5)
         more = None if bench.bias is None or bias is None else insert_between(bench.bias, bias, moves, 0.5)
-        tip = run_cell(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[2 * moves + 1]
+        tip = run_simulated_robot(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[
+            2 * moves + 1
+        ]
     else:
-        tip = run_cell(bench.cell, half[0], half[1], bias=bias).position
+        tip = run_simulated_robot(bench.cell, half[0], half[1], bias=bias).position
     path = task.programmed
     start, along = path[moves], path[moves + 1] - path[moves]
     square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
@@ -185,7 +196,7 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     return found
 
 
-def hold_load(judge: Judge, q: Array, wrench: Array) -> Array:
+def hold_load(judge: ExactRobot, q: Array, wrench: Array) -> Array:
     """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
     data, model = judge.model.createData(), judge.model
     rigid = q @ judge.commanded.T + judge.shift

@@ -16,7 +16,7 @@ from compplan.plan.run_meter import RunMeter, TimedStart
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import cutting_runs, time_rapids
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
-from compplan.posture.start import Bettered, Start, find_plain, stand
+from compplan.posture.initial_branches import Bettered, Start, find_plain, stand
 
 LOG = logging.getLogger(__name__)
 

@@ -34,16 +34,16 @@ from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.problem import PlanningProblem
 from compplan.posture.clearance import sweep_margin
 from compplan.posture.collision_scene import CollisionScene
+from compplan.posture.initial_branches import PostureRequest, Start, stand
 from compplan.posture.lattice import orient_tool
-from compplan.posture.start import PostureRequest, Start, stand
-from compplan.posture.summary import Stance, summarise_costs
+from compplan.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
-from compplan.uncertainty.assumed import known_uncertainty
-from compplan.uncertainty.slopes import pick_rows
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.sensitivities import pick_rows
 
 LOG = logging.getLogger(__name__)
 
@@ -123,7 +123,7 @@ class Asked:
     tube: float = 0.0
 
 
-def find_free(task: PlanTask, stance: Stance, asked: Asked) -> Free | None:
+def find_free(task: PlanTask, stance: PostureSummary, asked: Asked) -> Free | None:
     """Find what a stance leaves free; None where nothing is, or where the path has no run to shape."""
     settings, arm, robot = stance.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
@@ -188,7 +188,7 @@ def read_band(task: PlanTask, meter: RunMeter, rows: NDArray[np.int_]) -> BandLi
         rows: Stations. Shape (k,).
 
     """
-    chain, robot, known = task.chain, task.robot, known_uncertainty(task.robot)
+    chain, robot, known = task.chain, task.robot, robot_uncertainty(task.robot)
     zeros, turns, springs = np.zeros(len(chain.names)), np.zeros(len(chain.names)), np.zeros(chain.n_springs)
     element, at = dict(zip(robot.joint_names, chain.joint_elements.tolist(), strict=True)), 0
     for unknown in known.unknowns:
@@ -257,7 +257,7 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
 
 
 def _follow(
-    task: PlanTask, stance: Stance, asked: Asked, free: Free, solution: Solution, request: PostureRequest
+    task: PlanTask, stance: PostureSummary, asked: Asked, free: Free, solution: Solution, request: PostureRequest
 ) -> Start | None:
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
@@ -304,7 +304,7 @@ def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
 
 
 def _read_angles(
-    task: PlanTask, stance: Stance, asked: Asked, free: Free, rotation: Array
+    task: PlanTask, stance: PostureSummary, asked: Asked, free: Free, rotation: Array
 ) -> tuple[Array, Array, Array]:
     """Return by how much spin, lead and lean of attained orientations differ from those of the start. Shapes (k,)."""
     place, every = task.origin[free.rows], np.arange(len(stance.spin))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from compplan.errors import InputError
-from compplan.posture.stance import choose_posture
-from compplan.posture.start import Start
+from compplan.posture.configuration import choose_posture
+from compplan.posture.initial_branches import Start
 from compplan.posture.summary import summarise_costs
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
 from compplan.posture.costs import Weights, choose_weights
-from compplan.posture.finished import Meter, RobotMeasure, choose_finished, find_meter, measure_stance
+from compplan.posture.default_posture import MARGIN_SAMPLES, solve_default_posture
+from compplan.posture.finished import Meter, RobotMeasure, choose_finished, find_meter, measure_posture
 from compplan.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -27,10 +28,9 @@ from compplan.posture.lattice import (
     pick_stations,
 )
 from compplan.posture.motion import price_motion
-from compplan.posture.plain import MARGIN_SAMPLES, stand_plainly
 from compplan.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.posture.settings import PostureSettings
-from compplan.posture.summary import PostureMap, Stance, mark_collisions, slice_map, summarise_costs
+from compplan.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
 from compplan.posture.trace import PostureTrace, trace_line
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -82,11 +82,11 @@ class Task:
     meter: Meter | None = None
 
 
-def choose_stance(
+def choose_posture_path(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
     axes: Array | None = None, margin: Margin | None = None,
     measures: Mapping[str, RobotMeasure] | None = None,
-) -> Stance:  # fmt: skip
+) -> PostureSummary:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
     Args:
@@ -121,7 +121,7 @@ def choose_stance(
     return stance
 
 
-def _choose_line(task: Task) -> Stance:
+def _choose_line(task: Task) -> PostureSummary:
     """Choose by the graph, with more stations where its way cannot be followed between them."""
     settings, nominal = task.settings, task.nominal
     follow = follow_axis(task.arm, nominal)
@@ -147,7 +147,7 @@ def _choose_line(task: Task) -> Stance:
 
 def _choose_at(
     task: Task, stations: NDArray[np.int_], follow: Array | None
-) -> tuple[Stance, NDArray[np.int_]]:
+) -> tuple[PostureSummary, NDArray[np.int_]]:
     """Choose at the given stations; return the stance and the waypoints between where it fails."""
     settings, robot = task.settings, task.robot
     rungs = measure_rungs(
@@ -183,7 +183,7 @@ def _choose_at(
     picture: PostureMap = slice_map(coarse, line, chosen, fine.options, task.nominal, rungs.cut_share)
     if task.margin is not None and not bad.any():
         picture = mark_collisions(picture, task.margin)
-    stance = Stance(
+    stance = PostureSummary(
         q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
         weights=weights, settings=settings,
@@ -215,7 +215,7 @@ def _drop_near_limits(lattice: Lattice) -> Lattice:
     return replace(lattice, reason=reason)
 
 
-def _prefer_still(task: Task, stance: Stance) -> Stance:
+def _prefer_still(task: Task, stance: PostureSummary) -> PostureSummary:
     """Keep one configuration and the tool's x where the job has it, unless the choice is better by what it is for.
 
     Both finished postures are weighed as they are, by the measure of the preset (`measure_choice`). The plain one has
@@ -227,11 +227,11 @@ def _prefer_still(task: Task, stance: Stance) -> Stance:
     leans = np.abs(np.stack([stance.spin, stance.lead, stance.lean])).max()
     if leans < STILL and not stance.changes and not len(task.arm.held):  # the choice is the plain posture itself
         return replace(stance, plain=stance.costs)
-    still = stand_plainly(robot, nominal, task.tool_x, stance, task.axes, task.margin)
+    still = solve_default_posture(robot, nominal, task.tool_x, stance, task.axes, task.margin)
     if still is None:
         return stance
     chosen = stance.costs
-    still = measure_stance(still, task.meter, "one configuration, tool x fixed" if stance.compared else "")
+    still = measure_posture(still, task.meter, "one configuration, tool x fixed" if stance.compared else "")
     costs = still.costs
     still, stance = replace(still, plain=costs), replace(stance, plain=costs)
     for name, asked in (("limit_distance_deg", np.degrees(settings.limit_margin)),

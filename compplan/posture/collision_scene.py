@@ -120,7 +120,7 @@ def build_scene(
     return _leave_out_touching(scene)
 
 
-def load_scene(job: Job, robot: Robot) -> CollisionScene | None:
+def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
     """Build the scene that a job describes; None where it has no table [collision].
 
     Raises:

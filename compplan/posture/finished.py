@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from compplan.errors import InfeasibleError
-from compplan.posture.summary import Stance
+from compplan.posture.summary import PostureSummary
 from compplan.robot import Robot
 
 #: Presets whose finished postures are measured beside that of a preset.
@@ -26,7 +26,7 @@ WORDS = {
 #: Postures whose measures differ by less than this share tie.
 TIED = 1e-3
 #: Measures a finished posture of the robot that is searched, such as the time of its run. [s, mm, deg]
-RobotMeasure = Callable[[Robot, Stance], float]
+RobotMeasure = Callable[[Robot, PostureSummary], float]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Meter:
     """What finished postures are compared by: the cost's name with its unit, and how it is worked out."""
 
     cost: str
-    measure: Callable[[Stance], float]
+    measure: Callable[[PostureSummary], float]
 
 
 def find_meter(robot: Robot, preset: str, measures: Mapping[str, RobotMeasure]) -> Meter | None:
@@ -52,7 +52,7 @@ def find_meter(robot: Robot, preset: str, measures: Mapping[str, RobotMeasure]) 
     return Meter(cost, lambda stance: measures[cost](robot, stance))
 
 
-def measure_stance(stance: Stance, meter: Meter | None, name: str = "") -> Stance:
+def measure_posture(stance: PostureSummary, meter: Meter | None, name: str = "") -> PostureSummary:
     """Return a posture whose costs hold what it is compared by; as it is without a measure.
 
     Args:
@@ -68,7 +68,7 @@ def measure_stance(stance: Stance, meter: Meter | None, name: str = "") -> Stanc
     return replace(stance, costs={**stance.costs, meter.cost: value}, compared=compared, compared_by=meter.cost)
 
 
-def choose_finished(choose: Callable[[str], Stance], preset: str, meter: Meter) -> Stance:
+def choose_finished(choose: Callable[[str], PostureSummary], preset: str, meter: Meter) -> PostureSummary:
     """Choose the best of the postures that several presets find.
 
     Args:
@@ -80,10 +80,10 @@ def choose_finished(choose: Callable[[str], Stance], preset: str, meter: Meter) 
         InfeasibleError: If the preset that was asked for finds none.
 
     """
-    found = [measure_stance(choose(preset), meter, preset)]
+    found = [measure_posture(choose(preset), meter, preset)]
     for other in BESIDE[preset]:
         try:
-            found.append(measure_stance(choose(other), meter, other))
+            found.append(measure_posture(choose(other), meter, other))
         except InfeasibleError:
             continue
     compared = {name: value for stance in found for name, value in stance.compared.items()}
@@ -91,7 +91,7 @@ def choose_finished(choose: Callable[[str], Stance], preset: str, meter: Meter) 
     return replace(best, settings=found[0].settings, compared=compared)
 
 
-def describe_finished(stance: Stance) -> str:
+def describe_finished(stance: PostureSummary) -> str:
     """Say what the postures come to that were compared, "" where none were."""
     if len(stance.compared) < 2:
         return ""

@@ -12,8 +12,8 @@ import numpy as np
 
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
+from compplan.posture.initial_branches import read_request
 from compplan.posture.place import Rater
-from compplan.posture.start import read_request
 from compplan.robot import Array, Robot
 
 #: Distances and heights of the path's middle that are tried, as shares of the length of the stretched links.

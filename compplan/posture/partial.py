@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.posture.choose import NODE_BUDGET, choose_stance
+from compplan.posture.choose import NODE_BUDGET, choose_posture_path
 from compplan.posture.follow import reach_with_all
 from compplan.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
 from compplan.posture.settings import PostureSettings
-from compplan.posture.summary import Stance
+from compplan.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm
@@ -137,14 +137,14 @@ def _find_stretches(
 
 def _choose_stretch(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array, first: int, last: int
-) -> tuple[int, Stance] | None:
+) -> tuple[int, PostureSummary] | None:
     """Choose for a stretch; where no motion leads along it, for its longer part."""
     for _ in range(ATTEMPTS):
         if last - first < SHORTEST:
             return None
         part = select_waypoints(nominal, np.arange(first, last + 1))
         try:
-            return first, choose_stance(robot, part, tool_x, settings, axes=axes)
+            return first, choose_posture_path(robot, part, tool_x, settings, axes=axes)
         except InfeasibleError as error:
             stops = first + min(error.waypoints, default=0)
         if stops - first >= last - stops:
@@ -206,7 +206,7 @@ def _find_shift(
                 continue
             tried += 1
             try:
-                stance = choose_stance(robot, moved, tool_x, settings, axes=axes)
+                stance = choose_posture_path(robot, moved, tool_x, settings, axes=axes)
                 if not stance.missed.any():
                     return np.asarray(length * direction)
             except InfeasibleError:

@@ -19,14 +19,14 @@ from compplan.errors import InfeasibleError, InputError
 from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
-from compplan.posture.choose import choose_stance
+from compplan.posture.choose import choose_posture_path
 from compplan.posture.clearance import measure_margin
 from compplan.posture.costs import ErrorModel, measure_nodes
+from compplan.posture.initial_branches import read_request
 from compplan.posture.lattice import build_options, follow_axis, orient_tool, pick_stations
 from compplan.posture.search import measure_rungs
 from compplan.posture.settings import PostureSettings
-from compplan.posture.start import read_request
-from compplan.posture.summary import Stance
+from compplan.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import Arm, build_arm, solve_branches
@@ -79,8 +79,8 @@ class PlaceResult:
     position: Array
     turn: float
     base_height: float
-    stance: Stance
-    before: Stance | None
+    stance: PostureSummary
+    before: PostureSummary | None
     ratings: tuple[Ratings, ...]
     here: Array
 
@@ -133,7 +133,7 @@ def place_part(
     candidates.sort(key=lambda entry: entry[0])
     trial = Trial(job, robot, errors)
     stance, position, turn = _decide(trial, candidates)
-    before = trial.stance_at(here, 0.0)
+    before = trial.posture_at(here, 0.0)
     if before is not None and _rank(before) <= _rank(stance):
         stance, position, turn = before, here, 0.0
     low, high = (v * 1e-3 for v in job.place.base_height_mm)
@@ -299,7 +299,7 @@ class Trial:
     robot: Robot
     errors: ErrorModel | None
 
-    def stance_at(self, place: Array, turn: float) -> Stance | None:
+    def posture_at(self, place: Array, turn: float) -> PostureSummary | None:
         """Search the posture with the part at a place; None where nothing leads along the path."""
         moved = _move_job(self.job, place, turn)
         nominal, request = load_nominal(moved), read_request(moved, self.robot, self.errors)
@@ -310,7 +310,7 @@ class Trial:
             return measure_margin(scene, q, request.wanted)
 
         try:
-            return choose_stance(
+            return choose_posture_path(
                 self.robot, nominal, moved.tool_x_base, request.settings, axes=request.axes,
                 margin=None if scene is None else margin,
             )  # fmt: skip
@@ -318,14 +318,14 @@ class Trial:
             return None
 
 
-def _rank(stance: Stance) -> float:
+def _rank(stance: PostureSummary) -> float:
     """Return what places are compared by: the remaining deviation [mm]."""
     return stance.costs["sensitivity_rms_mm"]
 
 
-def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple[Stance, Array, float]:
+def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple[PostureSummary, Array, float]:
     """Search postures at the best places that lie apart, and take the best."""
-    best: tuple[Stance, Array, float] | None = None
+    best: tuple[PostureSummary, Array, float] | None = None
     tried: list[tuple[Array, float]] = []
     for bound, place, turn in candidates:
         if any(np.linalg.norm(place - p) < 0.4e-3 * trial.job.place.step_mm and turn == t for p, t in tried):
@@ -335,7 +335,7 @@ def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple
         if len(tried) >= 5 * TRIED:
             break
         tried.append((place, turn))
-        stance = trial.stance_at(place, turn)
+        stance = trial.posture_at(place, turn)
         if stance is not None and (best is None or _rank(stance) < _rank(best[0])):
             best = stance, place, turn
     if best is None:

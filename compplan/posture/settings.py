@@ -107,12 +107,12 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         singularity_margin=table.singularity_margin,
         energy=table.energy,
         limit_margin=float(np.radians(table.limit_margin_deg)),
-        motion=_read_motion(job, robot) if errors is None else _leave_to_promise(_read_motion(job, robot)),
+        motion=_read_motion(job, robot) if errors is None else _leave_to_band(_read_motion(job, robot)),
         errors=errors,
     )
 
 
-def _leave_to_promise(figures: MotionFigures) -> MotionFigures:
+def _leave_to_band(figures: MotionFigures) -> MotionFigures:
     """Gear error and lost motion are errors of the promise: motion pays for inertia alone."""
     return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
 

@@ -55,7 +55,7 @@ class PostureMap:
 
 
 @dataclass(frozen=True)
-class Stance:
+class PostureSummary:
     """How the robot stands along a path before anything is corrected.
 
     Attributes:

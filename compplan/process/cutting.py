@@ -14,13 +14,13 @@ from pydantic import Field, field_validator, model_validator
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.io.tomlfile import StrictTable
-from compplan.process.blank import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
+from compplan.process.engagement_search import find_engagement
 from compplan.process.materials import MATERIALS, Coefficients
-from compplan.process.meeting import find_engagement
 from compplan.process.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.process.stock import StockColumns
+from compplan.process.stock_table import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
 from compplan.toolpath.contact import ForceTable
 from compplan.toolpath.toolpath import Toolpath, interpolate
 
@@ -75,7 +75,7 @@ class CuttingTable(ForceTable):
     spindle_rpm: float = Field(gt=0.0, le=2e5)
     flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
-    materials: str | None = None  # a file of the user's own, see `compplan.process.library`
+    materials: str | None = None  # a file of the user's own, see `compplan.process.material_library`
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None

@@ -1,4 +1,4 @@
-"""Base of the two ways to find the engaged part of a cutter's edge, see `compplan.process.meeting`."""
+"""Base of the two ways to find the engaged part of a cutter's edge, see `compplan.process.engagement_search`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import Array
+from compplan.process.cut_surface import NOTHING, CutSurface
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import outward_speed
 from compplan.process.stock import StockColumns
-from compplan.process.wake import NOTHING, Wake
 
 #: Outward speed as a share of the feed below which the surface only slides. A tool's own floor is none of it.
 SLIDES = 1e-6
@@ -22,7 +22,7 @@ class EdgeSolver:
     """Compares the edge of a cutter with what earlier moves left of the stock."""
 
     cutter: Cutter
-    wake: Wake
+    wake: CutSurface
     stock: StockColumns
     position: Array
     start: Array

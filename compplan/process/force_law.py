@@ -9,11 +9,11 @@ import numpy as np
 
 from compplan.io.tables import Array
 from compplan.process.cutting import CuttingForce, CuttingTable
-from compplan.process.force_lesson import LearnedForce
 from compplan.process.force_models.columns import ColumnsProcess
 from compplan.process.force_models.constant import ConstantProcess
 from compplan.process.force_models.milling import MillingProcess
-from compplan.process.process import Process, predict_wrench
+from compplan.process.learned_force import LearnedForce
+from compplan.process.wrench import Process, predict_wrench
 from compplan.toolpath.contact import PathForceTable
 from compplan.toolpath.toolpath import Toolpath
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
-from compplan.io.origin import note_input
+from compplan.io.provenance import note_input
 from compplan.io.tables import Array
 
 #: Cells of the height map of a mesh at most, and columns across its smaller side.

@@ -12,9 +12,9 @@ from compplan.reporting.page import Block, Chart, Column, Columns, Fold, PageTab
 from compplan.reporting.style import AFTER, NEUTRAL, format_number, format_percent
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.answer.accuracy import Learning
-    from compplan.diagnosis.answer.assessment import Assessment
-    from compplan.diagnosis.answer.calibration import Correction, Pose
+    from compplan.diagnosis.results.accuracy import Learning
+    from compplan.diagnosis.results.assessment import Assessment
+    from compplan.diagnosis.results.calibration import Correction, Pose
 
 #: Regions that are listed as the worst.
 WORST_REGIONS = 3
@@ -65,7 +65,7 @@ def _more_poses(learning: Learning | None) -> list[Block]:
     if learning is None:
         return ["Too few poses, or nothing delivered: what more poses would bring is not known."]
 
-    from compplan.diagnosis.answer.accuracy import MORE
+    from compplan.diagnosis.results.accuracy import MORE
 
     count = np.linspace(min(learning.poses), learning.now + 2 * MORE, 60)
     figure = go.Figure()

@@ -9,11 +9,11 @@ import numpy as np
 
 from compplan.learning.campaign import MANY, PoseCampaign
 from compplan.reporting import figure as go
-from compplan.reporting.openings import open_campaign
 from compplan.reporting.page import Block, Chart, Column, Columns, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.path_scene import draw_cell
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.style import AFTER, CATEGORIES, TOLERANCE, format_length, format_percent
+from compplan.reporting.summaries import open_campaign
 from compplan.robot import Array
 
 

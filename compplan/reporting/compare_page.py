@@ -10,11 +10,10 @@ import numpy as np
 
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import FLOOR, place_stations
-from compplan.reporting.openings import choose_best, join_names, open_comparison
 from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.panels import draw_panels, measure_panels
 from compplan.reporting.provenance import describe_grade, describe_robot, list_assumptions
-from compplan.reporting.strategy_words import colour_strategies, name_strategy
+from compplan.reporting.strategy_text import colour_strategies, name_strategy
 from compplan.reporting.style import (
     CATEGORIES,
     TOLERANCE,
@@ -24,6 +23,7 @@ from compplan.reporting.style import (
     format_set_length,
     format_set_value,
 )
+from compplan.reporting.summaries import choose_best, join_names, open_comparison
 
 if TYPE_CHECKING:
     from compplan.plan.compare import Comparison

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.shown import Curves, pick_style
+from compplan.io.display import Curves, pick_style
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import below, outline_below
 from compplan.reporting.thinning import thin_rows

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.answer.shares import CALIBRATION
+from compplan.diagnosis.results.shares import CALIBRATION
 from compplan.reporting.calibration_section import show_calibration
-from compplan.reporting.diagnosis_words import (
+from compplan.reporting.diagnosis_text import (
     describe_counting,
     describe_how_far,
     describe_structure,
@@ -20,7 +20,7 @@ from compplan.reporting.diagnosis_words import (
     describe_which,
     reaches_noise,
 )
-from compplan.reporting.effect_words import describe_change, describe_parameters, name_effect
+from compplan.reporting.effect_text import describe_change, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
     chart_candidates,
     draw_factors,
@@ -30,17 +30,17 @@ from compplan.reporting.gap_figures import (
     draw_together,
     draw_traces,
 )
-from compplan.reporting.openings import open_diagnosis
 from compplan.reporting.page import Block, Chart, Column, Columns, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.path_scene import describe_magnification
 from compplan.reporting.provenance import describe_grade, describe_robot
 from compplan.reporting.style import format_number, format_percent
+from compplan.reporting.summaries import open_diagnosis
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.answer.assessment import Assessment
-    from compplan.diagnosis.answer.result import Diagnosis
-    from compplan.diagnosis.answer.where import Split
+    from compplan.diagnosis.results.assessment import Assessment
+    from compplan.diagnosis.results.result import Diagnosis
+    from compplan.diagnosis.results.where import Split
     from compplan.measurement.campaign import Campaign
 
 #: Candidates that are drawn at most.

@@ -14,7 +14,6 @@ from compplan.process.fit import ForceFit
 from compplan.process.force_models import name_force_model
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import Stations, draw_lines, draw_wrench, find_spans
-from compplan.reporting.openings import open_forces
 from compplan.reporting.page import (
     Block,
     Chart,
@@ -29,6 +28,7 @@ from compplan.reporting.page import (
 )
 from compplan.reporting.robot_scene import frame_scene
 from compplan.reporting.style import AFTER, BEFORE, CATEGORIES, NEUTRAL, SEQUENTIAL, format_number
+from compplan.reporting.summaries import open_forces
 from compplan.reporting.thinning import thin_path
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath

@@ -24,8 +24,8 @@ from compplan.reporting.style import (
 from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.answer.shares import Share
-    from compplan.diagnosis.answer.traces import Trace
+    from compplan.diagnosis.results.shares import Share
+    from compplan.diagnosis.results.traces import Trace
 
 #: Residual vectors and dots that a chart draws at most.
 VECTORS = 900

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from compplan.reporting import figure as go
-from compplan.reporting.openings import open_identification
 from compplan.reporting.page import Chart, Column, Fold, PageTable, Provenance, Row, Section, TableCell, write_page
 from compplan.reporting.style import AFTER, BEFORE, NEUTRAL, TOLERANCE
+from compplan.reporting.summaries import open_identification
 
 FRAMES = ("geometry", "base", "tool", "contact")
 

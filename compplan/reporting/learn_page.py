@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from compplan.learning.teach import Teaching
+from compplan.learning.part import LearnedPart
 from compplan.reporting import figure as go
-from compplan.reporting.effect_words import show_size
-from compplan.reporting.openings import open_teaching
+from compplan.reporting.effect_text import show_size
 from compplan.reporting.page import Chart, Column, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.style import AFTER, BEFORE, CATEGORIES, format_length
+from compplan.reporting.summaries import open_learning
 from compplan.robot import Array
 
 BANDS = "Distance that holds the true tip with 95 %. Dotted: in the directions that were measured alone."
 
 
-def write_learn_page(teaching: Teaching, file: Path) -> None:
+def write_learn_page(teaching: LearnedPart, file: Path) -> None:
     """Write the page of a lesson.
 
     Args:
@@ -45,13 +45,13 @@ def write_learn_page(teaching: Teaching, file: Path) -> None:
     write_page(
         file, teaching.after.name, _summarise(teaching), sections,
         kind=f"Measured part, {teaching.robot.name}",
-        opening=open_teaching(teaching, Chart(_draw_part(teaching), "Dots: measured. Lines: what explains it.", 340)),
+        opening=open_learning(teaching, Chart(_draw_part(teaching), "Dots: measured. Lines: what explains it.", 340)),
         warning=warning, notes=teaching.notes[1:],
         provenance=describe_robot(teaching.robot, [("corrected plan", "plan.html")]),
     )  # fmt: skip
 
 
-def _summarise(teaching: Teaching) -> str:
+def _summarise(teaching: LearnedPart) -> str:
     lesson = teaching.lesson
     text = f"The part is off by {format_length(lesson.rms)} rms at {len(teaching.measured)} measured points."
     if not lesson.taken:
@@ -62,7 +62,7 @@ def _summarise(teaching: Teaching) -> str:
     )
 
 
-def _expect(teaching: Teaching) -> str:
+def _expect(teaching: LearnedPart) -> str:
     lesson = teaching.lesson
     before, after = (format_length(float(band.max())) for band in (lesson.band_before, lesson.band_after))
     seen = format_length(float(lesson.band_seen[1].max()))
@@ -76,7 +76,7 @@ def _size(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
-def _draw_part(teaching: Teaching) -> Any:
+def _draw_part(teaching: LearnedPart) -> Any:
 
     lesson, figure = teaching.lesson, go.Figure()
     gathered, at = lesson.gathered, 1e3 * teaching.length
@@ -98,7 +98,7 @@ def _draw_part(teaching: Teaching) -> Any:
     return figure
 
 
-def _draw_bands(teaching: Teaching) -> Any:
+def _draw_bands(teaching: LearnedPart) -> Any:
 
     lesson, figure = teaching.lesson, go.Figure()
     for name, band, colour in (("before", lesson.band_before, BEFORE), ("after", lesson.band_after, AFTER)):
@@ -111,7 +111,7 @@ def _draw_bands(teaching: Teaching) -> Any:
     return figure
 
 
-def _explain(teaching: Teaching) -> PageTable:
+def _explain(teaching: LearnedPart) -> PageTable:
     lesson = teaching.lesson
     rows: list[Row] = [["measured deviation", 1e3 * lesson.rms]]
     for name, part in (
@@ -125,7 +125,7 @@ def _explain(teaching: Teaching) -> PageTable:
     return PageTable([Column(""), Column("rms", "mm")], rows, caption)
 
 
-def _learned(teaching: Teaching) -> PageTable:
+def _learned(teaching: LearnedPart) -> PageTable:
     rows: list[Row] = []
     for one in teaching.learned:
         place = TableCell("robot folder", "good") if one.kept else TableCell("this path", "muted")

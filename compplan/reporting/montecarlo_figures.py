@@ -11,7 +11,7 @@ from compplan.plan.correction_loop import run_loop
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import FLOOR, Stations
 from compplan.reporting.panels import draw_panels, draw_small_multiples
-from compplan.reporting.strategy_words import colour_strategies, name_strategy
+from compplan.reporting.strategy_text import colour_strategies, name_strategy
 from compplan.reporting.style import CATEGORIES, TOLERANCE, mark_decades, style_line
 from compplan.robot import Array
 from compplan.studies.runner import Run

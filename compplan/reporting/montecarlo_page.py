@@ -16,12 +16,12 @@ from compplan.reporting.montecarlo_figures import (
     draw_loops,
     draw_sensitivity,
 )
-from compplan.reporting.openings import open_study
 from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.panels import measure_panels
 from compplan.reporting.provenance import describe_grade, describe_robot, list_assumptions
-from compplan.reporting.strategy_words import name_strategy
+from compplan.reporting.strategy_text import name_strategy
 from compplan.reporting.style import format_length, format_percent, format_set_value
+from compplan.reporting.summaries import open_study
 from compplan.studies.job_study import JobStudy
 
 #: What the boxes show.

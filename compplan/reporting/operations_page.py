@@ -15,15 +15,15 @@ from compplan.reporting.page import (
     Chart,
     Column,
     KeyFigure,
-    Opening,
     PageTable,
     Provenance,
     Row,
     Section,
+    Summary,
     TableCell,
     write_page,
 )
-from compplan.reporting.plan_opening import TONES
+from compplan.reporting.plan_summary import TONES
 from compplan.reporting.style import BEFORE, TOLERANCE
 
 
@@ -46,7 +46,7 @@ def write_operations_page(summary: Mapping[str, Any], file: Path) -> None:
     )  # fmt: skip
 
 
-def _open(summary: Mapping[str, Any]) -> Opening:
+def _open(summary: Mapping[str, Any]) -> Summary:
     """Return the first screen: the verdict of the whole, and what stops the machine."""
     tools, verdict = summary["tools"], summary["verdict"]
     bands = [tool["verdict"]["band_mm"] for tool in tools]
@@ -61,7 +61,7 @@ def _open(summary: Mapping[str, Any]) -> Opening:
     ]
     caption = "Each operation; dashed: the tolerance. The 95 % band has to stay below it."
     picture = Chart(_draw(tools, verdict["tolerance_mm"]), caption, 120 + 70 * len(tools))
-    return Opening(
+    return Summary(
         f"{words} {verdict['tolerance_mm']:g} mm.", TONES[verdict["word"]], figures, picture,
         "Open the page of each operation below; run the programs in the order below.", list_stops(summary["notes"]),
     )  # fmt: skip

@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_text
 from compplan.reporting.scripts import load_plotly, write_policy
 from compplan.reporting.style import build_template, format_number
@@ -147,7 +147,7 @@ class KeyFigure:
 
 
 @dataclass(frozen=True)
-class Opening:
+class Summary:
     """What the first screen of a page says.
 
     Args:
@@ -189,7 +189,7 @@ def write_page(
     sections: Sequence[Section],
     *,
     kind: str = "",
-    opening: Opening | None = None,
+    opening: Summary | None = None,
     warning: str = "",
     notes: Sequence[str] = (),
     provenance: Provenance | None = None,
@@ -219,7 +219,7 @@ def render_page(
     sections: Sequence[Section],
     *,
     kind: str = "",
-    opening: Opening | None = None,
+    opening: Summary | None = None,
     warning: str = "",
     notes: Sequence[str] = (),
     provenance: Provenance | None = None,
@@ -227,7 +227,7 @@ def render_page(
     """Return the HTML of a page; arguments as for `write_page`."""
     charts: list[dict[str, Any]] = []
     ledes = [lede] if isinstance(lede, str) else list(lede)
-    first = opening or Opening(ledes[0].partition(". ")[0].rstrip(".") + "." if ledes else title)
+    first = opening or Summary(ledes[0].partition(". ")[0].rstrip(".") + "." if ledes else title)
     picture = None if first.picture is None else _describe(first.picture, charts)
     shown = [*([] if first.sheet is None else [replace(first.sheet, open=True)]), *sections]
     parts = [

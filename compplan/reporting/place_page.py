@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from compplan.posture.summary import PostureMap
-from compplan.reporting.openings import open_place
 from compplan.reporting.page import Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
 from compplan.reporting.posture_section import show_map
 from compplan.reporting.style import format_percent
+from compplan.reporting.summaries import open_place
 
 
 def write_place_page(summary: Mapping[str, Any], place_map: Any, posture: PostureMap, file: Path) -> None:

@@ -24,12 +24,12 @@ from compplan.reporting.along_path import (
     find_spans,
     place_stations,
 )
+from compplan.reporting.error_band_section import show_error_band
 from compplan.reporting.force_moves import busiest_rate, describe_force, list_rates, mark_force
 from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.path_scene import describe_magnification, draw_deviation_paths
-from compplan.reporting.plan_opening import open_plan
+from compplan.reporting.plan_summary import open_plan
 from compplan.reporting.posture_section import list_uncertainties, show_posture
-from compplan.reporting.promise_section import show_promise
 from compplan.reporting.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.reporting.reach_section import show_reach
 from compplan.reporting.style import (
@@ -72,7 +72,7 @@ def write_plan_page(plan: Plan, file: Path, extra: Sequence[Section] = ()) -> No
         _corrections(plan, stations),
         _feed(plan, stations),
     ]
-    sections += [] if plan.promise is None else [show_promise(plan.promise, stations, task.tolerance)]
+    sections += [] if plan.promise is None else [show_error_band(plan.promise, stations, task.tolerance)]
     assumptions = list_assumptions(plan.job)
     stance = None if task.start is None else task.start.stance
     if stance is not None:

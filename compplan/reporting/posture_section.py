@@ -14,7 +14,7 @@ from compplan.robot import Array
 
 if TYPE_CHECKING:
     from compplan.posture.clearance import ClearanceProfile
-    from compplan.posture.summary import PostureMap, Stance
+    from compplan.posture.summary import PostureMap, PostureSummary
 
 #: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
 FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
@@ -37,7 +37,7 @@ COSTS = {
 
 
 def show_posture(
-    stance: Stance, stations: Stations, clearance: ClearanceProfile | None = None,
+    stance: PostureSummary, stations: Stations, clearance: ClearanceProfile | None = None,
     both: tuple[dict[str, float], dict[str, float]] | None = None,
 ) -> Section:  # fmt: skip
     """Show how the posture was chosen.
@@ -159,7 +159,7 @@ def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], na
     )  # fmt: skip
 
 
-def _list_costs(stance: Stance, both: tuple[dict[str, float], dict[str, float]] | None) -> PageTable:
+def _list_costs(stance: PostureSummary, both: tuple[dict[str, float], dict[str, float]] | None) -> PageTable:
     rows: list[Row] = []
     chosen, plain = both or (stance.costs, {})
     for key, value in chosen.items():
@@ -200,7 +200,7 @@ def _weigh(found: dict[str, float], plain: dict[str, float]) -> str:
     )
 
 
-def list_uncertainties(stance: Stance) -> str:
+def list_uncertainties(stance: PostureSummary) -> str:
     """Say which errors the choice of the posture assumes."""
     if stance.settings.errors is not None:
         return f"posture: chosen for the smallest 95 % band; {stance.settings.errors.source}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.plan.tolerance_verdict import say_tolerance
+from compplan.plan.tolerance_verdict import describe_tolerance
 from compplan.reporting.along_path import Stations, below, draw_lines, outline_below
 from compplan.reporting.force_moves import list_rates, mark_force
 from compplan.reporting.page import Chart, Column, Columns, PageTable, Row, Section, TableCell
@@ -133,7 +133,7 @@ def _key_figures(plan: Plan) -> PageTable:
     rows.append([f"largest, {plan.mismatch.cell}", None, _length_cell(plan.mismatch.max_deviation)])
     uses = [task.use_tolerance(side.deviation)[side.cut] for side in sides]
     shares = [TableCell(format_percent(float((use <= 1.0).mean()))) for use in uses]
-    within = format_set_length(task.tolerance) if task.allowed is None else say_tolerance(task)
+    within = format_set_length(task.tolerance) if task.allowed is None else describe_tolerance(task)
     rows.append([f"within {within}", *shares])
     if task.allowed is not None:
         worst = [TableCell(format_percent(float(use.max()))) for use in uses]

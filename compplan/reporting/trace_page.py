@@ -14,11 +14,11 @@ from compplan.reporting.page import (
     Chart,
     Column,
     KeyFigure,
-    Opening,
     PageTable,
     Provenance,
     Row,
     Section,
+    Summary,
     TableCell,
     write_page,
 )
@@ -59,7 +59,7 @@ def _lede(summary: Mapping[str, Any]) -> str:
             f"model was not fitted to.")  # fmt: skip
 
 
-def _open_trace(summary: Mapping[str, Any], found: Identified) -> Opening:
+def _open_trace(summary: Mapping[str, Any], found: Identified) -> Summary:
     without, left = summary["left_without_model_mm"], summary["left_mm"]
     cause = max(summary["parts"], key=lambda name: summary["parts"][name])
     share = summary["parts"][cause]
@@ -77,7 +77,7 @@ def _open_trace(summary: Mapping[str, Any], found: Identified) -> Opening:
         KeyFigure(format_percent(share), f"of what is left is {CAUSES[cause]}, the largest cause"),
     ]  # fmt: skip
     picture = Chart(_draw_distances(found), "Share of the rows that are nearer than a distance.", height=330)
-    return Opening(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)
+    return Summary(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)
 
 
 def _draw_distances(found: Identified) -> Any:

@@ -6,11 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import replace_folder
 from compplan.reporting import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
-from compplan.reporting.page import KeyFigure, Opening, Provenance
+from compplan.reporting.page import KeyFigure, Provenance, Summary
 from compplan.reporting.style import format_number
 from compplan.reproduce.paper import Reproduction, Row, count_verdicts
 
@@ -64,7 +64,7 @@ def _write_report(result: Reproduction, file: Path) -> None:
                provenance=provenance)  # fmt: skip
 
 
-def _open(result: Reproduction) -> Opening:
+def _open(result: Reproduction) -> Summary:
     """Say how many figures of the paper come out alike."""
     counts = count_verdicts(result.rows)
     good = counts.get("matches", 0) + counts.get("close", 0)
@@ -73,7 +73,7 @@ def _open(result: Reproduction) -> Opening:
     picture = _picture(result.figures[0]) if result.figures else None
     verdict = f"{good} of {told} figures of the paper come out within 20 %."
     todo = "Read which figures do not, and what the paper leaves out, below."
-    return Opening(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
+    return Summary(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
 
 
 def _picture(figure: Any) -> Picture:

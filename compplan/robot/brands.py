@@ -81,7 +81,7 @@ CONTROLLERS: dict[str, tuple[str, Brand]] = {
 
 
 @dataclass
-class Proposal:
+class ControllerProposal:
     """How a controller counts the joints of an arm, as far as the geometry tells.
 
     Attributes:
@@ -106,7 +106,7 @@ class _NotDerivedError(Exception):
     """A step of the derivation does not fit the arm."""
 
 
-def propose_counting(brand: Brand, joints: Sequence[Joint], flange: str) -> Proposal:
+def propose_counting(brand: Brand, joints: Sequence[Joint], flange: str) -> ControllerProposal:
     """Derive how a maker's controller counts the joints of an arm.
 
     Args:
@@ -116,7 +116,7 @@ def propose_counting(brand: Brand, joints: Sequence[Joint], flange: str) -> Prop
     """
     moving = [joint for joint in joints if joint.actuated]
     count = len(moving)
-    proposal = Proposal([f"J{k}" for k in range(1, count + 1)], [1] * count, [0.0] * count)
+    proposal = ControllerProposal([f"J{k}" for k in range(1, count + 1)], [1] * count, [0.0] * count)
     slides = [joint.kind == "prismatic" for joint in moving]
     rail = count - 6
     if rail < 0 or any(slides[rail:]) or not all(slides[:rail]) or any(joint.mimic is not None for joint in joints):
@@ -206,7 +206,7 @@ class _Arm:
         return float(np.degrees(np.arctan2(self.left @ np.cross(flat[0], flat[1]), flat[0] @ flat[1])))
 
 
-def _propose_signs(proposal: Proposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
+def _propose_signs(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
     """Compare the URDF's zero posture and senses with the maker's."""
     assert brand.senses is not None
     senses = [arm.frame @ np.array(DIRECTIONS[name], float) for name in brand.senses]
@@ -235,7 +235,7 @@ def _propose_signs(proposal: Proposal, arm: _Arm, brand: Brand, rail: int, flang
         proposal.world_mm = [round(1e3 * float(value), 3) + 0.0 for value in foot]
 
 
-def _propose_words(proposal: Proposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
+def _propose_words(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
     """Find what tells the branches of the inverse kinematics apart."""
     if not arm.spherical:
         raise _NotDerivedError("the axes of the wrist do not meet in a point")
@@ -263,7 +263,7 @@ def _propose_words(proposal: Proposal, arm: _Arm, brand: Brand, rail: int, flang
         proposal.words[key] = [*lines, f'above         = "{above}"', f'below         = "{below}"', *own]
 
 
-def _propose_pendant(proposal: Proposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
+def _propose_pendant(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
     """Find the maker's flange frame: z out of the flange, x as in the zero posture."""
     if any(text.startswith("signs") for text in proposal.missing):
         raise _NotDerivedError("the zero posture is not known")

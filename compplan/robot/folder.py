@@ -20,8 +20,8 @@ from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
 from compplan.robot.urdf import read_numbers, read_placement, read_urdf
-from compplan.robot.visited import FILE as VISITED
-from compplan.robot.visited import format_visited, read_visited
+from compplan.robot.validity import FILE as VISITED
+from compplan.robot.validity import format_visited, read_visited
 
 
 class EffectTable(StrictTable):

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.columns import to_unit
-from compplan.io.shown import Shown
+from compplan.io.display import Shown
 from compplan.robot.uncertainty import Uncertainty
-from compplan.robot.visited import Visited
+from compplan.robot.validity import ValidityRegion
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,7 @@ class Robot(Shown):
     effects: tuple[Mapping[str, Any], ...] = ()
     weights: tuple[Body, ...] = ()
     uncertainty: Uncertainty | None = None
-    visited: Visited | None = None
+    visited: ValidityRegion | None = None
     ground: str = ""
 
     def summary(self) -> list[tuple[str, str]]:

@@ -11,7 +11,7 @@ import numpy as np
 from compplan.robot.model import Array, Body, Joint, Robot
 
 #: Twist of each joint under the moment of the payload at full reach: geometric means of three measured arms
-#: (docs/robots.md, checked by tests/test_robot_library.py); wrist below LIGHT: Fanuc M-10iA (Singh 2021). [rad]
+#: (docs/robots.md, checked by tests/robot/test_robot_library.py); wrist below LIGHT: Fanuc M-10iA (Singh 2021). [rad]
 TWIST = np.array([2.0, 1.5, 1.9, 19.0, 31.0, 14.0]) * 1e-3
 TWIST_LIGHT = np.array([2.0, 1.5, 1.9, 7.7, 3.6, 4.6]) * 1e-3
 #: Payload below which the light wrist counts, and the class of the measured arms. [kg, m]

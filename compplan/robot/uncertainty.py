@@ -85,7 +85,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class RivalRobot:
+class AlternativeRobot:
     """Another explanation of what was measured than the folder holds.
 
     Attributes:
@@ -127,7 +127,7 @@ class Uncertainty:
     repeatability: float | None = None
     calibration: float = 1.0
     groups: int = 0
-    rivals: tuple[RivalRobot, ...] = ()
+    rivals: tuple[AlternativeRobot, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -164,7 +164,7 @@ class Uncertainty:
         unknowns, factor = spread_unknowns(self.unknowns, covariance / self.calibration**2)
         return replace(self, unknowns=unknowns, factor=factor, rivals=())
 
-    def split_rivals(self) -> tuple[Array, Array]:
+    def split_alternatives(self) -> tuple[Array, Array]:
         """Split the spread into what is normal and the rivals' shifts, the calibration in both.
 
         Returns:
@@ -243,7 +243,7 @@ class UnknownTable(StrictTable):
     factor: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
 
 
-class RivalTable(StrictTable):
+class AlternativeTable(StrictTable):
     """[[rival]]: another explanation than the folder holds."""
 
     explanation: str
@@ -263,7 +263,7 @@ class UncertaintyTable(StrictTable):
     unexplained: UnexplainedTable = UnexplainedTable(rms_mm=0.0)
     calibration: CalibrationTable = CalibrationTable(factor=1.0, groups=0)
     unknown: Annotated[tuple[UnknownTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
-    rival: Annotated[tuple[RivalTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
+    rival: Annotated[tuple[AlternativeTable, ...], Field(strict=False, max_length=MOST_UNKNOWN)] = ()
 
 
 def read_uncertainty(file: Path) -> Uncertainty | None:
@@ -342,7 +342,7 @@ def format_uncertainty(uncertainty: Uncertainty) -> str:
     return "\n".join(lines)
 
 
-def _read_rival(entry: RivalTable, p: int, file: Path, where: str) -> RivalRobot:
+def _read_rival(entry: AlternativeTable, p: int, file: Path, where: str) -> AlternativeRobot:
     if len(entry.shift) != len(entry.parameter):
         message = f"has {len(entry.shift)} numbers, expected {len(entry.parameter)}, one a parameter"
         raise InputError(message, file=file, where=f"{where}.shift")
@@ -351,7 +351,7 @@ def _read_rival(entry: RivalTable, p: int, file: Path, where: str) -> RivalRobot
         raise InputError(message, file=file, where=f"{where}.parameter")
     shift = np.zeros(p)
     shift[np.array(entry.parameter) - 1] = entry.shift
-    return RivalRobot(entry.explanation, entry.instead, entry.weight, shift)
+    return AlternativeRobot(entry.explanation, entry.instead, entry.weight, shift)
 
 
 def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[float, ...] | None]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.measurement.made import make_log
+from compplan.measurement.from_arrays import make_log
 from compplan.robot import Array, Joint, Robot
 from compplan.simulation.predict import predict_campaign
 
@@ -27,7 +27,7 @@ class Loss:
     rms: float
 
 
-def judge_losses(robot: Robot, held: Robot, nominal: Robot, lacks: str, seed: int = 0) -> tuple[list[Loss], float]:
+def compute_losses(robot: Robot, held: Robot, nominal: Robot, lacks: str, seed: int = 0) -> tuple[list[Loss], float]:
     """Say what is lost, one thing at a time, and the tip error that all of it leaves (rms).
 
     Args:

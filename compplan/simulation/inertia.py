@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from compplan.robot import Array
-from compplan.simulation.judge import Judge
+from compplan.simulation.exact import ExactRobot
 
 #: Times at which a window is looked up.
 WEIGHED = 64
@@ -48,7 +48,7 @@ def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array,
 
 
 def load_springs(
-    judge: Judge, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
+    judge: ExactRobot, q: Array, time: Array, moving: NDArray[np.bool_], rests: NDArray[np.bool_],
     among: NDArray[np.int_] | None = None,
 ) -> Array:  # fmt: skip
     """Return what the inertia of a timed motion puts on each elastic coordinate; nothing at rest. Shape (n, s).
@@ -111,7 +111,7 @@ def average_loads(loads: Array, time: Array, runs: list[tuple[int, int]], window
     return found
 
 
-def shift_tip(judge: Judge, q: Array, loads: Array) -> Array:
+def shift_tip(judge: ExactRobot, q: Array, loads: Array) -> Array:
     """Return how far loads on the elastic coordinates move the tip, to first order. Shape (k, 3). [m]."""
     data, found = judge.model.createData(), np.empty((len(q), 3))
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -121,7 +121,7 @@ def shift_tip(judge: Judge, q: Array, loads: Array) -> Array:
     return found
 
 
-def stand_stiff(judge: Judge, q: Array) -> tuple[Array, Array]:
+def solve_rigid(judge: ExactRobot, q: Array) -> tuple[Array, Array]:
     """Return where the unloaded, stiff arm holds the tool: position (n, 3) [m] and rotation (n, 3, 3)."""
     model, data = judge.model, judge.model.createData()
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))

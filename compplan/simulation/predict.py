@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.effects import apply_effects, robot_effects
-from compplan.effects.scene import Attained, attain_scene, stage_scene
+from compplan.effects.forward_model import Attained, build_model, solve_model_poses
 from compplan.io.columns import to_unit
 from compplan.io.tables import write_table
 from compplan.measurement.campaign import Campaign
@@ -60,8 +60,8 @@ def predict_campaign(
 
     """
     effects = robot_effects(robot)
-    scene = apply_effects(stage_scene(robot, campaign, later=later), effects)
-    attained = attain_scene(scene)
+    scene = apply_effects(build_model(robot, campaign, later=later), effects)
+    attained = solve_model_poses(scene)
     start = stated_registration(campaign) if registration is None else match_targets(registration, campaign)
     parts = fitted_parts(campaign, register)
     if parts:
@@ -70,7 +70,7 @@ def predict_campaign(
     else:
         registration = start
     if registration is not None:
-        attained = attain_scene(replace(scene, registration=registration))
+        attained = solve_model_poses(replace(scene, registration=registration))
     known = np.asarray(np.isfinite(campaign.q).all(axis=1), bool)
     position = np.where(known[:, None], attained.position, np.nan)
     rotation = np.where(known[:, None, None], attained.rotation, np.nan)

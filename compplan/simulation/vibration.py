@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from compplan.robot import Array, Robot
-from compplan.simulation.judge import Judge, build_judge
+from compplan.simulation.exact import ExactRobot, build_exact_robot
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Dynamics:
 
     """
 
-    judge: Judge
-    standing: Judge
+    judge: ExactRobot
+    standing: ExactRobot
     compliance: Array
 
     @property
@@ -57,8 +57,8 @@ class ModeShapes:
 def build_dynamics(robot: Robot) -> Dynamics:
     """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
     weightless = replace(robot, gravity=np.zeros(3), weights=())
-    judge = build_judge(weightless)
-    return Dynamics(judge, build_judge(weightless, standing=True) if robot.ground else judge, judge.compliance)
+    judge = build_exact_robot(weightless)
+    return Dynamics(judge, build_exact_robot(weightless, standing=True) if robot.ground else judge, judge.compliance)
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:

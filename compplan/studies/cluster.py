@@ -15,7 +15,7 @@ from typing import Any
 
 from compplan.errors import CompplanError, InputError
 from compplan.robot import Array
-from compplan.studies.judging import Chunks, Judged, judge_points
+from compplan.studies.evaluation import ChunkResult, Chunks, evaluate_points
 from compplan.studies.storage import pack_study, unpack_study
 from compplan.studies.study import Study
 
@@ -115,5 +115,5 @@ def _unpack(packed: bytes) -> Study:
     return unpack_study(packed)
 
 
-def _work(packed: bytes, points: Array) -> Judged:
-    return judge_points(_unpack(packed), points)
+def _work(packed: bytes, points: Array) -> ChunkResult:
+    return evaluate_points(_unpack(packed), points)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from compplan.robot import Array
-from compplan.studies.draw import Cells
+from compplan.studies.evaluation import run_strategy
 from compplan.studies.factors import PARTS
-from compplan.studies.judging import run_strategy
+from compplan.studies.sampling import Cells
 from compplan.studies.study import Study, thin_study
 
 #: True compliance over the model's.
@@ -43,7 +43,7 @@ def trace_model_error(study: Study, *, most_waypoints: int = WAYPOINTS) -> Error
     """Run every strategy in cells without noise whose compliances, or whose wrench, differ from the model's."""
     thin = thin_study(study, most_waypoints)
     ones = np.ones_like(RATIOS)
-    compliance, wrench = quiet_cells(thin, RATIOS, ones), quiet_cells(thin, ones, LEVELS)
+    compliance, wrench = noise_free_robots(thin, RATIOS, ones), noise_free_robots(thin, ones, LEVELS)
     return ErrorCurves(
         RATIOS,
         {name: _rms(thin, run_strategy(thin, name, compliance)) for name in thin.strategies},
@@ -52,7 +52,7 @@ def trace_model_error(study: Study, *, most_waypoints: int = WAYPOINTS) -> Error
     )
 
 
-def quiet_cells(study: Study, compliance: Array, level: Array) -> Cells:
+def noise_free_robots(study: Study, compliance: Array, level: Array) -> Cells:
     """Make cells without noise, with all compliances and the wrench times factors. Shape (b,) each."""
     at, b, n = study.surroundings, len(compliance), len(study.task)
     nq = len(at.q)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from compplan.effects.scene import spring_coordinates
+from compplan.effects.forward_model import spring_coordinates
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
 from compplan.studies.posterior import count_coordinates

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
-from compplan.io.origin import note_seed
+from compplan.io.provenance import note_seed
 from compplan.job.job import Job
 from compplan.plan.plan import PlanOptions, build_task, prepare_job
 from compplan.plan.strategies.online import PLAIN
@@ -21,9 +21,9 @@ from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
 from compplan.studies.storage import discard_chunks
 from compplan.studies.study import MOST_WAYPOINTS, Study, prepare_study
 from compplan.studies.summary import summarise_run
-from compplan.studies.workforce import Workforce
+from compplan.studies.workers import Workers
 from compplan.toolpath.toolpath import Toolpath
-from compplan.uncertainty.slopes import read_force_spread
+from compplan.uncertainty.sensitivities import read_force_spread
 
 SAMPLES = "samples"
 
@@ -59,7 +59,7 @@ def study_job(
     most_waypoints: int = MOST_WAYPOINTS,
     sensitivity: bool = True,
     discard: bool = False,
-    workforce: Workforce | None = None,
+    workforce: Workers | None = None,
     announce: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> JobStudy:
@@ -88,7 +88,7 @@ def study_job(
     note_seed("samples", settings.seed)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, expected a folder to write to", file=folder)
-    workforce = workforce or Workforce()
+    workforce = workforce or Workers()
     workforce.check()
     study, main = _prepare(job, strategies, most_waypoints, say)
 

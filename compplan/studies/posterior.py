@@ -18,16 +18,16 @@ from scipy.spatial.distance import cdist
 from scipy.special import ndtr
 
 from compplan.effects import transmission_error
-from compplan.effects.scene import own_springs
+from compplan.effects.forward_model import own_springs
 from compplan.errors import InputError
 from compplan.job.noise import OF_ROBOT, NoiseTable
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
-from compplan.uncertainty.assumed import known_uncertainty
-from compplan.uncertainty.slopes import ForceSpread, measure_slopes, pick_rows, stage_path, tie_force
-from compplan.uncertainty.vary import group_rivals
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.perturbation import group_alternatives
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes, pick_rows, tie_force
 
 #: Smooth errors along the path that stand for what is unexplained, and waypoints that tell them.
 MODES, STATIONS = 12, 200
@@ -109,8 +109,8 @@ class RobotPosterior:
 
 def count_coordinates(robot: Robot) -> int:
     """Count the coordinates of a draw: parameters, causes with rivals, three times MODES for what is unexplained."""
-    known = known_uncertainty(robot)
-    return known.split_rivals()[0].shape[1] + len(group_rivals(known)) + 3 * MODES
+    known = robot_uncertainty(robot)
+    return known.split_alternatives()[0].shape[1] + len(group_alternatives(known)) + 3 * MODES
 
 
 def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
@@ -125,7 +125,7 @@ def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
     if stated:
         message = f"{stated[0]} is stated, and robot = \"posterior\" takes it from the robot folder; leave one out"
         raise InputError(message, where="noise")
-    told = known_uncertainty(robot).repeatability or 0.0
+    told = robot_uncertainty(robot).repeatability or 0.0
     return noise.model_copy(update={**dict.fromkeys(OF_ROBOT, 0.0), "repeatability_mm": told * 1e3})
 
 
@@ -145,8 +145,8 @@ def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = No
         travel: Direction of travel of each joint. Shape (nq, n).
         force: How surely the force is known, where measured parts said it, or None.
     """
-    known = known_uncertainty(task.robot)
-    found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_rivals(known))
+    known = robot_uncertainty(task.robot)
+    found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_alternatives(known))
     if force is None or not len(force.robot) or known.rivals:
         return found
     return replace(found, tie=tie_force(known, force), force=force)
@@ -159,7 +159,7 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     """
     inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
-    scene = stage_path(task.robot, task.q_start, task.wrench, task.step_time)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     slopes = measure_slopes(scene, known.unknowns, rows)
     slopes[:, :, sorted(inside)] = 0.0
     found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ _list_columns(known), 2, 0)]
@@ -173,7 +173,7 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
 
 def _list_columns(known: Uncertainty) -> Array:
     """Return what each normal coordinate and each rival makes of the parameters. Shape (p, r + rivals). [SI]"""
-    root, shifts = known.split_rivals()
+    root, shifts = known.split_alternatives()
     return np.concatenate([root, shifts.T], axis=1)
 
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.robot import Array
+from compplan.studies.evaluation import ChunkResult
 from compplan.studies.factors import Sequence, draw_points
-from compplan.studies.judging import Judged
 from compplan.studies.statistics import estimate_mean
 from compplan.studies.storage import ChunkFolder, fingerprint_study
 from compplan.studies.study import Study
-from compplan.studies.workforce import Workforce, compute_chunks
+from compplan.studies.workers import Workers, compute_chunks
 
 #: Poses a chunk comes to, about; and the bounds of its number of samples.
 CHUNK_POSES, LEAST_SAMPLES, MOST_SAMPLES = 600_000, 8, 1024
@@ -62,7 +62,7 @@ class Run:
 
     study: Study
     settings: Settings
-    judged: Judged
+    judged: ChunkResult
     reused: int = 0
     stopped: bool = False
 
@@ -72,7 +72,7 @@ def run_study(
     settings: Settings,
     *,
     folder: Path | None = None,
-    workforce: Workforce | None = None,
+    workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
     """Run a study.
@@ -108,26 +108,26 @@ def run_study(
             sequence=settings.sequence, total=settings.samples,
         )  # fmt: skip
 
-    def enough(done: dict[int, Judged]) -> int | None:
+    def enough(done: dict[int, ChunkResult]) -> int | None:
         return _find_end(study, settings, done)
 
-    done, reused, end = judge_chunks(
+    done, reused, end = evaluate_chunks(
         study, chunks, points, folder=folder, about=about, workforce=workforce, progress=progress, enough=enough
     )
     return Run(study, settings, _join(done, end or len(chunks)), reused, end is not None)
 
 
-def judge_chunks(
+def evaluate_chunks(
     study: Study,
     chunks: list[range],
     points: Callable[[int], Array],
     *,
     about: dict[str, object],
     folder: Path | None = None,
-    workforce: Workforce | None = None,
+    workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
-    enough: Callable[[dict[int, Judged]], int | None] | None = None,
-) -> tuple[dict[int, Judged], int, int | None]:
+    enough: Callable[[dict[int, ChunkResult]], int | None] | None = None,
+) -> tuple[dict[int, ChunkResult], int, int | None]:
     """Judge chunks of points, using those that a folder holds.
 
     Args:
@@ -145,7 +145,7 @@ def judge_chunks(
 
     """
     store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
-    done: dict[int, Judged] = {}
+    done: dict[int, ChunkResult] = {}
     for number, rows in enumerate(chunks if store else []):
         found = store.read(number, study.strategies) if store else None
         if found is not None and len(found.rms) == len(rows):
@@ -161,7 +161,7 @@ def judge_chunks(
     missing = [number for number in range(len(chunks)) if number not in done]
     if end is not None or not missing:
         return done, reused, end
-    results = compute_chunks(study, missing, points, workforce or Workforce())
+    results = compute_chunks(study, missing, points, workforce or Workers())
     try:
         for number, judged in results:
             if store is not None:
@@ -182,16 +182,16 @@ def chunk_size(study: Study) -> int:
     return int(np.clip(CHUNK_POSES // poses, LEAST_SAMPLES, MOST_SAMPLES))
 
 
-def _join(done: dict[int, Judged], count: int) -> Judged:
-    return Judged(*(np.concatenate(parts) for parts in zip(*(done[n] for n in range(count)), strict=True)))
+def _join(done: dict[int, ChunkResult], count: int) -> ChunkResult:
+    return ChunkResult(*(np.concatenate(parts) for parts in zip(*(done[n] for n in range(count)), strict=True)))
 
 
-def _lighten(judged: Judged, start: int) -> Judged:
+def _lighten(judged: ChunkResult, start: int) -> ChunkResult:
     """Drop the distances along the path of late samples."""
     return judged._replace(along=judged.along[: max(0, MOST_ALONG - start)])
 
 
-def _find_end(study: Study, settings: Settings, done: dict[int, Judged]) -> int | None:
+def _find_end(study: Study, settings: Settings, done: dict[int, ChunkResult]) -> int | None:
     """Find the first chunk, in their order, after which all intervals are narrow enough."""
     if settings.stop_below is None:
         return None

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.stats import bootstrap, qmc, sobol_indices
 
 from compplan.robot import Array
-from compplan.studies.runner import chunk_size, judge_chunks
+from compplan.studies.runner import chunk_size, evaluate_chunks
 from compplan.studies.study import Study, thin_study
-from compplan.studies.workforce import Workforce
+from compplan.studies.workers import Workers
 
 #: Waypoints that the analysis looks at.
 WAYPOINTS = 300
@@ -53,7 +53,7 @@ def measure_sensitivity(
     *,
     base: int = BASE,
     folder: Path | None = None,
-    workforce: Workforce | None = None,
+    workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sensitivity | None:
     """Measure total Sobol indices by group; None where nothing is uncertain.
@@ -77,7 +77,7 @@ def measure_sensitivity(
     size = chunk_size(thin)
     chunks = [range(a, min(a + size, len(points))) for a in range(0, len(points), size)]
     about: dict[str, object] = {"sensitivity": base, "design": "A, B, AB by group", "seed": seed, "chunk": size}
-    done, _, _ = judge_chunks(
+    done, _, _ = evaluate_chunks(
         thin, chunks, lambda n: points[chunks[n].start : chunks[n].stop],
         about=about, folder=folder, workforce=workforce, progress=progress,
     )  # fmt: skip

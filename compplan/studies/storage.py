@@ -19,7 +19,7 @@ from compplan.errors import InputError
 from compplan.io.tables import write_text
 from compplan.io.transaction import clear_parts, replace_file
 from compplan.robot import Array
-from compplan.studies.judging import Judged
+from compplan.studies.evaluation import ChunkResult
 from compplan.studies.study import Study
 from compplan.version import VERSION
 
@@ -82,7 +82,7 @@ class ChunkFolder:
         """Return the file of a chunk."""
         return self.folder / f"chunk-{chunk:06d}.npz"
 
-    def write(self, chunk: int, first: int, judged: Judged, strategies: tuple[str, ...]) -> None:
+    def write(self, chunk: int, first: int, judged: ChunkResult, strategies: tuple[str, ...]) -> None:
         """Write a chunk: number of its first sample, names of the strategies, and the figures with their units."""
         figures = {column: getattr(judged, name) for name, column in _COLUMNS.items()}
         about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
@@ -91,7 +91,7 @@ class ChunkFolder:
         if _read_mark(self.folder / "study.json") != self.fingerprint:
             write_text(self.folder / "study.json", json.dumps({"schema": 1, "fingerprint": self.fingerprint}) + "\n")
 
-    def read(self, chunk: int, strategies: tuple[str, ...]) -> Judged | None:
+    def read(self, chunk: int, strategies: tuple[str, ...]) -> ChunkResult | None:
         """Read a chunk back; None where there is none, or where it was cut off."""
         if not self.path(chunk).is_file():
             return None
@@ -99,7 +99,7 @@ class ChunkFolder:
             with np.load(self.path(chunk), allow_pickle=False) as table:
                 if tuple(table["strategies"]) != strategies or str(table["fingerprint"]) != self.fingerprint:
                     return None
-                return Judged(**{name: table[column] for name, column in _COLUMNS.items()})
+                return ChunkResult(**{name: table[column] for name, column in _COLUMNS.items()})
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             return None
 

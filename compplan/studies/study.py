@@ -1,6 +1,6 @@
 """A study: strategies at work in many cells, and what all samples of it share, worked out once.
 
-`compplan.studies.judging` lets every strategy cut its part in the cell of every point.
+`compplan.studies.evaluation` lets every strategy cut its part in the cell of every point.
 
 All strategies meet the same cells, so that their differences are paired.
 """
@@ -24,17 +24,17 @@ from compplan.plan.strategies.path_map import load_gears
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium
-from compplan.studies.draw import (
+from compplan.studies.factors import list_factors
+from compplan.studies.kernel import Kernel, build_kernel
+from compplan.studies.posterior import settle_force, settle_robot
+from compplan.studies.sampling import (
     Surroundings,
     differentiate_placements,
     survey_surroundings,
 )
-from compplan.studies.factors import list_factors
-from compplan.studies.kernel import Kernel, build_kernel
-from compplan.studies.posterior import settle_force, settle_robot
 from compplan.studies.touch import Touch, prepare_touch
 from compplan.toolpath.toolpath import select_waypoints
-from compplan.uncertainty.slopes import ForceSpread
+from compplan.uncertainty.sensitivities import ForceSpread
 
 #: Waypoints that a study looks at; a longer path is thinned evenly, and its report says so.
 MOST_WAYPOINTS = 2500

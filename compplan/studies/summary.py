@@ -13,7 +13,7 @@ from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
 from compplan.studies.statistics import Interval, estimate_mean, estimate_quantile, estimate_share
 from compplan.studies.study import Study
-from compplan.uncertainty.assumed import known_uncertainty, list_assumed
+from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 
 #: What a study leaves out.
 UNCOUPLED = "the stiffness of the process (the force does not change with where the tool stands), "
@@ -32,7 +32,7 @@ def _describe_draws(study: Study) -> list[str]:
     if study.noise.robot != "posterior":
         return describe_noise(study.noise)
     robot, posterior = study.task.robot, study.surroundings.posterior
-    said = [f"robots are drawn from what is known: {known_uncertainty(robot).source}", *list_assumed(robot)]
+    said = [f"robots are drawn from what is known: {robot_uncertainty(robot).source}", *list_assumed(robot)]
     if posterior is None or (force := posterior.force) is None:
         return [*describe_noise(study.noise), *said]
     taken = ("noise.wrench_level ", "noise.wrench_direction_deg ")

@@ -12,9 +12,9 @@ from compplan.job.noise import NoiseTable
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.robot.pose import linear_displacement
-from compplan.studies.draw import Cells, differentiate_placements, shift_tip
 from compplan.studies.kernel import Kernel, settle_tips
 from compplan.studies.posterior import MODES
+from compplan.studies.sampling import Cells, differentiate_placements, shift_tip
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.touch_off import TouchedPart, locate_touching
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.given import is_file_name, take_table
+from compplan.io.in_memory import is_file_name, take_table
 from compplan.io.tables import read_table
 from compplan.toolpath.operations import select_operation
 from compplan.toolpath.readers import read_cam, refuse_idle

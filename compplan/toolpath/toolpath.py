@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
 from compplan.io.columns import FileColumn, to_unit
-from compplan.io.shown import Curve, Curves, Shown
+from compplan.io.display import Curve, Curves, Shown
 from compplan.io.tables import Array, Table, write_table
 from compplan.toolpath.events import Event, move_events
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.effects import EFFECTS
 from compplan.effects.checks import check_effect
-from compplan.effects.scene import own_springs
+from compplan.effects.forward_model import own_springs
 from compplan.effects.signature import pack_parameters
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import Robot
@@ -43,7 +43,7 @@ LINK_ELASTICITY, RATIO = "link_elasticity", "compliance_change_ratio"
 TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
-def known_uncertainty(robot: Robot) -> Uncertainty:
+def robot_uncertainty(robot: Robot) -> Uncertainty:
     """Return what is known of a robot and how surely: its folder's file, otherwise assumed widths.
 
     A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off.
@@ -76,7 +76,7 @@ def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
         before: The robot folder that the log was held against.
         known: What is known of it after the log.
     """
-    then = known_uncertainty(before)
+    then = robot_uncertainty(before)
     hidden = [(u, width) for u, width in split_unknowns(then.unknowns, then.width) if moves_base(before, u)]
     places = [(u.effect, u.joint, u.axis) for u, _ in hidden]
     known = known.select((u.effect, u.joint, u.axis) not in places for u in known.unknowns)

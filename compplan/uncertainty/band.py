@@ -19,24 +19,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from compplan.effects.scene import Scene
+from compplan.effects.forward_model import ForwardModel
 from compplan.measurement.distance import LEVEL, band_radius
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
-from compplan.uncertainty.assumed import known_uncertainty, list_assumed
+from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
+from compplan.uncertainty.improvements import Narrowing, list_knowable, rank_narrowings
 from compplan.uncertainty.motion import Motion
-from compplan.uncertainty.narrow import Narrowing, list_knowable, rank_narrowings
-from compplan.uncertainty.slopes import (
+from compplan.uncertainty.perturbation import sample_alternatives
+from compplan.uncertainty.sensitivities import (
     ForceSpread,
     measure_force_slopes,
     measure_slopes,
     pick_rows,
-    rest_scene,
     tie_force,
+    unload_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
-from compplan.uncertainty.vary import pick_rivals
 
 #: What makes the band, in the order of the page.
 PARTS = ("model", "unexplained", "repeatability", "force", "motion", "placement")
@@ -96,7 +96,7 @@ class Slopes:
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
+class ErrorBand:
     """How far the true tip may be from the planned one; n rows of a path.
 
     Attributes:
@@ -153,7 +153,8 @@ class Promise:
 
 
 def linearise_path(
-    scene: Scene, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *, motion: Motion | None = None,
+    scene: ForwardModel, known: Uncertainty, force: ForceSpread, cut: NDArray[np.bool_], *,
+    motion: Motion | None = None,
     part: Array | None = None, touched: TouchedPart | None = None,
 ) -> Slopes:  # fmt: skip
     """Differentiate a path by every parameter, by the force and by the place of the part at a few rows of the cut.
@@ -170,7 +171,7 @@ def linearise_path(
     rows = pick_rows(cut)
     if motion is not None:
         rows = np.union1d(rows, motion.worst_rows(cut, MOVED))
-    rest = rest_scene(scene, rows)
+    rest = unload_model(scene, rows)
     shared, local = measure_force_slopes(scene, rows, force, rest)
     if part is not None:
         shared = np.concatenate([shared, part[rows]], axis=2)
@@ -197,11 +198,11 @@ def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     }
 
 
-def promise_path(
-    robot: Robot, scene: Scene, cut: NDArray[np.bool_], force: ForceSpread, *,
+def estimate_band(
+    robot: Robot, scene: ForwardModel, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
     touched: TouchedPart | None = None,
-) -> Promise:  # fmt: skip
+) -> ErrorBand:  # fmt: skip
     """Promise how far the true tip is from the planned one along a path.
 
     Args:
@@ -218,7 +219,7 @@ def promise_path(
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
     """
-    known = known_uncertainty(robot)
+    known = robot_uncertainty(robot)
     slopes = linearise_path(scene, known, force, cut, motion=motion, part=part, touched=touched)
     parts, n = split_covariance(slopes, known), len(cut)
     spread = {name: _spread(slopes.rows, value, n) for name, value in parts.items()}
@@ -233,7 +234,7 @@ def promise_path(
 
     radius = band_radius(total, mean=mean)
     drawn = draw_paths(slopes, known)
-    return Promise(
+    return ErrorBand(
         radius=radius + left,
         parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
         covariance=total,
@@ -279,14 +280,14 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     """
     random = np.random.default_rng(SEED)
     k = len(slopes.rows)
-    root, shifts = known.split_rivals()
+    root, shifts = known.split_alternatives()
     # of rivals there are none where the force goes with the robot
     robot, shared = slopes.columns(known)
     columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
     moved = columns.reshape(3 * k, -1) @ random.standard_normal((columns.shape[2], count))
     moved = moved.reshape(k, 3, count)
     if known.rivals:
-        moved += slopes.model @ pick_rivals(known, shifts, count, random).T
+        moved += slopes.model @ sample_alternatives(known, shifts, count, random).T
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from compplan.effects.scene import own_springs
+from compplan.effects.forward_model import own_springs
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, split_unknowns

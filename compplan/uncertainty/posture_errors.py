@@ -11,16 +11,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.effects import EFFECTS, attain_scene, transmission_error
-from compplan.effects.linearization import Linearization, linearize_scene
-from compplan.effects.scene import Scene
+from compplan.effects import EFFECTS, solve_model_poses, transmission_error
+from compplan.effects.forward_model import ForwardModel
+from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import Signature, plain
 from compplan.errors import ConvergenceError
 from compplan.job.job import Job
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
-from compplan.uncertainty.assumed import known_uncertainty, moves_base
-from compplan.uncertainty.slopes import ForceSpread, measure_slopes, read_force_spread, stage_path, tie_force
+from compplan.uncertainty.assumed import moves_base, robot_uncertainty
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    measure_slopes,
+    read_force_spread,
+    tie_force,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +55,16 @@ class PostureErrors:
         Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
         """
         try:
-            return self._columns(stage_path(self.robot, q, wrench))
+            return self._columns(build_path_model(self.robot, q, wrench))
         except ConvergenceError:
             if len(q) == 1:
                 return np.full((1, 3, self.known.factor.shape[1] + 8), np.inf)
         half = len(q) // 2
         return np.concatenate([self.columns(q[:half], wrench[:half]), self.columns(q[half:], wrench[half:])])
 
-    def _columns(self, scene: Scene) -> Array:
+    def _columns(self, scene: ForwardModel) -> Array:
         known, n = self.known, len(scene.wrench)
-        at = linearize_scene(scene, attain_scene(scene))
+        at = linearize_model(scene, solve_model_poses(scene))
         tied, apart = tie_force(known, self.force)
         alike = np.hypot(known.smooth, known.repeatability or 0.0)
         force = derive_force(at, scene.wrench, self.force)
@@ -75,7 +81,7 @@ def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
     """
     if job.posture.preset != "promise":
         return None
-    known = known_uncertainty(robot)
+    known = robot_uncertainty(robot)
     if job.touched_off:  # to first order what moves the base moves a touched-off part as well
         unknowns = tuple(replace(u, deviation=0.0 * u.deviation) if moves_base(robot, u) else u for u in known.unknowns)
         known = replace(known, unknowns=unknowns)

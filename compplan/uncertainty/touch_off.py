@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.controllers.writers.counting import believed_robot
+from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
-from compplan.effects.scene import Scene
+from compplan.effects.forward_model import ForwardModel
 from compplan.robot import Array, Robot
 from compplan.robot.pose import fit_displacement, linear_displacement, see_position, see_rotation
 from compplan.robot.uncertainty import Unknown
@@ -23,7 +23,7 @@ from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import locate_loaded
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.toolpath import Toolpath
-from compplan.uncertainty.slopes import measure_slopes, stage_path
+from compplan.uncertainty.sensitivities import build_path_model, measure_slopes
 
 #: A touched point is reached where its pose is missed by less. [m, rad]
 REACHED = 1e-6
@@ -143,9 +143,9 @@ def locate_touching(robot: Robot, q: Array) -> Array:
     return locate_loaded(build_chain(robot), q, still, tolerance=1e-12)[0]
 
 
-def stage_touch(touched: TouchedPart) -> Scene:
+def stage_touch(touched: TouchedPart) -> ForwardModel:
     """Stage the robot at the touched points, at rest and without process force."""
-    return stage_path(rest_robot(touched.robot), touched.q, np.zeros((len(touched.q), 6)))
+    return build_path_model(rest_robot(touched.robot), touched.q, np.zeros((len(touched.q), 6)))
 
 
 def is_lasting(unknowns: Sequence[Unknown]) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 import compplan as cp
 from oracles.forces import DrivenRows, read_forces
-from oracles.wanted import vote_on_path
+from oracles.wanted import check_required_path
 
 #: Largest difference of a wrench from the independent one, as a share of the greatest.
 WRENCH = 1e-3
@@ -18,7 +18,7 @@ def check_plan(plan: cp.Plan) -> tuple[str, ...]:
     assert job is not None
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     rows = DrivenRows(task.programmed, task.nominal.axis, task.nominal.rapid, task.lead, plan.timing.time)
-    found = list(vote_on_path(tables, job.folder, rows, task.nominal.feed).breaches)
+    found = list(check_required_path(tables, job.folder, rows, task.nominal.feed).breaches)
     wrench = read_forces(tables, job.folder, rows)
     if wrench is not None:
         off = np.abs(wrench - task.wrench)[task.cut]

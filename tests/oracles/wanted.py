@@ -23,7 +23,7 @@ CHORD, ROUNDING = 1e-6, 2e-7
 
 
 @dataclass(frozen=True)
-class Vote:
+class Check:
     """What a second look at a part of a plan says: sentences that speak against it, and what was not looked at.
 
     `unread` says why the path was not read a second time, "" where it was.
@@ -34,7 +34,7 @@ class Vote:
     unread: str = ""
 
 
-def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed: Array) -> Vote:
+def check_required_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed: Array) -> Check:
     """Read what a job asks for a second time and follow the planned path along it.
 
     Args:
@@ -46,13 +46,13 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
     """
     source = tables.get("toolpath")
     if source is None:
-        return Vote()
+        return Check()
     name = source if isinstance(source, str) else "generated path"
     try:
         reading, chord = read_wanted(tables, folder)
     except CannotTellError as error:
         said = f"not checked by a second reading: path of {name}, {error}"
-        return Vote(notes=(said,), unread=f"{name}, {error}")
+        return Check(notes=(said,), unread=f"{name}, {error}")
     part, table = read_part(tables.get("part") or {}), tables.get("feed", {})
     posture = tables.get("posture", {})
     constant, one_feed = table.get("constant_mm_s"), table.get("mode") == "constant"
@@ -76,7 +76,7 @@ def vote_on_path(tables: Mapping[str, Any], folder: Path, rows: DrivenRows, feed
             breaches.append(f"{name}: the path has a feed of {said}")
     elif constant is not None and np.abs(feed[cut] - programmed).max(initial=0.0) > 1e-6 * programmed:
         breaches.append(f"the path has not the feed of {constant:g} mm/s that the job states")
-    return Vote(tuple(breaches))
+    return Check(tuple(breaches))
 
 
 def read_wanted(tables: Mapping[str, Any], folder: Path) -> tuple[Reading, float]:

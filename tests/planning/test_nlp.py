@@ -5,7 +5,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from test_strategies import make_path, make_task
 
 from compplan.plan.strategies import command_path
 from compplan.plan.task import attain_rows
@@ -15,6 +14,7 @@ from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_function
 from compplan.statics.sensitivity import attain_pose
+from tests.planning.test_strategies import make_path, make_task
 
 
 def make_problem(task, **changes):

@@ -12,7 +12,7 @@ import pytest
 from commandline import run_command
 
 import compplan as cp
-from regressions.own_descriptions import ABB, FANUC, KUKA, Arm, write_package
+from tests.regressions.own_descriptions import ABB, FANUC, KUKA, Arm, write_package
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 SLOT = "G21 G90 G54 G17\nT1 M6\nS8000 M3\nG0 X0 Y0 Z20\nG0 Z5\nG1 Z-1 F300\nG1 X15 F600\nG0 Z50\nM30\n"

@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from commandline import run_command
 
 import compplan as cp
-from tests.commandline import run_command
 
 ROOT = Path(__file__).parents[2]
 JOB = """schema = 1

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commandline import run_command
 
 import compplan as cp
-from tests.commandline import run_command
 
 JOB = """schema = 1
 name = "circle"

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from commandline import run_command
 from numpy.typing import NDArray
 
 from compplan.robot.folder import find_robot_folder
-from tests.commandline import run_command
 
 Array = NDArray[np.float64]
 ARMS, SEED = 50, 44
@@ -24,7 +24,7 @@ COMPLIANCE, LEVEL, DIRECTION, ZERO, TURN, LENGTH = 0.25, 0.15, 5.0, 0.02, 0.02, 
 
 
 @dataclass(frozen=True)
-class Shop:
+class Equipment:
     """A robot with its tool, the place of the part and the force of the cut."""
 
     robot: str
@@ -35,10 +35,10 @@ class Shop:
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-KUKA = Shop("kuka_kr210_r2700_2", (1700.0, -40.0, 800.0), (240.0, 160.0),
+KUKA = Equipment("kuka_kr210_r2700_2", (1700.0, -40.0, 800.0), (240.0, 160.0),
             {"position_mm": [350.0, 0.0, 0.0], "rotation_deg": [0.0, 90.0, 0.0], "mass_kg": 30.0,
              "centre_of_mass_mm": [150.0, 0.0, 0.0]}, (120.0, -90.0, 160.0))  # fmt: skip
-UR = Shop("ur10e", (650.0, -60.0, 150.0), (160.0, 120.0),
+UR = Equipment("ur10e", (650.0, -60.0, 150.0), (160.0, 120.0),
           {"position_mm": [0.0, 0.0, 150.0], "mass_kg": 2.0, "centre_of_mass_mm": [0.0, 0.0, 60.0]},
           (40.0, -25.0, 50.0))  # fmt: skip
 
@@ -46,7 +46,7 @@ UR = Shop("ur10e", (650.0, -60.0, 150.0), (160.0, 120.0),
 class Arm:
     """A robot by Pinocchio, by the test's own reading: springs about the joints' axes, weight of links and tool."""
 
-    def __init__(self, shop: Shop) -> None:
+    def __init__(self, shop: Equipment) -> None:
         folder = find_robot_folder(shop.robot)
         text = (folder / "elasticity.toml").read_text(encoding="utf-8")
         self.compliance = np.array([float(line.split("=")[1].split("#")[0]) for line in text.splitlines()
@@ -122,7 +122,7 @@ def place_part(real: Arm, nominal: Arm, found: pin.SE3, points: Array, near: Arr
     return part
 
 
-def write_job(shop: Shop, folder: Path, strategy: str, part: dict[str, Any]) -> Path:
+def write_job(shop: Equipment, folder: Path, strategy: str, part: dict[str, Any]) -> Path:
     """Write a rectangle with a diagonal, cut under one force, and its job."""
     x, y = shop.size
     corners = [(0, 0), (x, 0), (x, y), (0, y), (0, 0), (x, y)]
@@ -164,7 +164,7 @@ def measure_rms(real: Arm, q: Array, wanted: Array, wrench: Array, moved: pin.SE
 @pytest.mark.parametrize(("shop", "stated"), [(KUKA, False), (KUKA, True), (UR, False)],
                          ids=["weight of the tool", "stated points", "weight of arm and tool"])  # fmt: skip
 def test_a_touched_off_part_is_cut_better_with_the_correction(
-    shop: Shop, stated: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shop: Equipment, stated: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """50 drawn arms with gravity, errors of zeros and geometry, and force: the corrected program wins on every one."""
     x, y = (1e-3 * size for size in shop.size)

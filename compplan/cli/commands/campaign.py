@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from compplan.cli.commands.options import robot_instead
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.io.tables import dump_json
 
 
@@ -55,7 +55,7 @@ def command(
     from compplan.cli.commands.progress import show_progress
     from compplan.errors import InputError
     from compplan.job.operations import load_one_job
-    from compplan.learning.campaign import Shop, design_campaign, parse_weights
+    from compplan.learning.campaign import Equipment, design_campaign, parse_weights
     from compplan.measurement.registration import parse_parts
     from compplan.plan.plan import plan_job
     from compplan.reporting.writers.campaign import write_campaign
@@ -63,7 +63,7 @@ def command(
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
-    shop = Shop(
+    shop = Equipment(
         parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places,
         None if length_mm is None else length_mm * 1e-3,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from compplan.cli.commands.options import robot_instead
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.io.tables import dump_json
 from compplan.job.names import STRATEGIES
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from compplan.cli.commands.cam_options import keep_stated, take_cam_options
-from compplan.cli.commands.places import OUT_TABLE
+from compplan.cli.commands.output_paths import OUT_TABLE
 from compplan.errors import InputError
 from compplan.io.tables import dump_json
 from compplan.io.tomlfile import check_table, read_named_table

@@ -14,23 +14,23 @@ from compplan.cli.commands.measured import (
     settle_questions,
 )
 from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.cli.commands.progress import show_progress
 from compplan.diagnosis import Diagnosis, Finding, diagnose_campaign
-from compplan.diagnosis.answer.accuracy import MORE
-from compplan.diagnosis.answer.assessment import Assessment
-from compplan.diagnosis.answer.change import state_change
-from compplan.diagnosis.answer.delivery import NOMINAL
-from compplan.diagnosis.answer.verdict import CALIBRATED
-from compplan.diagnosis.ledger.unmodelled import describe_unmodelled
+from compplan.diagnosis.evidence.unmodelled import describe_unmodelled
+from compplan.diagnosis.results.accuracy import MORE
+from compplan.diagnosis.results.assessment import Assessment
+from compplan.diagnosis.results.change import state_change
+from compplan.diagnosis.results.delivery import NOMINAL
+from compplan.diagnosis.results.verdict import CALIBRATED
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.io.tables import dump_json
 from compplan.measurement.checks import list_notes
 from compplan.measurement.creep import find_creep
 from compplan.measurement.registration import parse_parts
-from compplan.reporting.diagnosis_words import describe_beside, describe_counting, tell_luck
-from compplan.reporting.effect_words import describe_change
+from compplan.reporting.diagnosis_text import describe_beside, describe_counting, describe_selection
+from compplan.reporting.effect_text import describe_change
 from compplan.reporting.writers.diagnosis import deliver_diagnosis
 
 
@@ -114,7 +114,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
         f"on rows not in the fit {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
-        f"noise floor {gap.noise_floor * 1e3:.3f} mm{tell_luck(gap.held_out_before, gap.held_out_after)}"
+        f"noise floor {gap.noise_floor * 1e3:.3f} mm{describe_selection(gap.held_out_before, gap.held_out_after)}"
     )
     if len(diagnosis.outliers):
         count = len(diagnosis.outliers)

@@ -13,7 +13,7 @@ from rich.table import Table as RichTable
 from compplan.cli.commands.options import complete_robots
 from compplan.cli.doctor import Remark, examine_installation, examine_log, examine_robot
 from compplan.errors import InputError
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import dump_json
 from compplan.robot import load_robot
 from compplan.toolpath.readers import list_suffixes

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.errors import InputError
 from compplan.io.tables import dump_json
 from compplan.process.force_models import FORCE_MODELS
@@ -33,7 +33,7 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     from compplan.cli.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
-    from compplan.process.force_lesson import FILE as LESSON
+    from compplan.process.learned_force import FILE as LESSON
     from compplan.reporting.writers.forces import write_coefficients, write_forces, write_level
 
     if table is not None and log is None:

@@ -14,9 +14,9 @@ from compplan.cli.commands.measured import (
     settle_questions,
 )
 from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.cli.commands.progress import show_progress
-from compplan.effects.asked import GEOMETRY
+from compplan.effects.requested import GEOMETRY
 from compplan.errors import InputError
 from compplan.identification.campaign import identify_campaign
 from compplan.identification.parameters import LINK_TERMS

@@ -16,13 +16,13 @@ import tomli_w
 from compplan.cli.commands.options import complete_robots
 from compplan.cli.commands.progress import show_progress
 from compplan.controllers.writers import WRITERS, list_languages
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.post import read_post
 from compplan.errors import CompplanError, InputError, UnknownNameError
 from compplan.io.tables import write_text
 from compplan.io.transaction import replace_folder
 from compplan.job.called_tools import ANY_FEED, describe_assumed, read_called_tools
-from compplan.job.text import (
+from compplan.job.commented_job import (
     choose_process,
     mount_tool,
     number_tools,
@@ -31,11 +31,11 @@ from compplan.job.text import (
     shorten_job,
     write_job_text,
 )
-from compplan.measurement.skeleton import write_log_text
+from compplan.measurement.template import write_log_text
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
+from compplan.robot.folder_template import TURNS, Skeleton, build_skeleton
 from compplan.robot.rating import Rating
-from compplan.robot.skeleton import TURNS, Skeleton, build_skeleton
 from compplan.toolpath.readers import find_reader, list_suffixes
 from compplan.toolpath.readers.lines import read_bounded
 from compplan.toolpath.reading import read_toolpath

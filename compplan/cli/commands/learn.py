@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from compplan.cli.commands.options import complete_robots, posture_kept
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.io.tables import dump_json
 
 
@@ -54,10 +54,10 @@ def command(
     from compplan.errors import InfeasibleError
     from compplan.job.operations import load_one_job
     from compplan.learning.measured_path import reach_of
+    from compplan.learning.part import learn_from_part
     from compplan.learning.surface import read_surface
-    from compplan.learning.teach import teach_part
     from compplan.measurement.instrument import read_instrument
-    from compplan.reporting.writers.learn import write_lesson
+    from compplan.reporting.writers.learn import write_learning
 
     checked = load_one_job(job, keep=keep)
     if instrument is not None and sigma_mm is None:
@@ -65,12 +65,12 @@ def command(
     reach = reach_of(checked.process) if reach_mm is None else reach_mm * 1e-3
     surface = None if mesh is None else read_surface(mesh, reach)
     with show_progress() as announce:
-        teaching = teach_part(
+        teaching = learn_from_part(
             checked, robot_name, measured, in_base=frame == "base", align=align,
             sigma=None if sigma_mm is None else sigma_mm * 1e-3, sure=assume_ok, surface=surface, announce=announce,
         )  # fmt: skip
         announce("report")
-        summary = write_lesson(teaching, folder)
+        summary = write_learning(teaching, folder)
     if as_json:
         click.echo(dump_json(summary, indent=2))
     else:

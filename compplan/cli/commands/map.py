@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.cli.commands.progress import show_progress
 from compplan.effects import robot_effects
 from compplan.errors import InputError

@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from compplan.diagnosis.data.questions import ask_unit, question_campaign, stage_rows
+from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model, check_plausibility
 from compplan.errors import InputError
 from compplan.io.tomlfile import check_table, read_named_table
 from compplan.measurement.campaign import Campaign
@@ -114,7 +114,7 @@ def read_log(log: Path | None, robot: Robot, instrument: Path | None = None) -> 
     if log is None:
         return None
     campaign = read_campaign(log, robot, None if instrument is None else read_instrument(instrument))
-    question = ask_unit(stage_rows(robot, campaign))
+    question = ask_unit(build_rows_model(robot, campaign))
     if question is not None:
         raise InputError(question.sentence, file=log)
     return campaign
@@ -140,7 +140,7 @@ def settle_questions(
 
     """
     check_runs(campaign)
-    questions = question_campaign(robot, campaign, parts)
+    questions = check_plausibility(robot, campaign, parts)
     open_ones = [question for question in questions if not (events and question.event)]
     if open_ones and not assume_ok:
         raise InputError(f"{open_ones[0].sentence} (--assume-ok goes on as it is)", file=campaign.file)

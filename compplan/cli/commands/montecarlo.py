@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.io.tables import dump_json
 from compplan.job.names import ONLINE, STRATEGIES
 
@@ -50,12 +50,12 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     Example: compplan montecarlo paths/isf_cone.toml --samples 200 --seed 1 --out out
     """
     from compplan.errors import InputError
-    from compplan.io.transaction import hold_folder
+    from compplan.io.transaction import lock_folder
     from compplan.job.operations import load_one_job
     from compplan.reporting.writers.montecarlo import write_study
     from compplan.studies.job_study import study_job
     from compplan.studies.runner import Settings
-    from compplan.studies.workforce import Workforce
+    from compplan.studies.workers import Workers
 
     if workers and scheduler:
         raise InputError("--workers and --scheduler are both given, choose one")
@@ -73,7 +73,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
         sequence=choices["sequence"],
         stop_below=None if stop is None else stop * 1e-3,
     )
-    with hold_folder(folder), show_bars() as (announce, progress):
+    with lock_folder(folder), show_bars() as (announce, progress):
         study = study_job(
             checked,
             settings,
@@ -82,7 +82,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
             most_waypoints=choices["waypoints"],
             sensitivity=not choices["no_sensitivity"],
             discard=choices["discard"],
-            workforce=Workforce(workers, scheduler),
+            workforce=Workers(workers, scheduler),
             announce=announce,
             progress=progress,
         )

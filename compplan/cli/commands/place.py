@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.io.tables import dump_json
 
 

@@ -9,7 +9,7 @@ import click
 
 from compplan.cli.commands.operations import carry_out_all
 from compplan.cli.commands.options import posture_kept, robot_instead
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.errors import CompplanError, InfeasibleError
 from compplan.io.tables import dump_json
 
@@ -84,7 +84,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     """Plan a job of one tool, as `carry_out` says."""
     from compplan.cli.commands.progress import show_progress
     from compplan.io.notes import Stop
-    from compplan.plan.bending import describe_bending
+    from compplan.plan.deflection import describe_bending
     from compplan.plan.frame_notes import describe_part_frame
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said

@@ -9,7 +9,7 @@ import click
 
 from compplan.cli.commands.cam_options import keep_stated, take_cam_options
 from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.places import OUT_FOLDER
+from compplan.cli.commands.output_paths import OUT_FOLDER
 from compplan.controllers.writers import WRITERS
 from compplan.errors import InputError
 from compplan.io.tomlfile import check_table, read_named_table

@@ -9,8 +9,8 @@ import numpy as np
 
 from compplan.cli.commands.measured import load_measured, measured_options
 from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.places import OUT_TABLE
-from compplan.io.origin import describe_origin
+from compplan.cli.commands.output_paths import OUT_TABLE
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import dump_json
 from compplan.measurement.checks import check_unit, list_notes
 from compplan.measurement.creep import find_creep

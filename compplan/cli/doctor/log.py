@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.cli.doctor.remarks import Remark
-from compplan.diagnosis.data.questions import question_campaign
+from compplan.diagnosis.data.plausibility import check_plausibility
 from compplan.errors import InputError
 from compplan.io.tables import Table, read_table, read_text
 from compplan.measurement.campaign import Campaign
@@ -141,7 +141,7 @@ def _met_again(campaign: Campaign) -> int:
 
 
 def _question(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
-    questions = question_campaign(robot, campaign)
+    questions = check_plausibility(robot, campaign)
     for question in questions:
         yield Remark("note" if question.event else "odd", question.about, question.sentence)
     if not questions:

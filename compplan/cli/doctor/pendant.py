@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from compplan.cli.doctor.remarks import Remark
-from compplan.controllers.writers.counting import from_controller, load_controller, locate_link
+from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_link
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool, name_axis
@@ -16,13 +16,13 @@ from compplan.robot.mounting import mounted_tool, name_axis
 ASIDE = 60.0
 
 
-def stand_at_zero(robot: Robot) -> Array:
+def zero_posture(robot: Robot) -> Array:
     """Return the posture in which the pendant shows 0 for every axis, or the nearest within limits. Shape (nq,)."""
     q = from_controller(load_controller(robot), np.zeros((1, robot.nq)))[0]
     return np.asarray(np.clip(q, robot.lower, robot.upper))
 
 
-def look_at_pendant(robot: Robot) -> Iterator[Remark]:
+def check_pendant(robot: Robot) -> Iterator[Remark]:
     """Say how tool data of the pendant are counted, and how to check it."""
     found, flange = locate_pendant(robot), robot.flange
     if found is None:
@@ -42,7 +42,7 @@ def look_at_pendant(robot: Robot) -> Iterator[Remark]:
 
 def _describe_jog(robot: Robot, pendant: Array) -> str:
     """Say where the flange goes when one jogs along the tool's axes with every axis at 0."""
-    q = stand_at_zero(robot)
+    q = zero_posture(robot)
     counting = load_controller(robot)
     at_zero = np.allclose(q, from_controller(counting, np.zeros((1, robot.nq)))[0])
     flange = locate_link(robot, q[None], robot.flange)[0] @ pendant

@@ -7,9 +7,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.cli.doctor.pendant import look_at_pendant
+from compplan.cli.doctor.pendant import check_pendant
 from compplan.cli.doctor.remarks import Remark
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.effects import robot_effects
 from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
@@ -43,7 +43,7 @@ def examine_robot(robot: Robot) -> list[Remark]:
     """
     findings = [_describe(robot), *_look_at_sources(robot), *_look_at_limits(robot), *_look_at_weights(robot)]
     findings += [*_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
-    return [*findings, *look_at_pendant(robot), *_look_at_shapes(robot)]
+    return [*findings, *check_pendant(robot), *_look_at_shapes(robot)]
 
 
 def _describe(robot: Robot) -> Remark:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.blas import dtbsv
 
-from compplan.controllers.writers.servo import ServoMotion
+from compplan.controllers.writers.motion_table import ServoMotion
 from compplan.robot import Array
 
 #: A joint that goes slower than this does not turn back. [rad/s or m/s]

@@ -18,7 +18,7 @@ from compplan.controllers.motion.model import (
     run_window,
 )
 from compplan.controllers.motion.windows import Window
-from compplan.controllers.writers.servo import LONGEST_LAG, ServoMotion
+from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
 from compplan.robot import Array
 from compplan.statics.ik import Arm
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.motion.exports import rename_export
 from compplan.controllers.motion.instructions import read_joints
-from compplan.controllers.writers.counting import from_controller, load_controller
+from compplan.controllers.writers.joint_convention import from_controller, load_controller
 from compplan.errors import InputError
 from compplan.io.columns import FileColumn
 from compplan.io.tables import Array, read_table

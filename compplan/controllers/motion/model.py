@@ -12,7 +12,7 @@ from compplan.controllers.motion.drives import follow_command, lag_command
 from compplan.controllers.motion.geometry import follow_path
 from compplan.controllers.motion.timing import schedule_path
 from compplan.controllers.motion.windows import Window
-from compplan.controllers.writers.servo import ServoMotion
+from compplan.controllers.writers.motion_table import ServoMotion
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import Arm

@@ -11,8 +11,8 @@ from compplan.controllers.motion.drives import follow_command
 from compplan.controllers.motion.geometry import build_path, follow_path, locate_nodes
 from compplan.controllers.motion.instructions import read_instructions
 from compplan.controllers.motion.timing import schedule_path
-from compplan.controllers.writers.counting import load_motion
-from compplan.controllers.writers.servo import ServoMotion
+from compplan.controllers.writers.joint_convention import load_motion
+from compplan.controllers.writers.motion_table import ServoMotion
 from compplan.errors import InfeasibleError
 from compplan.io.tables import write_table
 from compplan.robot import Array, Robot

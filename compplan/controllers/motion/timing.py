@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compplan.controllers.motion.geometry import Path
-from compplan.controllers.writers.servo import ServoMotion
+from compplan.controllers.writers.motion_table import ServoMotion
 from compplan.robot import Array
 
 

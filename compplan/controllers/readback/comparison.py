@@ -18,17 +18,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.controller import ReadCounting, read_counting
+from compplan.controllers.readback.declared import compare_declared
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
 from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
 from compplan.controllers.readback.frames import read_frame, read_part
-from compplan.controllers.readback.joint_table import Commanded, to_degrees, vote_on_choice, vote_on_table
+from compplan.controllers.readback.joint_table import Commanded, check_joint_table, check_posture_choice, to_degrees
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.poses import Move
 from compplan.controllers.readback.posture import read_words
+from compplan.controllers.readback.reported import ReportedProgram
 from compplan.controllers.readback.robot import JointTable, read_joints
-from compplan.controllers.readback.said import compare_said
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
-from compplan.controllers.readback.spoken import Spoken
 from compplan.robot import Array
 
 #: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
@@ -90,7 +90,10 @@ def compare_written(
 
     """
     joints = read_joints(robot)
-    breaches = [*vote_on_choice(wanted, _read_cycle(robot)), *vote_on_table(folder / "joints.csv", joints, wanted)]
+    breaches = [
+        *check_posture_choice(wanted, _read_cycle(robot)),
+        *check_joint_table(folder / "joints.csv", joints, wanted),
+    ]
     notes: list[str] = []
     output = tables.get("output") or {}
     if not output.get("programs"):
@@ -127,7 +130,7 @@ def compare_written(
                 else:
                     said = stand.compare(moves, held) or spoken.take(held).compare(language, moves)
                 if language in ("fanuc_ls", "inform") and not stand.arm.carries_part:
-                    said += compare_said(file, np.linalg.inv(stand.world) @ stand.part, stand.tool)
+                    said += compare_declared(file, np.linalg.inv(stand.world) @ stand.part, stand.tool)
                 breaches += [f"{file.name}, read back: {text}" for text in said]
     return Findings(tuple(breaches), tuple(notes))
 
@@ -236,7 +239,12 @@ class _Stand:
         kept[:-1] |= wanted.feed[rows][1:] <= 0.0
         kept[-1] = True
         return PlannedRows(
-            self.position, self.rotation, wanted.time[rows], kept, wanted.free, self.tolerance * wanted.coarser[rows],
+            self.position,
+            self.rotation,
+            wanted.time[rows],
+            kept,
+            wanted.free,
+            self.tolerance * wanted.coarser[rows],
             self.cycle,
         )
 
@@ -317,7 +325,7 @@ class _Stand:
         return f"a feed of {stated[row]:.4g} mm/s at row {row}, planned are {wanted[row]:.4g}"
 
 
-def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> Spoken:
+def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> ReportedProgram:
     """Return what programs have to say beside where they lead."""
     wanted, counting, joints = stand.wanted, stand.counting, stand.joints
     rows = wanted.program
@@ -330,8 +338,13 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> Spoken:
     mass, centre = tool.get("mass_kg"), np.array(tool.get("centre_of_mass_mm", (0.0, 0.0, 0.0)), float)
     seen = stand.tool @ np.linalg.inv(_millimetres(read_frame(tool))) @ np.r_[centre, 1.0]
     words = read_words(robot, joints.names, wanted.sent[rows])
-    return Spoken(
-        shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, share, mass,
+    return ReportedProgram(
+        shown[:, ~counting.external],
+        words,
+        wanted.feed[rows] <= 0.0,
+        wanted.stands,
+        share,
+        mass,
         seen[:3],
     )
 

@@ -54,7 +54,7 @@ class Commanded:
     sent: Array
 
 
-def vote_on_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
+def check_posture_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
     """Say where joints.csv leaves out a row that is no nearer than a cycle to one that it holds."""
     out, held = np.flatnonzero(~wanted.table), wanted.time[wanted.table]
     if not len(out):
@@ -66,7 +66,7 @@ def vote_on_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
         yield f"joints.csv leaves out row {row}, {far:.3g} ms beside what it holds, a cycle is {1e3 * cycle:g} ms"
 
 
-def vote_on_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
+def check_joint_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:
     """Say where joints.csv is not what was planned."""
     with file.open(encoding="utf-8", newline="") as stream:
         head = next(csv.reader(stream))

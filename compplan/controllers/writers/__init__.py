@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.language import Language
 from compplan.controllers.writers.machine import Wiring, describe_events
 from compplan.controllers.writers.post import describe_cell

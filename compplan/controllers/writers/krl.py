@@ -208,7 +208,7 @@ def _linear_moves(program: Program) -> list[tuple[str, str, str]]:
     stops, arcs, vias = program.stops(linear=True).tolist(), program.arcs.tolist(), program.via_positions
     moves, planner, zones = [], "S" if program.splines else "", find_zones(program, ZONES["krl"])[1].tolist()
     for row, place in enumerate(place_table(program.positions, "ZYX").tolist()):
-        end, cam = "" if stops[row] else " C_DIS", program.say_line(row, ";")
+        end, cam = "" if stops[row] else " C_DIS", program.write_comment_line(row, ";")
         if alone[row]:
             note = "; the configuration changes: a joint move\n" if program.swings[row] else ""
             moves.append(("", "", f"{note}PTP {_axis_point(program, row, columns)}{end}"))

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.writers.counting import (
+from compplan.controllers.writers.frames import flange_turn, weigh_tool
+from compplan.controllers.writers.joint_convention import (
     believed_robot,
     find_bend,
     krl_status,
@@ -21,7 +22,6 @@ from compplan.controllers.writers.counting import (
     rates_to_controller,
     to_controller,
 )
-from compplan.controllers.writers.frames import flange_turn, weigh_tool
 from compplan.controllers.writers.machine import Wiring
 from compplan.controllers.writers.post import Post
 from compplan.controllers.writers.text import clean_text
@@ -198,7 +198,7 @@ class Program:
         """Tell the moves that are cubics. Shape (n,)."""
         return np.zeros(len(self), bool) if self.bend is None else np.isfinite(self.bend[:, 0, 0])
 
-    def say_line(self, row: int, sign: str) -> str:
+    def write_comment_line(self, row: int, sign: str) -> str:
         """Return the line of the CAM file that a move stands on as a comment behind it, by a language's sign."""
         line = 0 if self.line_of is None else int(self.line_of[row])
         return f" {sign} CAM line {line}" if line else ""

@@ -142,7 +142,7 @@ def _linear_moves(program: Program, name: str) -> list[str]:
                 target = f"MoveC {middle},{_robot_target(place, turn, rest)}"
         manner = _manner(program, row, alone[row], stops[row], zones[row])
         note = "    ! the configuration changes: a joint move\n" if program.swings[row] else ""
-        if not alone[row] and (cam := program.say_line(row, "!")) != said:
+        if not alone[row] and (cam := program.write_comment_line(row, "!")) != said:
             note, said = f"{note}   {cam}\n" if cam else note, cam
         moves.append(f"{note}    {target},{manner},{seen};")
     return moves

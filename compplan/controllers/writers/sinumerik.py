@@ -125,7 +125,7 @@ def _blocks(program: Program) -> list[str]:
     for row, values in enumerate(table.tolist()):
         place = _words(np.array([*values, *external[row]]))
         exact, number = " G9" if stops[row] else "", f"N{10 * (row + 1)} "
-        kind, cam = "PTP" if alone[row] else "CP", program.say_line(row, ";")
+        kind, cam = "PTP" if alone[row] else "CP", program.write_comment_line(row, ";")
         change, travel = ("" if kind == travel else f"{kind}\n"), kind
         space = zone if stops[row] else "G642" if zones[row] == np.inf else f"G641 ADIS={1e3 * zones[row]:.3f}"
         change, zone = change if space == zone else f"{change}{space}\n", space

@@ -110,7 +110,7 @@ def _moves(program: Program, linear: bool) -> list[str]:
     for row, joints in enumerate(np.radians(program.joints).tolist()):
         end = f", r={radii[row]:.7f})" if radii[row] > 0.0 else ")"
         if linear and not alone[row]:
-            feed, cam = max(program.feed[row] * 1e-3, SLOWEST), program.say_line(row, "#")
+            feed, cam = max(program.feed[row] * 1e-3, SLOWEST), program.write_comment_line(row, "#")
             target, how = f"pose_trans(part, {poses[row]})", f"a={TOOL_ACCELERATION}, v={feed:.6f}"
             if arcs[row]:
                 middle = f"pose_trans(part, {_poses(via[row][None])[0]})"

@@ -1,6 +1,6 @@
 """Data: what was measured, as numbers that a model can be held against.
 
-In: a robot, a log, what the robot should do at its rows (`compplan.effects.scene`).
+In: a robot, a log, what the robot should do at its rows (`compplan.effects.forward_model`).
 
 The equation: in base axes a row leaves r = T_base^-1 p_measured - p_expected, and with the instrument's variance v, the
 repeatability s of a stay and n rows in it

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import ENOUGH_ROWS, FEW_ROWS
 from compplan.diagnosis.data.noise import STATED, Noise, estimate_noise
-from compplan.effects.scene import Attained, Scene
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS
+from compplan.effects.forward_model import Attained, ForwardModel
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.registration import (
     CONTACTS,
@@ -98,13 +98,13 @@ def group_poses(campaign: Campaign) -> NDArray[np.int_]:
     return np.where(campaign.on_path, -1 - block_index(campaign), campaign.pose)
 
 
-def position_residual(campaign: Campaign, scene: Scene, attained: Attained) -> Array:
+def position_residual(campaign: Campaign, scene: ForwardModel, attained: Attained) -> Array:
     """Return measured minus expected position, base axes. Shape (n, 3). [m]"""
     return campaign_gap(campaign, attained.position, scene.registration)
 
 
 def build_channels(
-    scene: Scene, attained: Attained, use: NDArray[np.bool_], noises: dict[str, Noise]
+    scene: ForwardModel, attained: Attained, use: NDArray[np.bool_], noises: dict[str, Noise]
 ) -> tuple[Channel, ...]:
     """Compare a campaign with what a scene comes to.
 

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.controllers.writers.counting import load_controller
-from compplan.diagnosis.data.agreed import ROUNDING, SAMPLE, STEPS
-from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.controllers.writers.joint_convention import load_controller
+from compplan.diagnosis.data.shared import ROUNDING, SAMPLE, STEPS
+from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit_frames import fit_registration
 from compplan.measurement.registration import stated_registration
@@ -79,7 +79,7 @@ def typical_gap(
 def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], effects: list[Effect]) -> Array:
     """Return where the targets should be measured, frames fitted where asked. Shape (n, 3). [m]"""
     stated = None if register else stated_registration(campaign)
-    attained = attain_scene(apply_effects(stage_scene(robot, campaign, registration=stated), effects))
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign, registration=stated), effects))
     position = attained.position
     if register:
         registration = fit_registration(campaign, attained.position, attained.rotation, register)

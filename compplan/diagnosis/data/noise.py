@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, comb, gammaincinv
 
-from compplan.diagnosis.data.agreed import ENOUGH_ROWS, LEVEL, ROUNDING
 from compplan.diagnosis.data.outliers import OUTLYING
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, ROUNDING
 from compplan.measurement.campaign import FORCE_NOISE, Campaign
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.robot import Array

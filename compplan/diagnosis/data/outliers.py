@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import ENOUGH_ROWS, LEVEL
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from compplan.diagnosis.data.channels import Channel, build_channels
 from compplan.diagnosis.data.outliers import OUTLYING
-from compplan.diagnosis.ledger.evidence import Hyper
+from compplan.diagnosis.evidence.evidence import Hyper
 from compplan.diagnosis.search.state import SETTLED, Fit, FitState, advance_state, attain_state, known_approach
 from compplan.errors import ConvergenceError
 from compplan.robot import Array

@@ -10,11 +10,21 @@ import numpy as np
 from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
 from compplan.diagnosis.data.noise import Noise
 from compplan.diagnosis.data.outliers import find_gross_outliers, find_outliers
-from compplan.diagnosis.ledger.background import CLASSES, build_prior, log_priors
-from compplan.diagnosis.ledger.evidence import FIRST_STEPS, start_hyper
-from compplan.diagnosis.ledger.ledger import Ledger, build_ledger, extend_ledger
-from compplan.diagnosis.ledger.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
-from compplan.diagnosis.ledger.proposals import propose_shifts, propose_waves
+from compplan.diagnosis.evidence.background import CLASSES, build_prior, log_priors
+from compplan.diagnosis.evidence.candidates import (
+    REGISTRATION,
+    key_of,
+    offered_signatures,
+    propose_again,
+    proposed_signatures,
+)
+from compplan.diagnosis.evidence.evidence import FIRST_STEPS, start_hyper
+from compplan.diagnosis.evidence.normal_equations import (
+    NormalEquations,
+    build_normal_equations,
+    extend_normal_equations,
+)
+from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
 from compplan.diagnosis.search.descent import descend
 from compplan.diagnosis.search.restart import search_again_plainly
 from compplan.diagnosis.search.search import MOST_EFFECTS, SOFT, WORTHWHILE, Claim, Search, search_models
@@ -29,8 +39,8 @@ from compplan.diagnosis.search.state import (
     known_approach,
     linearize_state,
 )
+from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization
-from compplan.effects.scene import own_springs
 from compplan.effects.signature import Signature
 from compplan.measurement.registration import Registration
 
@@ -117,7 +127,7 @@ def _round(
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
-    ledger = build_ledger(channels, _offer_all(problem, state, at, proposals), state.values)
+    ledger = build_normal_equations(channels, _offer_all(problem, state, at, proposals), state.values)
     fit = _search_ledger(problem, state, at, channels, ledger, noises, progress, hold=hold)
     while not hold:
         fresh = _propose(fit)
@@ -146,7 +156,7 @@ def _offer_all(
         s for s in offered_signatures(at, problem.register, problem.excluded)
         if s.name != "stiffness_nonlinearity" or s.joint in sprung
     ]  # fmt: skip
-    return fixed + offer_again(at, proposals, {key for key, _ in state.claims})
+    return fixed + propose_again(at, proposals, {key for key, _ in state.claims})
 
 
 def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
@@ -157,13 +167,13 @@ def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], Non
         fresh: Signatures that it has not seen.
         progress: Told what is being done.
     """
-    ledger = extend_ledger(fit.search.ledger, fresh)
+    ledger = extend_normal_equations(fit.search.ledger, fresh)
     held = replace(fit.state, claims=claims_of(fit))
     return _search_ledger(fit.problem, held, fit.at, fit.channels, ledger, fit.noises, progress)
 
 
 def _search_ledger(
-    problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], ledger: Ledger,
+    problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], ledger: NormalEquations,
     noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
 ) -> Fit:  # fmt: skip
     signatures = ledger.signatures

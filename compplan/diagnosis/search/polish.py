@@ -9,9 +9,15 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import build_channels, position_residual
 from compplan.diagnosis.data.outliers import find_outliers
-from compplan.diagnosis.ledger.background import build_prior, in_background, log_priors
-from compplan.diagnosis.ledger.ledger import build_ledger
-from compplan.diagnosis.ledger.offers import REGISTRATION, key_of, offer_again, offered_signatures, proposed_signatures
+from compplan.diagnosis.evidence.background import build_prior, in_background, log_priors
+from compplan.diagnosis.evidence.candidates import (
+    REGISTRATION,
+    key_of,
+    offered_signatures,
+    propose_again,
+    proposed_signatures,
+)
+from compplan.diagnosis.evidence.normal_equations import build_normal_equations
 from compplan.diagnosis.search.search import Claim, Search
 from compplan.diagnosis.search.state import (
     Fit,
@@ -81,9 +87,9 @@ def _step(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
     old = proposed_signatures(fit.search.ledger.signatures)
     problem = fit.problem
     offered = offered_signatures(at, problem.register, problem.excluded)
-    offered += offer_again(at, old, set(sizes))
+    offered += propose_again(at, old, set(sizes))
     kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
-    ledger = build_ledger(channels, kept, state.values)
+    ledger = build_normal_equations(channels, kept, state.values)
     free = [n for n, s in enumerate(kept) if s.name == REGISTRATION]
     hyper = fit.model.posterior.hyper
     search = Search(ledger, build_prior(ledger, free, fit.problem.excluded), log_priors(kept), [], hyper)

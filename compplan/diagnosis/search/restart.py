@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.diagnosis.ledger.evidence import FIRST_STEPS
+from compplan.diagnosis.evidence.evidence import FIRST_STEPS
 from compplan.diagnosis.search.search import (
     WORTHWHILE,
     Model,

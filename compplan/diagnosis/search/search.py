@@ -10,8 +10,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.agreed import STEPS, rank_evidence
-from compplan.diagnosis.ledger.evidence import (
+from compplan.diagnosis.data.shared import STEPS, rank_evidence
+from compplan.diagnosis.evidence.evidence import (
     FIRST_STEPS,
     Hyper,
     Posterior,
@@ -19,8 +19,8 @@ from compplan.diagnosis.ledger.evidence import (
     excess_squares,
     find_posterior,
 )
-from compplan.diagnosis.ledger.gains import SIZES, Gain, find_gains
-from compplan.diagnosis.ledger.ledger import Ledger
+from compplan.diagnosis.evidence.evidence_gain import SIZES, Gain, find_gains
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.effects import gravity_sag
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
@@ -94,7 +94,7 @@ class Search:
         rigid: Whether nothing bends but what claims make soft.
     """
 
-    ledger: Ledger
+    ledger: NormalEquations
     prior: Prior
     log_prior: Array
     candidates: Sequence[int]

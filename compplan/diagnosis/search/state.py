@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import Channel
 from compplan.diagnosis.data.noise import Noise
-from compplan.diagnosis.ledger.background import CLASSES, in_background
-from compplan.diagnosis.ledger.evidence import Posterior, Prior, find_posterior
-from compplan.diagnosis.ledger.ledger import Ledger
-from compplan.diagnosis.ledger.offers import REGISTRATION, Key, key_of
+from compplan.diagnosis.evidence.background import CLASSES, in_background
+from compplan.diagnosis.evidence.candidates import REGISTRATION, Key, key_of
+from compplan.diagnosis.evidence.evidence import Posterior, Prior, find_posterior
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.search import MOST_EFFECTS, Model, Search
-from compplan.effects import Effect, apply_effects, attain_scene, stage_scene
+from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
 from compplan.effects.checks import limit_sizes
-from compplan.effects.linearization import Linearization, linearize_scene
-from compplan.effects.scene import Attained, Scene, observe_again
+from compplan.effects.forward_model import Attained, ForwardModel, observe_again
+from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import Signature
 from compplan.errors import ConvergenceError
 from compplan.measurement.campaign import Campaign
@@ -52,7 +52,9 @@ class Problem:
     register: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     fixed: tuple[Effect, ...] = ()
-    latest: list[tuple[tuple[Effect, ...], Scene, Attained]] = field(default_factory=list, init=False, repr=False)
+    latest: list[tuple[tuple[Effect, ...], ForwardModel, Attained]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
     @property
     def excluded(self) -> tuple[str, ...]:
@@ -130,7 +132,7 @@ def stands(problem: Problem, state: FitState) -> bool:
     return bool(np.isfinite(attained.position).all())
 
 
-def attain_state(problem: Problem, state: FitState) -> tuple[Scene, Attained]:
+def attain_state(problem: Problem, state: FitState) -> tuple[ForwardModel, Attained]:
     """Put the state's effects into a scene and solve it."""
     for effects, scene, attained in problem.latest:
         if effects is state.effects:
@@ -138,9 +140,9 @@ def attain_state(problem: Problem, state: FitState) -> tuple[Scene, Attained]:
                 scene = replace(scene, registration=state.registration)
                 attained = observe_again(scene, attained)
             return scene, attained
-    scene = stage_scene(problem.robot, problem.campaign, registration=state.registration)
+    scene = build_model(problem.robot, problem.campaign, registration=state.registration)
     scene = apply_effects(scene, state.effects)
-    attained = attain_scene(scene)
+    attained = solve_model_poses(scene)
     problem.latest[:] = [(state.effects, scene, attained)]
     return scene, attained
 
@@ -148,7 +150,7 @@ def attain_state(problem: Problem, state: FitState) -> tuple[Scene, Attained]:
 def linearize_state(problem: Problem, state: FitState) -> Linearization:
     """Put the state's effects into a scene, solve it and linearize."""
     scene, attained = attain_state(problem, state)
-    return linearize_scene(scene, attained, {effect.place: effect.parameters for effect in state.effects})
+    return linearize_model(scene, attained, {effect.place: effect.parameters for effect in state.effects})
 
 
 def advance_state(fit: Fit, share: float = 1.0) -> FitState:
@@ -196,13 +198,13 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     return FitState(tuple(effects), values, registration, fit.state.use, claims_of(fit), scatter)
 
 
-def idle(ledger: Ledger, columns: NDArray[np.int_], vector: Array) -> bool:
+def idle(ledger: NormalEquations, columns: NDArray[np.int_], vector: Array) -> bool:
     """Tell whether background errors move nothing here: they stay out of the model, as elsewhere they might."""
     part = vector[columns]
     return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < IDLE for design in ledger.designs)
 
 
-def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
+def _quiet_classes(ledger: NormalEquations, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
     """Tell which classes of the background hardly move anything. Shape (classes,)."""
     quiet = np.ones(len(CLASSES), bool)
     for label in range(len(CLASSES)):
@@ -212,7 +214,7 @@ def _quiet_classes(ledger: Ledger, background: NDArray[np.int_], vector: Array) 
     return quiet
 
 
-def bend_forwards(ledger: Ledger, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
+def bend_forwards(ledger: NormalEquations, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
     """Take background errors that can only be positive out of a model where they come out negative.
 
     Nothing bends against its load; left in, such errors would cancel others to first order and could not be built.

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
-from compplan.io.origin import note_input
 from compplan.io.plugins import Registry
+from compplan.io.provenance import note_input
 from compplan.io.tables import read_text
 from compplan.job.tool_tables.listed import LibraryTool
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.measurement.fit.system import System, weigh
+from compplan.measurement.fit.linear_system import System, weigh
 from compplan.robot import Array
 
 

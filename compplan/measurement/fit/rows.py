@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign, number_rows
 from compplan.measurement.fit.robust import check_loss
-from compplan.measurement.made import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION
+from compplan.measurement.from_arrays import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 

@@ -16,7 +16,7 @@ from compplan.robot import Array
 Gain = Callable[[Array, Array, Array], Array]
 
 
-def weigh_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Worth:
+def weight_rows(gain: Gain, covariance: Array, rows: Array, noise: float, mean: Array | None = None) -> Worth:
     """Tell what every measurement is worth beside some that are taken, for an exchange.
 
     Args:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compplan.plan.strategies.limits import judge_limits
+from compplan.plan.strategies.limits import check_limits
 from compplan.plan.strategies.mirror import mirror_deviation
 from compplan.plan.task import Command, PlanTask
 
@@ -20,4 +20,4 @@ def command_path(task: PlanTask) -> Command:
     while deviation >= SETTLED and passes < MOST_PASSES:
         q, position, rotation, deviation = mirror_deviation(task, q, position, rotation)
         passes += 1
-    return judge_limits(task, q, {"passes": passes})
+    return check_limits(task, q, {"passes": passes})

@@ -20,7 +20,7 @@ AT_CORRECTION = 1e-6
 OUT_OF_REACH = "reach of the arm"
 
 
-def judge_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = None) -> Command:
+def check_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = None) -> Command:
     """Make a command of joint positions, and name the waypoints that leave a limit or that the arm does not reach."""
     outside = np.maximum(task.robot.lower - q, q - task.robot.upper)
     too_far = measure_correction(task, q) > task.max_correction + AT_CORRECTION

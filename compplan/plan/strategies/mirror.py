@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.plan.strategies.limits import judge_limits
+from compplan.plan.strategies.limits import check_limits
 from compplan.plan.task import Command, PlanTask, attain
 from compplan.robot import Array
 from compplan.statics.ik import build_arm, refine_ik
@@ -20,7 +20,7 @@ words = "mirror"
 
 def command_path(task: PlanTask) -> Command:
     """Mirror the predicted deviation."""
-    return judge_limits(task, mirror_deviation(task, task.q_start, task.position, task.rotation)[0])
+    return check_limits(task, mirror_deviation(task, task.q_start, task.position, task.rotation)[0])
 
 
 def mirror_deviation(task: PlanTask, q: Array, position: Array, rotation: Array) -> tuple[Array, Array, Array, float]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.plan.strategies.limits import OUT_OF_REACH, judge_limits, name_failures
+from compplan.plan.strategies.limits import OUT_OF_REACH, check_limits, name_failures
 from compplan.plan.strategies.lost_motion import lead_play, list_plays, without_play
 from compplan.plan.task import Command, PlanTask
 from compplan.planning.dense import KEPT, PathSolution, correct_pose, miss_pose, size_of, solve_path
@@ -67,7 +67,7 @@ def _finish(task: PlanTask, q: Array, command: Command) -> Command:
     if task.robot.effects:
         # lost motion at a reversal, which no command mends, is no matter of reach: the evaluation sees the tip
         failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
-    failures |= judge_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
+    failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
     return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compplan.plan.strategies.limits import judge_limits
+from compplan.plan.strategies.limits import check_limits
 from compplan.plan.task import Command, PlanTask
 
 words = "no correction"
@@ -10,4 +10,4 @@ words = "no correction"
 
 def command_path(task: PlanTask) -> Command:
     """Command the nominal path as if nothing bent."""
-    return judge_limits(task, task.q_uncorrected)
+    return check_limits(task, task.q_uncorrected)

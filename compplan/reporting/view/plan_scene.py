@@ -136,7 +136,7 @@ class PlanScene:
         nothing = np.full(len(self.rows), np.nan)
         return join_rows(self.recording.tip[self.rows], paint_sizes(nothing, 1.0))
 
-    def draw_promise(self, magnify: float) -> Lines:
+    def draw_error_band(self, magnify: float) -> Lines:
         """Draw rings about the path that hold the true tip with 95 %, magnified."""
         radius, tip = self.recording.promise, self.recording.tip
         known = np.flatnonzero(np.isfinite(radius))

@@ -268,7 +268,7 @@ class PlanViewer:
             way, magnify = self.chosen, float(self.magnify.value)
             self.stage.draw("/path", self.scene.draw_path(way, magnify), 6.0)
             shown = way == PROMISE
-            rings = self.stage.draw("/promise", self.scene.draw_promise(magnify), 1.5) if shown else None
+            rings = self.stage.draw("/promise", self.scene.draw_error_band(magnify), 1.5) if shown else None
             if rings is None:
                 self.server.scene.remove_by_name(f"{self.stage.root}/promise")
             self.stage.light_part(self.scene, way)

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from compplan.controllers.writers.counting import load_controller
+from compplan.controllers.writers.joint_convention import load_controller
 from compplan.errors import InputError
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import check_file, replace_folder
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.robot.calibration import find_format, universal_robots
 from compplan.robot.calibration.geometry import turn_zeros
-from compplan.simulation.calibration_loss import POSES, judge_losses
+from compplan.simulation.calibration_loss import POSES, compute_losses
 
 
 def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def write_controller_file(robot: Robot, nominal: Robot, file: Path) -> dict[str,
     zero = _find_zeros(nominal)
     form = universal_robots
     text, held = form.write(turn_zeros(robot, zero), turn_zeros(nominal, zero))
-    losses, left = judge_losses(robot, turn_zeros(held, -zero), nominal, form.lacks)
+    losses, left = compute_losses(robot, turn_zeros(held, -zero), nominal, form.lacks)
     rows = [{"what": loss.what, "rms_mm": float(f"{loss.rms * 1e3:.4g}")} for loss in losses]
     write_text(file, text)
     return {

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from compplan.controllers.writers import build_program, write_program
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.campaign import MANY, PoseCampaign
 from compplan.learning.contacts import SPHERE
-from compplan.measurement.sights import DISTANCE, READING, Sights
+from compplan.measurement.observations import DISTANCE, READING, Observations
 from compplan.reporting.campaign_page import describe_campaign, write_campaign_page
 from compplan.robot import Array
 from compplan.toolpath.toolpath import WRENCH_HEADERS
@@ -68,7 +68,7 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     write_text(file, "\n".join(lines) + "\n")
 
 
-def sight_columns(sights: Sights | None, poses: int, known: bool = False) -> dict[str, object]:
+def sight_columns(sights: Observations | None, poses: int, known: bool = False) -> dict[str, object]:
     """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose.
 
     Args:
@@ -112,7 +112,7 @@ def describe_task(instrument: str) -> str:
     return TASKS.get(instrument, "measure")
 
 
-def describe_instrument(sights: Sights, sigma: float) -> str:
+def describe_instrument(sights: Observations, sigma: float) -> str:
     """Return the text of instrument.toml for a campaign that is filled in. sigma: [m]"""
     lines = ["schema = 1", "[instrument]", f"sigma_mm = {1e3 * sigma:g}"]
     known = sights.known

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from compplan.diagnosis import Diagnosis
-from compplan.diagnosis.answer.assessment import Assessment, assess_diagnosis
-from compplan.diagnosis.answer.delivery import Delivery
-from compplan.diagnosis.answer.next_measurement import propose_measurements
-from compplan.diagnosis.answer.where import Split, split_diagnosis
-from compplan.io.origin import describe_origin
+from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
+from compplan.diagnosis.results.delivery import Delivery
+from compplan.diagnosis.results.next_measurement import propose_measurements
+from compplan.diagnosis.results.where import Split, split_diagnosis
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import replace_folder
 from compplan.measurement.registration import write_registration
 from compplan.reporting.diagnosis_page import write_diagnosis_page
-from compplan.reporting.writers.cell import write_gap
+from compplan.reporting.writers.recording import write_gap
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign

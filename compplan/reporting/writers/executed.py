@@ -15,10 +15,10 @@ import tomli_w
 from compplan.controllers.motion.identify import Identified, identify_motion, score, summarise_distance
 from compplan.controllers.motion.model import divide_gap
 from compplan.controllers.motion.windows import PlacedLog, cut_windows, load_trace
-from compplan.controllers.writers.counting import load_motion
-from compplan.controllers.writers.servo import ASSUMED, ServoMotion, tabulate_motion
+from compplan.controllers.writers.joint_convention import load_motion
+from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion, tabulate_motion
 from compplan.errors import InputError
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
 from compplan.reporting.trace_page import write_trace_page

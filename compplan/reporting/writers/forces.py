@@ -13,21 +13,21 @@ from pydantic import ValidationError
 
 from compplan.errors import InputError
 from compplan.io.notes import list_stops
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
 from compplan.process.cutting import CoefficientTable
-from compplan.process.force_lesson import (
+from compplan.process.learned_force import (
     SCATTER,
     LearnedForce,
-    TaughtPartTable,
+    LearnedPartTable,
     add_part,
     find_axes,
     read_learned_force,
     write_learned_force,
 )
-from compplan.process.process import Process
+from compplan.process.wrench import Process
 from compplan.toolpath.toolpath import WRENCH_HEADERS
 
 #: Largest ratio of measured and predicted force that is learned.
@@ -155,7 +155,7 @@ def write_level(found: ForcePrediction, file: Path) -> None:
     if known is not None and known.same and known.turn_sigma is not None:
         force = replace(force, turn=known.turn, turn_sigma=known.turn_sigma)
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    part = TaughtPartTable(date=today, job=found.job.name or found.job.file.stem, level=level, sigma=sigma)
+    part = LearnedPartTable(date=today, job=found.job.name or found.job.file.stem, level=level, sigma=sigma)
     write_learned_force(add_part(force, part), process, file.parent, file.parent)
 
 

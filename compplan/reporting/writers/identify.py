@@ -12,7 +12,7 @@ from compplan.identification.campaign import Identification
 from compplan.identification.estimate import Estimate
 from compplan.identification.parameters import Parameter
 from compplan.identification.refine import RefinementRound, RoundCandidate
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import replace_folder
 from compplan.measurement.fit.rows import SIGMA_ENCODER

@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
+from compplan.learning.part import LearnedPart
 from compplan.learning.residual import Residual, residual_file
-from compplan.learning.teach import Teaching
-from compplan.process.force_lesson import FILE as PROCESS
-from compplan.process.force_lesson import write_learned_force
+from compplan.process.learned_force import FILE as PROCESS
+from compplan.process.learned_force import write_learned_force
 from compplan.reporting.learn_page import write_learn_page
 from compplan.reporting.plan_page import write_plan_page
-from compplan.reporting.writers.cell import write_deviation
 from compplan.reporting.writers.plan import choose_rows, summarise_plan, write_joints, write_programs
+from compplan.reporting.writers.recording import write_deviation
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Robot
 
 
-def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
+def write_learning(teaching: LearnedPart, folder: Path) -> dict[str, Any]:
     """Write what a part taught and return what learn.json holds.
 
     Args:
@@ -34,19 +34,19 @@ def write_lesson(teaching: Teaching, folder: Path) -> dict[str, Any]:
         InputError: If the folder cannot be written; nothing is written then.
     """
     with replace_folder(folder, "learn") as part:
-        write_taught(teaching, part / "robot")
+        write_updated(teaching, part / "robot")
         write_programs(teaching.after, part)
         write_joints(teaching.after, part / "joints.csv", teaching.wanted)
         write_deviation(teaching.after, part / "deviation.csv", choose_rows(teaching.after))
         write_plan_page(teaching.after, part / "plan.html")
         write_json(part / "plan.json", summarise_plan(teaching.after), indent=2)
         write_learn_page(teaching, part / "report.html")
-        summary = {**summarise_lesson(teaching), "files": [*map(str, list_files(part)), "learn.json"]}
+        summary = {**summarise_update(teaching), "files": [*map(str, list_files(part)), "learn.json"]}
         write_json(part / "learn.json", summary, indent=2)
     return summary
 
 
-def write_taught(teaching: Teaching, folder: Path) -> None:
+def write_updated(teaching: LearnedPart, folder: Path) -> None:
     """Write the robot folder as it is known now, with what every path has learned."""
     deliver_robot_folder(teaching.taught, folder, teaching.robot)
     source = teaching.robot.folder
@@ -74,7 +74,7 @@ def write_residual(residual: Residual, robot: Robot, file: Path) -> None:
     write_table(file, columns, decimals=10)
 
 
-def summarise_lesson(teaching: Teaching) -> dict[str, Any]:
+def summarise_update(teaching: LearnedPart) -> dict[str, Any]:
     """Return the content of learn.json."""
     lesson = teaching.lesson
     return {

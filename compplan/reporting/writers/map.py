@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import replace_folder
 from compplan.reporting import Column, Columns, PageTable, Picture, Section, describe_robot, write_page
@@ -15,7 +15,7 @@ from compplan.reporting.maps.maps import DeflectionMap
 from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
 from compplan.reporting.maps.reach import ELBOWS
 from compplan.reporting.maps.survey import ROWS, WRIST_FOR_QUALITY_DEG, RobotMaps
-from compplan.reporting.page import Block, KeyFigure, Opening
+from compplan.reporting.page import Block, KeyFigure, Summary
 from compplan.robot import Array
 
 #: What the lines of a map mean.
@@ -135,7 +135,7 @@ def _show_plane(result: RobotMaps, name: str) -> list[Block]:
     return [Columns([[picture] for picture in pictures]), LINES]
 
 
-def _open(result: RobotMaps, worst: dict[str, Any]) -> Opening:
+def _open(result: RobotMaps, worst: dict[str, Any]) -> Summary:
     """Say how soft the arm is where it works, and where it is stiffest."""
     flat = worst["horizontal"]
     verdict = (
@@ -152,4 +152,4 @@ def _open(result: RobotMaps, worst: dict[str, Any]) -> Opening:
     caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
     picture = Picture(draw_deflection(result.robot, plane, [panel], result.robot.name), caption)
     todo = "Put the part where the map is low: compplan place JOB looks for the place."
-    return Opening(verdict, "", figures, picture, todo)
+    return Summary(verdict, "", figures, picture, todo)

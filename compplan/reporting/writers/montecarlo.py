@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from compplan.io.origin import describe_origin
+from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import list_files, replace_folder
 from compplan.reporting.montecarlo_page import write_montecarlo_report

@@ -25,7 +25,7 @@ from compplan.job.job import Job
 from compplan.plan.compare import Comparison, summarise_comparison
 from compplan.plan.executed import bound_zones, describe_unfollowed
 from compplan.plan.result import Plan, replace_said, summarise_plan
-from compplan.reporting.writers.cell import write_plan_cell
+from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.events import ENDING, Event, find_halts
@@ -90,8 +90,8 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     """Return a plan with what its files say, read back by readers of their own; one without a job stays as it is."""
     from compplan.controllers.readback.comparison import StiffArm, compare_written
     from compplan.controllers.readback.joint_table import Commanded
-    from compplan.simulation.inertia import stand_stiff
-    from compplan.simulation.reading import read_judge
+    from compplan.simulation.exact_model import read_exact_robot
+    from compplan.simulation.inertia import solve_rigid
 
     job, robot = plan.job, plan.robot.folder
     if job is None or robot is None or job.mounted is not None:
@@ -115,8 +115,8 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent)
 
     def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
-        judge = read_judge(Path(robot), tool, geometry="controller.urdf")
-        return StiffArm(bool(judge.ground), partial(stand_stiff, judge))
+        judge = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
+        return StiffArm(bool(judge.ground), partial(solve_rigid, judge))
 
     tables = job.model_dump(by_alias=True, exclude_unset=True)
     found = compare_written(folder, tables, Path(robot), wanted, arm_with)
@@ -243,7 +243,7 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
 
     Ends of cuts and rapid moves, rests and events stay; of others that come too soon the later ones are left out.
     """
-    from compplan.controllers.writers.counting import load_motion
+    from compplan.controllers.writers.joint_convention import load_motion
 
     time, cycle = _list_times(plan), load_motion(plan.robot)[0].cycle * (1.0 - 1e-9)
     if np.diff(time).min(initial=np.inf) >= cycle:
@@ -315,7 +315,7 @@ def note_programs(plan: Plan) -> Plan:
 def make_program(plan: Plan) -> Program:
     """Return what native programs are written from, approach and retract included."""
     from compplan.controllers.writers import build_program
-    from compplan.controllers.writers.counting import load_motion
+    from compplan.controllers.writers.joint_convention import load_motion
 
     above, below = plan.approach.key_q, plan.retract.key_q
     before, after = len(above), len(below)

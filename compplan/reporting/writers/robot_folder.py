@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.effects import apply_effects, attain_scene, command_campaign, robot_effects, stage_scene
+from compplan.effects import apply_effects, build_model, command_campaign, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
 from compplan.robot import Robot, read_robot_folder, write_robot_folder
 
@@ -29,7 +29,7 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
     read = read_robot_folder(folder)
     middle = np.clip(0.0, read.lower, read.upper)[None]
     try:
-        attained = attain_scene(apply_effects(stage_scene(read, command_campaign(middle)), robot_effects(read)))
+        attained = solve_model_poses(apply_effects(build_model(read, command_campaign(middle)), robot_effects(read)))
     except ConvergenceError as error:
         raise InputError(f"the robot that was identified finds no equilibrium: {error}", file=folder) from None
     if not np.isfinite(attained.position).all():

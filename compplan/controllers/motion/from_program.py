@@ -1,0 +1,54 @@
+"""The moves of a written program as a controller follows them: lines and arcs, each with the zone of its language."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.motion.geometry import Nodes, ToolArc
+from compplan.controllers.motion.instructions import Instructions
+from compplan.controllers.writers.fit import Fitted
+from compplan.controllers.writers.shapes import find_circle
+from compplan.controllers.writers.zones import FASTEST, mark_moves
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import Arm
+
+
+def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes, NDArray[np.int_]]:
+    """Return where the moves of a fitted program end, as the geometry that the controller believes has them.
+
+    Moves that lead nowhere are left out; a controller reads past them.
+
+    Args:
+        fitted: The program at the ends of its moves.
+        q: Commanded joints of the whole program. Shape (n, nq). [rad or m]
+        arm: The robot as its controller believes it.
+        zones: How far before the end of each move the controller may leave the path. Shape (k,). [m]
+
+    Returns:
+        The moves, and the row of the whole program at the end of each. Shape (m,).
+
+    """
+    program = fitted.program
+    alone, moves = program.alone(linear=True), mark_moves(program)
+    rows, alone, feeds = fitted.rows[moves], alone[moves], program.feed[moves]
+    frames, n = locate_frames(arm.chain, q[rows]), len(rows)
+    position = frames.tcp_position
+    length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
+    arcs: dict[int, ToolArc] = {}
+    for k in np.flatnonzero(program.arcs[moves] & ~alone).tolist():
+        assert program.via is not None
+        circle = find_circle(position[k - 1], program.via[moves][k, :3, 3], position[k])
+        if circle is not None:
+            centre, u, v, _ = circle
+            reach, radius = position[k] - centre, float(np.linalg.norm(position[k - 1] - centre))
+            arcs[k] = ToolArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
+            length[k] = radius * arcs[k].sweep
+    feed = np.where(alone | (feeds <= 0.0), FASTEST, 1e-3 * feeds)
+    instructions = Instructions(
+        Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], q[rows], feed, zones[moves]
+    )
+    return Nodes(instructions, q[rows], position, frames.tcp_rotation, length, arcs), rows

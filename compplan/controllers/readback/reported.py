@@ -1,0 +1,183 @@
+"""What a program says beside where it leads: where it stops, configuration and turns, axis rates, load of the tool.
+
+Each is worked out here from the commanded joints by what the makers' manuals say of the words; nothing goes through the
+writers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.readback.poses import Move
+from compplan.controllers.readback.posture import PostureWord
+from compplan.robot import Array
+
+#: A joint this near to where its turn changes may be told either way. [deg]
+NEAR = 1e-3
+#: Languages that run through joint tables and stop nowhere of themselves.
+NO_STOPS = frozenset({"csv"})
+#: Axis rates [percent] may be off by this share and by this much: some languages write whole percents from 1 to 100.
+RATE_SHARE, RATE_STEP = 0.05, 0.51
+#: Rounding of a mass [kg] and of its centre [mm].
+MASS, CENTRE = 0.01, 0.05
+#: What each word adds to cfx of a RAPID target, which of its values counts.
+CFX = {"shoulder": ("back", 4), "elbow": ("down", 2), "wrist": ("flip", 1)}
+#: The value that sets each of the first three numbers of RCONF (no flip, lower arm, rear).
+RCONF = (("wrist", "noflip"), ("elbow", "down"), ("shoulder", "back"))
+#: Order of the letters in CONFIG of a FANUC position.
+LETTERS = ("wrist", "elbow", "shoulder")
+
+
+@dataclass(frozen=True)
+class ReportedProgram:
+    """What programs have to say, at the rows that they hold.
+
+    Attributes:
+        arm: Joints of the arm as the controller counts them. Shape (m, 6). [deg]
+        words: Configuration words by name.
+        rapid: Whether the move to each row is rapid. Shape (m,).
+        stands: Whether the tool has to stand still at each row, beside the ends of rapid moves. Shape (m,).
+        share: Share of the axis rates that the move to each row takes, nan where not known. Shape (m,).
+        mass: Mass of the tool, None where the job states none. [kg]
+        centre: Its centre, the pendant's flange frame. Shape (3,). [mm]
+
+    """
+
+    arm: Array
+    words: Mapping[str, PostureWord]
+    rapid: NDArray[np.bool_]
+    stands: NDArray[np.bool_]
+    share: Array
+    mass: float | None = None
+    centre: Array = field(default_factory=lambda: np.zeros(3))
+
+    def take(self, rows: NDArray[np.int_]) -> ReportedProgram:
+        """Return what is to be said at some of the rows."""
+        words = {
+            key: replace(word, above=word.above[rows], sure=word.sure[rows]) for key, word in self.words.items()
+        }
+        return replace(
+            self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], stands=self.stands[rows],
+            share=self.share[rows],
+        )  # fmt: skip
+
+    def compare(self, language: str, moves: Sequence[Move]) -> list[str]:
+        """Say where the moves of a program, one a row, say something else."""
+        said = [
+            "" if language in NO_STOPS else self._compare_stops(moves), self._compare_words(language, moves),
+            self._compare_shares(moves), self._compare_load(moves),
+        ]  # fmt: skip
+        return [text for text in said if text]
+
+    def _compare_stops(self, moves: Sequence[Move]) -> str:
+        joint = np.array([move.kind == "joint" for move in moves])
+        alone = self.rapid | joint if not joint.all() else self.rapid
+        wanted = alone | np.r_[alone[1:], True] | self.stands
+        found = np.array([move.stops for move in moves])
+        wrong = np.flatnonzero(found != wanted)
+        if not len(wrong):
+            return ""
+        row = int(wrong[0])
+        more = f", nor at {len(wrong) - 1} others" if len(wrong) > 1 else ""
+        return f"the program {'runs through' if wanted[row] else 'stops at'} row {row}, the plan does not{more}"
+
+    def _compare_words(self, language: str, moves: Sequence[Move]) -> str:
+        rows = np.array([k for k, move in enumerate(moves) if move.configuration], int)
+        if not len(rows):
+            return ""
+        found = [moves[k].configuration for k in rows.tolist()]
+        for place, (name, wanted, sure) in enumerate(self._list_words(language)):
+            if not sure.any() or len(found[0]) <= place:
+                continue
+            stated = [str(words[place]) for words in found]
+            for k, word in zip(rows.tolist(), stated, strict=True):
+                if sure[k] and word != wanted[k]:
+                    return f"{name} is {word} at row {k}, the arm stands at {wanted[k]}"
+        return ""
+
+    def _list_words(self, language: str) -> list[tuple[str, list[str], NDArray[np.bool_]]]:
+        """Return what a language says of a configuration, in its order: name, text at every row, where it is sure."""
+        arm, words = self.arm, self.words
+        clear = np.ones(len(arm), bool)
+        for word in words.values():
+            clear = clear & word.sure
+        if arm.shape[1] != 6:
+            return []
+        if language in ("krl", "sinumerik"):
+            status = self._add_up({key: word.status for key, word in words.items()})
+            stated = len(words) > 0 and all(word.status for word in words.values())
+            bits = np.asarray((arm < 0.0) @ (1 << np.arange(6)), int)
+            known, clear = clear & np.full(len(arm), stated), np.asarray((np.abs(arm) > NEAR).all(axis=1))
+            return [("S" if language == "krl" else "STAT", _texts(status), known),
+                    ("T" if language == "krl" else "TU", _texts(bits), clear)]  # fmt: skip
+        if language == "fanuc_ls":
+            letters = [(f"CONFIG {key}", *self._say(key)) for key in LETTERS]
+            return letters + [(f"turns of J{k + 1}", *_count(arm[:, k] + 180.0, 360.0)) for k in (0, 3, 5)]
+        if language == "rapid":
+            turns = [(f"cf{k + 1}", *_count(arm[:, k], 90.0)) for k in (0, 3, 5)]
+            adds = {key: {value: add} for key, (value, add) in CFX.items() if key in words}
+            return [*turns, ("cfx", _texts(self._add_up(adds)), clear)]
+        if language == "inform":
+            first = [(f"RCONF {key}", *self._tell(key, value)) for key, value in RCONF if key in words]
+            if len(first) < len(RCONF):
+                return []
+            return first + [(f"RCONF turn of axis {k + 1}", _texts(arm[:, k] >= 180.0), _clear(arm[:, k] - 180.0))
+                            for k in (3, 5, 0)]  # fmt: skip
+        if language == "val3":
+            return [(key, *self._say(key)) for key in ("shoulder", "elbow", "wrist")]
+        return []
+
+    def _add_up(self, adds: Mapping[str, Mapping[str, int]]) -> NDArray[np.int_]:
+        total = np.zeros(len(self.arm), int)
+        for key, add in adds.items():
+            total += np.array([add.get(value, 0) for value in self.words[key].values], int)
+        return total
+
+    def _say(self, key: str) -> tuple[list[str], NDArray[np.bool_]]:
+        """Return a word in the controller's own language, and where it is sure: nowhere where it has none."""
+        if key not in self.words or not self.words[key].native:
+            return [""] * len(self.arm), np.zeros(len(self.arm), bool)
+        word = self.words[key]
+        return [word.native.get(value, "") for value in word.values], word.sure
+
+    def _tell(self, key: str, wanted: str) -> tuple[list[str], NDArray[np.bool_]]:
+        word = self.words[key]
+        return [str(int(value == wanted)) for value in word.values], word.sure
+
+    def _compare_shares(self, moves: Sequence[Move]) -> str:
+        stated = np.array([np.nan if move.percent is None else move.percent for move in moves])
+        wanted = np.minimum(100.0 * self.share, 100.0)
+        off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, 1.0)))
+        off -= RATE_SHARE * wanted + RATE_STEP
+        off[self.rapid | ~np.isfinite(off)] = -1.0
+        if off.max(initial=-1.0) <= 0.0:
+            return ""
+        row = int(off.argmax())
+        return f"{stated[row]:.3g} % of the axis rates at row {row}, the plan takes {wanted[row]:.3g} %"
+
+    def _compare_load(self, moves: Sequence[Move]) -> str:
+        load = moves[0].load
+        if not load or self.mass is None or not self.mass > 0.0:
+            return ""
+        if abs(load[0] - self.mass) > MASS:
+            return f"a tool of {load[0]:.4g} kg, the job's has {self.mass:.4g}"
+        if len(load) >= 4 and np.abs(np.array(load[1:4]) - self.centre).max() > CENTRE:
+            return "the centre of the tool's mass is not the job's"
+        return ""
+
+
+def _texts(values: NDArray[np.int_] | NDArray[np.bool_]) -> list[str]:
+    return [str(int(value)) for value in values.tolist()]
+
+
+def _clear(values: Array, step: float = np.inf) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(values - (0.0 if np.isinf(step) else step * np.round(values / step))) > NEAR)
+
+
+def _count(values: Array, step: float) -> tuple[list[str], NDArray[np.bool_]]:
+    """Return which whole step each value lies in, and where it is clear of the next."""
+    return _texts(np.floor(values / step).astype(int)), _clear(values, step)

@@ -1,0 +1,322 @@
+"""How a robot's controller counts: sign, zero and coupling of its joints, its configuration words, its geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
+from scipy.spatial.transform import Rotation
+
+from compplan.controllers.writers.motion_table import MotionTable, ServoMotion, list_assumed_motion, read_motion
+from compplan.controllers.writers.pendant import PendantTable
+from compplan.errors import InputError, ShapeError, UnknownNameError
+from compplan.io.tables import Array, read_text
+from compplan.io.tomlfile import (
+    Numbers,
+    SchemaOne,
+    StrictTable,
+    Vector3,
+    Words,
+    read_toml_model,
+    refuse_other_types,
+)
+from compplan.robot import Joint, Robot
+from compplan.robot.pose import build_pose
+from compplan.robot.urdf import read_urdf
+
+#: Longest name of a joint, and greatest zero [deg or mm], that are taken for true.
+LONGEST_NAME, FARTHEST_ZERO = 32, 1e5
+#: Why signs and zeros are not known.
+NO_FILE = "the robot folder has no controller.toml, they are those of the URDF"
+NOT_CHECKED = "controller.toml says checked = false"
+
+
+class ConfigurationWord(StrictTable):
+    """One word of a configuration: a number that has one value from its threshold up and another below it.
+
+    The number is a joint's position less its threshold, between -180 and 180 deg, or a coordinate of the origin of the
+    link `point`, seen from the link `frame`. `status` is what each value adds to S of a KRL position, `native` the word
+    of the controller's own language.
+    """
+
+    joint: str | None = None
+    threshold_deg: float = 0.0
+    point: str | None = None
+    frame: str | None = None
+    axis: Literal["x", "y", "z"] = "x"
+    threshold_mm: float = 0.0
+    above: str
+    below: str
+    status: dict[str, int] = Field(default_factory=dict)
+    native: dict[str, str] = Field(default_factory=dict)
+
+
+class WorldTable(StrictTable):
+    """[world]: the frame that the controller's frames count from, seen from the URDF's base."""
+
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    rotation_deg: Vector3 = (0.0, 0.0, 0.0)
+
+
+class ControllerTable(StrictTable):
+    """controller.toml of a robot folder."""
+
+    schema_: SchemaOne = Field(alias="schema")
+    controller: str = ""
+    joint_names: Words | None = None
+    sign: Annotated[tuple[Annotated[Literal[-1, 1], BeforeValidator(refuse_other_types)], ...], Field(strict=False)]
+    zero_deg: Numbers
+    coupling: Annotated[tuple[Numbers, ...], Field(strict=False)] | None = None
+    world: WorldTable = WorldTable()
+    pendant: PendantTable | None = None
+    motion: MotionTable | None = None
+    checked: bool = True
+    configuration: dict[str, ConfigurationWord] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Counting:
+    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm.
+
+    Args:
+        name: What controller it is.
+        joint_names: Its names of the joints, from the base.
+        prismatic: Which joints slide. Shape (nq,).
+        matrix: sign and coupling together. Shape (nq, nq).
+        zero: What it counts at q = 0. Shape (nq,). [deg or mm]
+        words: Its configuration words by name.
+        world: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
+        unchecked: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
+
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    prismatic: NDArray[np.bool_]
+    matrix: Array
+    zero: Array
+    words: Mapping[str, ConfigurationWord]
+    world: Array = field(default_factory=lambda: np.eye(4))
+    unchecked: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether a controller.toml that is checked states all this."""
+        return not self.unchecked
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint: "deg" or "mm"."""
+        return tuple("mm" if slides else "deg" for slides in self.prismatic)
+
+
+def plain_controller(robot: Robot) -> Counting:
+    """Return a controller that counts as the URDF does."""
+    names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
+    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {}, unchecked=NO_FILE)
+
+
+def load_controller(robot: Robot) -> Counting:
+    """Read controller.toml of the robot's folder; without one the controller counts as the URDF does.
+
+    Raises:
+        InputError: If the file is not what it has to be, or does not fit the robot.
+
+    """
+    if robot.folder is None or not (robot.folder / "controller.toml").exists():
+        return plain_controller(robot)
+    file = robot.folder / "controller.toml"
+    table = read_toml_model(ControllerTable, file)
+    nq = robot.nq
+    for key, length in (("sign", len(table.sign)), ("zero_deg", len(table.zero_deg))):
+        if length != nq:
+            raise InputError(f"has {length} numbers, expected {nq}, one a joint", file=file, where=key)
+    names = table.joint_names or plain_controller(robot).joint_names
+    if len(names) != nq:
+        raise InputError(f"has {len(names)} names, expected {nq}, one a joint", file=file, where="joint_names")
+    if len(set(names)) < nq or not all(name.isprintable() and 0 < len(name.strip()) <= LONGEST_NAME for name in names):
+        message = f"is {list(names)}, expected {nq} different names of 1 to {LONGEST_NAME} letters in one line"
+        raise InputError(message, file=file, where="joint_names")
+    if max(map(abs, table.zero_deg)) > FARTHEST_ZERO:
+        raise InputError(f"is {list(table.zero_deg)}, at most {FARTHEST_ZERO:g} deg or mm", file=file, where="zero_deg")
+    matrix = np.diag(np.array(table.sign, dtype=np.float64))
+    if table.coupling is not None:
+        if len(table.coupling) != nq or any(len(row) != nq for row in table.coupling):
+            raise InputError(f"expected {nq} rows of {nq} numbers", file=file, where="coupling")
+        matrix = matrix + np.array(table.coupling)
+    if abs(np.linalg.det(matrix)) < 1e-9:
+        raise InputError("sign and coupling together cannot be inverted", file=file, where="coupling")
+    links = [robot.base, *(joint.child for joint in robot.joints)]
+    for key, word in table.configuration.items():
+        where = f"configuration.{key}"
+        if word.joint is not None and word.joint not in robot.joint_names:
+            raise UnknownNameError("joint", word.joint, list(robot.joint_names), file=file, where=where)
+        if word.joint is None and not {word.point, word.frame} <= set(links):
+            raise InputError(f"needs a joint, or a point and a frame from {links}", file=file, where=where)
+    zero = np.array(table.zero_deg, dtype=np.float64)
+    turn = Rotation.from_rotvec(np.radians(table.world.rotation_deg))
+    world = build_pose(np.array(table.world.position_mm) * 1e-3, turn.as_matrix())
+    words, unchecked = table.configuration, "" if table.checked else NOT_CHECKED
+    return Counting(table.controller, tuple(names), robot.prismatic, matrix, zero, words, world, unchecked)
+
+
+def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
+    """Read how the robot's controller moves ([motion] of controller.toml), and name what is assumed of it.
+
+    Raises:
+        InputError: If the file is not what it has to be, or does not fit the robot.
+
+    """
+    load_controller(robot)
+    file = None if robot.folder is None else robot.folder / "controller.toml"
+    there = file is not None and file.exists()
+    table = read_toml_model(ControllerTable, file).motion if there and file is not None else None
+    limits = robot.velocity_limits, robot.acceleration_limits
+    return read_motion(table, robot.prismatic, limits, file), list_assumed_motion(table)
+
+
+def to_controller(controller: Counting, q: Array) -> Array:
+    """Return joint positions as the controller counts them. Shape (n, nq). [rad or m] -> [deg or mm]."""
+    return _to_degrees(controller, q) @ controller.matrix.T + controller.zero
+
+
+def from_controller(controller: Counting, joints: Array) -> Array:
+    """Return joint positions from what the controller counts. Shape (n, nq). [deg or mm] -> [rad or m]."""
+    counted = np.asarray(joints, dtype=np.float64) - controller.zero
+    degrees = np.linalg.solve(controller.matrix, counted.T).T
+    return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
+
+
+def rates_to_controller(controller: Counting, rates: Array) -> Array:
+    """Return joint rate limits in the units of the controller, coupling aside. Shape (nq,)."""
+    return np.where(controller.prismatic, np.asarray(rates) * 1e3, np.degrees(rates))
+
+
+def _to_degrees(controller: Counting, q: Array) -> Array:
+    q = np.asarray(q, dtype=np.float64)
+    if q.ndim != 2 or q.shape[1] != len(controller.zero):
+        raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
+    return np.where(controller.prismatic, q * 1e3, np.degrees(q))
+
+
+def locate_link(robot: Robot, q: Array, link: str) -> Array:
+    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+
+    Raises:
+        InputError: If the chain has no such link.
+
+    """
+    return locate_links(robot, q, [link])[link]
+
+
+def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Array]:
+    """Return the poses of the frames of some links, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
+
+    Raises:
+        InputError: If the chain has no such link.
+
+    """
+    pose = np.tile(np.eye(4), (len(q), 1, 1))
+    found = {robot.base: pose}
+    column = {name: index for index, name in enumerate(robot.joint_names)}
+    if all(link == robot.base for link in links):
+        return found
+    for joint in robot.joints:
+        pose = pose @ joint.placement
+        value = _joint_value(joint, q, column)
+        if value is not None:
+            move = np.tile(np.eye(4), (len(q), 1, 1))
+            if joint.kind == "prismatic":
+                move[:, :3, 3] = value[:, None] * joint.axis
+            else:
+                move[:, :3, :3] = Rotation.from_rotvec(value[:, None] * joint.axis).as_matrix()
+            pose = pose @ move
+        if joint.child in links:
+            found[joint.child] = pose
+        if all(link in found for link in links):
+            return found
+    missing = next(link for link in links if link not in found)
+    raise InputError(f"no link named {missing!r}, choose from {[joint.child for joint in robot.joints]}")
+
+
+def find_bend(robot: Robot, q: Array) -> NDArray[np.bool_] | None:
+    """Return which way the wrist of a six-axis arm is bent; it changes where the fourth and last axis are in line.
+
+    With the unit vectors of the last three axes it is the sign of a5 . (a4 x a6). None for other arms. Shape (n,).
+    """
+    turning = [joint for joint in robot.joints[robot.carrying :] if joint.actuated and joint.kind != "prismatic"]
+    if len(turning) != 6:
+        return None
+    poses = locate_links(robot, q, [joint.child for joint in turning[3:]])
+    fourth, fifth, sixth = (poses[joint.child][:, :3, :3] @ joint.axis for joint in turning[3:])
+    return np.asarray(np.einsum("ni,ni->n", fifth, np.cross(fourth, sixth)) >= 0.0)
+
+
+def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | None:
+    if joint.mimic is not None:
+        return np.asarray(joint.mimic.multiplier * q[:, column[joint.mimic.joint]] + joint.mimic.offset)
+    return q[:, column[joint.name]] if joint.name in column else None
+
+
+def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
+    """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
+    named: dict[str, NDArray[np.str_]] = {}
+    links = [link for word in controller.words.values() if word.joint is None for link in (word.frame, word.point)]
+    poses = locate_links(robot, q, [link or "" for link in links])
+    for key, word in controller.words.items():
+        if word.joint is not None:
+            angle = np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg
+            above = (angle + 180.0) % 360.0 >= 180.0
+        else:
+            frame, point = poses[word.frame or ""], poses[word.point or ""]
+            seen = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
+            above = seen[:, "xyz".index(word.axis)] * 1e3 >= word.threshold_mm
+        named[key] = np.where(above, word.above, word.below)
+    return named
+
+
+def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:
+    """Return the controller's own words for configurations; those that controller.toml translates. Shape (n,) each."""
+    translated = {}
+    for key, values in words.items():
+        native = counting.words[key].native
+        if {*values.tolist()} <= set(native):
+            translated[key] = np.array([native[value] for value in values.tolist()])
+    return translated
+
+
+def krl_status(controller: Counting, robot: Robot, q: Array) -> NDArray[np.int64] | None:
+    """Return S of KRL positions, or None where controller.toml says nothing of it. Shape (n,)."""
+    if not controller.words or not all(word.status for word in controller.words.values()):
+        return None
+    total = np.zeros(len(q), dtype=np.int64)
+    for key, values in name_words(controller, robot, q).items():
+        status = controller.words[key].status
+        total += np.array([status.get(value, 0) for value in values.tolist()], dtype=np.int64)
+    return total
+
+
+def believed_robot(robot: Robot) -> Robot:
+    """Return the robot with the geometry that its controller believes: controller.urdf of its folder, if there is one.
+
+    Raises:
+        InputError: If controller.urdf is no URDF or lacks a joint of the chain.
+
+    """
+    if robot.folder is None or not (robot.folder / "controller.urdf").exists():
+        return robot
+    file = robot.folder / "controller.urdf"
+    believed = {joint.name: joint for joint in read_urdf(read_text(file), file).joints}
+    own = {element.get("name") for element in ElementTree.fromstring(robot.urdf).findall("joint")}
+    joints = list(robot.joints[: robot.carrying])
+    for joint in robot.joints[robot.carrying :]:
+        other = believed.get(joint.name)
+        if other is None and joint.name in own and joint.name != "tool_joint":
+            raise InputError(f"no joint named {joint.name!r}, expected the joints of robot.urdf", file=file)
+        joints.append(joint if other is None else replace(joint, placement=other.placement, axis=other.axis))
+    return replace(robot, joints=tuple(joints))

@@ -1,0 +1,469 @@
+"""Questions before physics: mistakes of a log or of a robot folder that no effect should be bent to explain.
+
+Units, mirrored axes, rows out of step, a frame or a target that nobody stated, deviations or loads with the wrong sign,
+a wrench about another point, a clock that is off: each is looked for by the figure that shows it, and asked about in
+one sentence. What a wrong convention of counting explains (`conventions`) is no question: it is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from compplan.diagnosis.data.conventions import CONVINCING, find_conventions, typical_gap
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SAMPLE, rank_number
+from compplan.diagnosis.data.signs import fit_positive, shape_elastics
+from compplan.effects import apply_effects, build_model, robot_effects, solve_model_poses
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.pooling import LIKE_LOAD
+from compplan.measurement.registration import campaign_gap, fitted_parts
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, jacobian, locate_frames
+
+#: A gap above this is no effect of the vocabulary: centimetres are frames, tools, units or conventions (assumed). [m]
+NO_EFFECT = 20e-3
+#: Units that logs are written in by mistake, against the millimetres that the column says (theory).
+UNITS = {
+    1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
+    25.4: "millimetres taken for inches",
+}  # fmt: skip
+#: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to 1),
+#: and the share of the squares that springs of the wrong sign may leave (assumed: they have to be what is there).
+SURE_OF_SIGN, WRONG_SIGN = 10.0, 0.5
+#: Signs of weight and load under each hypothesis (theory).
+SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
+#: A clock that is further off than this is no lag of a controller (assumed). [s]
+CLOCK = 0.1
+#: Numbers of a frame (theory): a run has to tell three times as many beyond its frames (assumed).
+FRAME_VALUES = 6
+#: Events that are looked for in a run, and rounds of weights that leave gross errors out (assumed).
+MOST_EVENTS, ROBUST_ROUNDS = 2, 4
+
+
+class QuestionRows(NamedTuple):
+    """Rows that the questions are asked of, in order; n of them.
+
+    Attributes:
+        campaign: The rows.
+        position: TCP that the nominal robot predicts, base frame. Shape (n, 3). [m]
+        rotation: Its orientation. Shape (n, 3, 3).
+
+    """
+
+    campaign: Campaign
+    position: Array
+    rotation: Array
+
+    @property
+    def measured(self) -> Array:
+        """Measured target. Shape (n, 3). [m]."""
+        return self.campaign.position
+
+
+@dataclass(frozen=True)
+class Question:
+    """Something to ask before anything is fitted.
+
+    Attributes:
+        about: What it is about, in a word or two.
+        sentence: What is odd, with the figure that shows it, and what may be meant.
+        event: Whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
+
+    """
+
+    about: str
+    sentence: str
+    event: bool = False
+
+
+def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
+    """Look for mistakes that have to be settled before a gap is explained.
+
+    Args:
+        robot: The nominal robot.
+        campaign: What was measured.
+        register: Frames that nobody knows, of "base" and "tool".
+
+    Returns:
+        Questions, the most basic first; none where nothing is odd.
+    """
+    sighted = ask_sights(robot, campaign, register)
+    if sighted:
+        return [sighted]
+    rows = build_rows_model(robot, campaign)
+    if len(rows.campaign) < FEW_ROWS:
+        return []
+    if question := ask_unit(rows) or ask_hand(rows) or ask_step(rows):
+        return [question]
+    known, parts = list(robot_effects(robot)), tuple(register)
+    far = typical_gap(robot, rows.campaign, parts, known) > NO_EFFECT
+    conventions = find_conventions(robot, campaign, parts) if far else ()
+    # springs pushed the wrong way are no matter where joints are counted wrongly
+    sign = None if conventions else ask_sign(robot, rows, register)
+    found = [ask_moment_point(robot, rows), sign, ask_clock(robot, rows, register), ask_jogged(rows, register)]
+    questions = [question for question in found if question]
+    if far:
+        gap = typical_gap(robot, rows.campaign, parts, [*known, *conventions], 0.5)
+        if gap > NO_EFFECT:
+            frames = ask_target(rows, register) or ask_frames(rows, register)
+            questions.insert(0, frames or Question("gap", _too_large(gap)))
+    return questions
+
+
+def build_rows_model(robot: Robot, campaign: Campaign) -> QuestionRows:
+    """Take the rows that hold joints and position, thinned, with what the nominal robot predicts."""
+    index = np.flatnonzero(campaign.usable & campaign.measured)
+    part = replace(campaign.take(index[:: max(1, len(index) // SAMPLE)]), link=None, motor=None, sights=None)
+    attained = solve_model_poses(build_model(robot, part))
+    return QuestionRows(part, attained.position, attained.rotation)
+
+
+def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Question | None:
+    """Ask about rows of other instruments that do not go together: labels, units, directions, a tool unknown."""
+    if campaign.sights is None or not campaign.sights.seen.any():
+        return None
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign), robot_effects(robot)))
+    rows = campaign.sights.seen & campaign.usable
+
+    def leave(parts: Sequence[str], turned: Campaign) -> float:
+        frames = fit_registration(turned, attained.position, attained.rotation, fitted_parts(turned, parts))
+        tool = frames.tool[campaign.target_index]
+        point = attained.position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
+        gap = campaign_gap(turned, point @ frames.base[:3, :3].T + frames.base[:3, 3], frames)
+        return float(np.median(np.linalg.norm(gap[rows], axis=1)))
+
+    left = leave(register, campaign)
+    if left < NO_EFFECT:
+        return None
+    if "tool" not in register and leave((*register, "tool"), campaign) < CONVINCING * left:
+        return Question("target", f"rows of one contact lie {_mm(left)} apart, and together with the measured point"
+                        " fitted; use --register tool")  # fmt: skip
+    back = replace(campaign, sights=replace(campaign.sights, direction=-campaign.sights.direction))
+    if leave(register, back) < CONVINCING * left:
+        return Question("direction", f"readings are {_mm(left)} off along their directions, and fit the reversed ones;"
+                        " is dir_i dir_j dir_k the direction in which the reading grows?")  # fmt: skip
+    return Question(
+        "contacts",
+        f"contacts, readings and distances are {_mm(left)} off (median), which no effect of a robot explains; check"
+        " labels, units and the tool; a reading whose zero is not known needs a label in column contact",
+    )
+
+
+def ask_unit(rows: QuestionRows) -> Question | None:
+    """Compare distances between targets with those that the joints say."""
+    half = len(rows.position) // 2
+    here, there = np.arange(half), np.arange(half) + half
+    expected = np.linalg.norm(rows.position[there] - rows.position[here], axis=1)
+    seen = np.linalg.norm(rows.measured[there] - rows.measured[here], axis=1)
+    if expected.max(initial=0.0) < NO_EFFECT:
+        return None
+    far = expected >= np.median(expected)
+    ratio = float(np.median(seen[far] / expected[far]))
+    for factor, unit in UNITS.items():
+        if abs(ratio / factor - 1.0) < CONVINCING:
+            return Question(
+                "unit",
+                f"measured distances are {ratio:.3g} times those that the joints say; are the positions in {unit}, in"
+                " columns named mm?",
+            )
+    return None
+
+
+def ask_hand(rows: QuestionRows) -> Question | None:
+    """Compare the best rigid placement with the best mirrored one (Kabsch, both determinants)."""
+    proper, mirrored = (_placement_rms(rows.position, rows.measured, mirror) for mirror in (False, True))
+    if proper > NO_EFFECT and mirrored < CONVINCING * proper:
+        return Question(
+            "left-handed frame",
+            f"mirrored positions fit to {_mm(mirrored)}, right-handed ones to {_mm(proper)}; is an axis of the"
+            " measuring frame reversed, or are two exchanged?",
+        )
+    return None
+
+
+def ask_step(rows: QuestionRows) -> Question | None:
+    """Compare the rows with those one row earlier and one row later, inside runs."""
+    still = _placement_rms(rows.position, rows.measured, False)
+    if still < NO_EFFECT:
+        return None
+    same_run = np.diff(rows.campaign.run_index) == 0
+    before, after = slice(None, -1), slice(1, None)
+    for name, mine, theirs in (("earlier", after, before), ("later", before, after)):
+        shifted = _placement_rms(rows.position[mine][same_run], rows.measured[theirs][same_run], False)
+        if shifted < CONVINCING * still:
+            return Question(
+                "rows out of step",
+                f"joints fit the positions one row {name} to {_mm(shifted)}, those of their own row to {_mm(still)};"
+                " are the columns shifted by one row?",
+            )
+    return None
+
+
+def ask_target(rows: QuestionRows, register: Sequence[str]) -> Question | None:
+    """Ask for the target where the gap is one vector of the TCP frame."""
+    if "tool" in register or rows.campaign.target_offset is not None:
+        return None
+    gap = rows.measured - rows.position
+    own = np.einsum("nji,nj->ni", rows.rotation, gap)
+    offset = np.median(own, axis=0)
+    left = float(np.median(np.linalg.norm(own - offset, axis=1)))
+    if left > CONVINCING * np.linalg.norm(offset):
+        return None
+    x, y, z = offset * 1e3
+    return Question(
+        "target",
+        f"the measured point lies {np.linalg.norm(offset) * 1e3:.0f} mm from the TCP in every pose; give"
+        f" --target-offset {x:.1f},{y:.1f},{z:.1f}, the tool with --tool, or fit it with --register tool",
+    )
+
+
+def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
+    """Ask for a registration where one makes the gap small."""
+    gap = float(np.median(np.linalg.norm(rows.measured - rows.position, axis=1)))
+    for parts in (("base",), ("base", "tool")):
+        if set(parts) <= set(register):
+            continue
+        frames = fit_registration(rows.campaign, rows.position, rows.rotation, parts)
+        tool = frames.tool[rows.campaign.target_index, :3, 3]
+        expected = rows.position + np.einsum("nij,nj->ni", rows.rotation, tool)
+        expected = expected @ frames.base[:3, :3].T + frames.base[:3, 3]
+        left = float(np.median(np.linalg.norm(rows.measured - expected, axis=1)))
+        if left < CONVINCING * gap and left < NO_EFFECT:
+            return Question(
+                "frames",
+                f"the median gap is {_mm(gap)}, and {_mm(left)} with the instrument's frame fitted"
+                f" ({_mm(float(np.linalg.norm(frames.base[:3, 3])))} away); use --register {','.join(parts)}",
+            )
+    return None
+
+
+def ask_moment_point(robot: Robot, rows: QuestionRows) -> Question | None:
+    """Tell whether the moments are those of a force at the TCP, taken about the flange."""
+    chain = build_chain(robot)
+    lever = rows.position - _flange(robot, rows)
+    force, moment = rows.campaign.wrench[:, :3], rows.campaign.wrench[:, 3:]
+    about_flange = np.cross(lever, force)
+    size = float(np.sqrt(np.mean(about_flange**2)))
+    if not len(chain.names) or not rows.campaign.is_load(np.hstack([0 * force, moment])).any():
+        return None
+    left = float(np.sqrt(np.mean((moment - about_flange) ** 2)))
+    if left >= LIKE_LOAD * size:
+        return None
+    length = float(np.median(np.linalg.norm(lever, axis=1)))
+    return Question(
+        "point of the wrench",
+        f"the moments are those of a force at the TCP about a point {length * 1e3:.0f} mm away, the flange, and are"
+        " expected about the TCP: are they the sensor's own?",
+    )
+
+
+def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
+    """Compare springs that yield to weights and loads with springs that push against them.
+
+    Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
+    c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
+    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot are not
+    seen: they look like another compliance. Without loads springs are a small part of what is there: those of the wrong
+    sign have to be as sure beside none as beside right ones.
+    """
+    shapes = shape_elastics(robot, rows.campaign, register)
+    if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
+        return None
+    left = {name: fit_positive(shapes, *signs) for name, signs in SIGNS.items()}
+    wrong = min(("deviations", "wrench"), key=lambda name: left[name])
+    stays = len(np.unique(rows.campaign.stay))
+    certainty = 0.5 * stays * float(np.log(left["right"] / max(left[wrong], 1e-300)))
+    loaded = bool(np.abs(shapes.load).any())
+    there = 0.5 * stays * float(np.log(left["none"] / max(left[wrong], 1e-300))) >= SURE_OF_SIGN
+    if certainty < SURE_OF_SIGN or not (left[wrong] <= WRONG_SIGN * left["none"] if loaded else there):
+        return None
+    ratio = f"{100.0 * np.sqrt(left[wrong] / left['right']):.0f} % of what right ones leave"
+    if wrong == "deviations":
+        said = (
+            f"the arm bends against its {'loads' if loaded else 'weight'}: springs with the reversed sign leave"
+            f" {ratio}; are the deviations mirrored or negated (nominal minus measured)"
+            f"{', or is it the wrench of the tool on the part' if loaded else ''}?"
+        )
+    else:
+        said = (
+            "the arm bends under its weight but against the external load: with the wrench reversed springs leave"
+            f" {ratio}; is it the wrench of the tool on the part?"
+        )
+    return Question("sign", said)
+
+
+def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Question | None:
+    """Ask about the clock where positions on paths run ahead of the joints, or behind, by more than any lag."""
+    path = rows.campaign.on_path
+    if register or path.sum() < ENOUGH_ROWS or not rows.campaign.speed[path].any():
+        return None
+    chain = build_chain(robot)
+    turn = jacobian(chain, locate_frames(chain, rows.campaign.q))[:, :3, chain.joint_elements]
+    velocity = np.einsum("nij,nj->ni", turn, rows.campaign.speed)[path]
+    gap = (rows.measured - rows.position)[path]
+    gap = gap - np.median(gap, axis=0)
+    late = float(np.sum(velocity * gap) / max(np.sum(velocity**2), 1e-300))
+    left = float(np.sum((gap - late * velocity) ** 2) / max(np.sum(gap**2), 1e-300))
+    if abs(late) < CLOCK or left > CONVINCING:
+        return None
+    return Question(
+        "clock",
+        f"positions on paths are {abs(late) * 1e3:.0f} ms {'ahead of' if late > 0 else 'behind'} the joints; are both"
+        " clocks the same?",
+    )
+
+
+def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
+    """Ask about runs whose poses lie on the nominal robot while those of others, under the same load, lie far off it.
+
+    Frames are fitted to each run by itself, so that no shift between runs counts. Controllers with an accurate model of
+    the arm correct poses of programs; poses that were jogged by hand are not. A frame or a tool that moves inside a
+    run is an event, which the diagnosis models.
+    """
+    campaign, parts = rows.campaign, tuple(dict.fromkeys(("base", *register)))
+    found: list[tuple[float, float, str, NDArray[np.int_], Array]] = []
+    for number in np.unique(campaign.run_index):
+        run = np.flatnonzero((campaign.run_index == number) & ~campaign.on_path)
+        values = 3 * len(np.unique(campaign.pose[run])) - len(parts) * FRAME_VALUES
+        if values < 3 * FRAME_VALUES:
+            continue
+        across = rows.position[run] - rows.position[run].mean(axis=0)
+        if np.linalg.svd(across, compute_uv=False)[1] < NO_EFFECT:
+            continue  # on one line they tell no frame
+        own = campaign.take(run)
+        frames = fit_registration(own, rows.position[run], rows.rotation[run], parts)
+        tool = frames.tool[own.target_index, :3, 3]
+        expected = rows.position[run] + np.einsum("nij,nj->ni", rows.rotation[run], tool)
+        gap = own.position - (expected @ frames.base[:3, :3].T + frames.base[:3, 3])
+        square = 3.0 * np.median(np.sum(gap**2, axis=1)) / chdtri(3, 0.5)  # as rms, whatever a gross error adds
+        rms = float(np.sqrt(square * 3 * len(np.unique(own.pose)) / values))
+        found.append((rms, float(np.linalg.norm(own.wrench, axis=1).mean()), str(own.run[0]), run, gap))
+    found.sort(key=lambda run: run[:3])
+    splits = [k for k in range(1, len(found)) if found[k - 1][0] < CONVINCING * found[k][0]]
+    if len(splits) != 1:
+        return None
+    near, far = found[: splits[0]], found[splits[0] :]
+    load, other = (float(np.mean([entry[1] for entry in side])) for side in (near, far))
+    if abs(load - other) > CONVINCING * max(load, other) + 1.0:
+        return None
+    said = (
+        f"poses of {near[0][2]!r} lie within {_mm(near[-1][0])} (rms) of the nominal robot, those of {far[0][2]!r}"
+        f" {_mm(far[0][0])} off it, gross errors aside, frames fitted to each"
+    )
+    events = [find_event(rows, run, gap, near[-1][0] / CONVINCING) for _, _, _, run, gap in far]
+    if all(events):
+        return Question("event", f"{said}; explained by {events[0]}", event=True)
+    return Question(
+        "jogged poses",
+        f"{said}: were the latter jogged by hand (the accurate model of a controller acts in programs only), or was a"
+        " load on the tool that the log does not hold in N?",
+    )
+
+
+def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: float) -> str:
+    """Return the event in a run that explains its gap: a frame or a tool that moved, at once or steadily; else empty.
+
+    The gap is fitted by a motion of the base frame (6 values) and a shift of the target on the flange (3) that hold in
+    the whole run, and, where that leaves too much, by one of these from a row on or growing from row to row. A
+    second event is looked for where one leaves too much.
+
+    Args:
+        rows: The rows.
+        run: Rows of the run. Shape (k,).
+        gap: Measured minus expected positions, the run's frame fitted. Shape (k, 3). [m]
+        most: Root mean square that the event may leave. [m]
+    """
+    campaign = rows.campaign
+    poses = 3 * len(np.unique(campaign.pose[run]))
+    lever = rows.position[run] - rows.position[run].mean(axis=0)
+    turn = np.stack([np.cross(axis, lever) for axis in np.eye(3)], axis=2)
+    frame, tool = np.concatenate([np.broadcast_to(np.eye(3), (len(run), 3, 3)), turn], axis=2), rows.rotation[run]
+    order = np.arange(len(run))
+    courses = [(k, (order >= k).astype(float)) for k in range(FEW_ROWS, len(run) - FEW_ROWS + 1)]
+    courses.append((0, order / max(len(run) - 1, 1)))
+    events = [
+        (name, at, columns * course[:, None, None])
+        for name, columns in (("the frame", frame), ("the tool", tool)) for at, course in courses
+    ]  # fmt: skip
+    design, chosen = np.concatenate([frame, tool], axis=2), list[tuple[str, int]]()
+    if poses - design.shape[2] >= 2 * FRAME_VALUES and _robust_rms(design, gap, poses) < most:
+        return f"another tool or target in run {str(campaign.run[run[0]])!r}"
+    for _ in range(MOST_EVENTS):
+        tried = []
+        for number, (_, _, columns) in enumerate(events):
+            whole = np.concatenate([design, columns], axis=2)
+            if poses - whole.shape[2] >= 2 * FRAME_VALUES:
+                tried.append((rank_number(_robust_rms(whole, gap, poses)), number))
+        if not tried:
+            return ""
+        left, number = min(tried)
+        name, at, columns = events[number]
+        design = np.concatenate([design, columns], axis=2)
+        chosen.append((name, at))
+        if left < most:
+            return " and ".join(_describe_event(*event, campaign, run) for event in chosen)
+    return ""
+
+
+def _robust_rms(design: Array, gap: Array, values: int) -> float:
+    """Return what a linear model leaves of a gap, as root mean square of a pose whatever gross errors add. [m]
+
+    Args:
+        design: Motion by each parameter. Shape (k, 3, p).
+        gap: The gap. Shape (k, 3). [m]
+        values: Independent values that the gap holds.
+    """
+    weight = np.ones(len(gap))
+    for _ in range(ROBUST_ROUNDS):
+        columns = (weight[:, None, None] * design).reshape(-1, design.shape[2])
+        solved = np.linalg.lstsq(columns, (weight[:, None] * gap).reshape(-1), rcond=1e-9)[0]
+        size = np.linalg.norm(gap - design @ solved, axis=1)
+        weight = np.sqrt(1.0 / np.maximum(size / max(float(np.median(size)), 1e-300), 1.0))
+    square = 3.0 * float(np.median(size**2)) / float(chdtri(3, 0.5))
+    return float(np.sqrt(square * values / (values - design.shape[2])))
+
+
+def _describe_event(name: str, at: int, campaign: Campaign, run: NDArray[np.int_]) -> str:
+    where = f"run {str(campaign.run[run[0]])!r}"
+    if at == 0:
+        return f"a steady motion of {name} through {where} (wear, drift)"
+    before, poses = (len(np.unique(campaign.pose[part])) for part in (run[:at], run))
+    return f"a shift of {name} in {where} after {before} of {poses} poses"
+
+
+def _placement_rms(nominal: Array, measured: Array, mirror: bool) -> float:
+    """Rms distance after the best placement of a point set on another, mirrored or not [Kabsch1976]. [m]"""
+    a, b = nominal - nominal.mean(axis=0), measured - measured.mean(axis=0)
+    u, _, vt = np.linalg.svd(a.T @ b)
+    sign = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirror else 1.0)
+    turn = u @ np.diag([1.0, 1.0, sign]) @ vt
+    distance = np.linalg.norm(a @ turn - b, axis=1)
+    return float(np.sqrt(np.median(distance**2)))
+
+
+def _flange(robot: Robot, rows: QuestionRows) -> Array:
+    """Locate the flange: the TCP moved back along the fixed joints that carry the tool. Shape (n, 3). [m]"""
+    pose = np.eye(4)
+    links = [joint.child for joint in robot.joints]
+    first = links.index(robot.flange) + 1 if robot.flange in links else len(links)
+    for joint in robot.joints[first:]:
+        pose = pose @ joint.placement
+    back = np.linalg.inv(pose)[:3, 3]
+    return np.asarray(rows.position + np.einsum("nij,j->ni", rows.rotation, back))
+
+
+def _too_large(gap: float) -> str:
+    return (
+        f"the median gap is {_mm(gap)}, which no effect of a robot explains; check units, tool, frames and the signs"
+        " and zeros of the joints"
+    )
+
+
+def _mm(length: float) -> str:
+    return f"{length * 1e3:.3g} mm"

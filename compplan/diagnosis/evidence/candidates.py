@@ -1,0 +1,109 @@
+"""Offers: the signatures that a search may choose from at one linearization, and how to offer an earlier one again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from compplan.diagnosis.evidence.evidence import FREE_VARIANCE
+from compplan.effects import EFFECTS, frame_shift, tool_shift
+from compplan.effects.base_frame import base_twists
+from compplan.effects.linearization import Linearization
+from compplan.effects.signature import Signature
+from compplan.effects.stiffness_nonlinearity import linear_in_disguise
+from compplan.effects.transmission_error import bump_at, series_at, spline_at, waves_at
+from compplan.measurement.registration import CONTACTS
+
+REGISTRATION = "registration"
+#: Scale of the frames that are fitted freely: with their variance a metre, or a radian (theory: as good as free).
+#: [m, rad]
+REGISTRATION_SCALE = float(np.sqrt(1.0 / FREE_VARIANCE))
+Key = tuple[str, str | None, str | None, str]
+
+
+def key_of(signature: Signature) -> Key:
+    """Return place and form of a signature."""
+    return (*signature.place, signature.form)
+
+
+def offered_signatures(
+    at: Linearization, register: Sequence[str], excluded: Sequence[str]
+) -> list[Signature]:
+    """List every signature that needs no search for rows or periods: registration and effects."""
+    offered = registration_signatures(at, register)
+    for name, model in EFFECTS.items():
+        if name not in excluded:
+            offered += list(model.signatures(at))
+    if "joint_stiffness" in excluded:
+        # a law of deflection with a linear part is a joint's stiffness under another name
+        offered = [s for s in offered if not (s.name == "stiffness_nonlinearity" and linear_in_disguise(s.keys))]
+    return offered
+
+
+def registration_signatures(at: Linearization, parts: Sequence[str]) -> list[Signature]:
+    """Return the columns of frames that are fitted freely: the base, and the tool of each target."""
+    found = []
+    scale = np.full(6, REGISTRATION_SCALE)
+    keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+    if "base" in parts:
+        twists = base_twists(at)
+        if at.campaign.sights is not None:
+            twists = twists * ~at.campaign.sights.seen[:, None, None]
+        found.append(Signature(REGISTRATION, None, None, "base", keys, scale, twists))
+    if "tool" in parts and at.scene.registration is not None:
+        R = at.attained.frames.tcp_rotation @ at.scene.registration.tool[at.campaign.target_index, :3, :3]
+        for number in range(len(at.campaign.target_names)):
+            of_target = (at.campaign.target_index == number)[:, None, None]
+            twist = np.zeros((len(R), 6, 6))
+            twist[:, :3, :3], twist[:, 3:, 3:] = R * of_target, R * of_target
+            found.append(Signature(REGISTRATION, None, None, f"tool {number}", keys, scale, twist))
+    return found + (_contact_signatures(at) if CONTACTS in parts else [])
+
+
+def _contact_signatures(at: Linearization) -> list[Signature]:
+    """Return the columns of the places of contacts: a place that moves is a point that moves the other way."""
+    sights, frames = at.campaign.sights, at.scene.registration
+    if sights is None or frames is None:
+        return []
+    slopes, between = sights.place_slopes(), sights.known.slopes(frames.places)
+    scale, keys = np.full(3, REGISTRATION_SCALE), ("tx_m", "ty_m", "tz_m")
+    found = []
+    for number in range(len(sights.names)):
+        twist = np.concatenate([-slopes[:, :, number], np.zeros_like(slopes[:, :, number])], axis=1)
+        form = f"{CONTACTS} {number}"
+        found.append(Signature(REGISTRATION, None, None, form, keys, scale, twist, between=between[:, None, number]))
+    return found
+
+
+def proposed_signatures(signatures: Sequence[Signature]) -> list[Signature]:
+    """Return those whose row, period or shape was looked for in what a model left over."""
+    return [s for s in signatures if s.tried > 1 or s.form == "spline"]
+
+
+def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
+    """Offer the claimed ones of earlier proposals at a new linearization."""
+    found: list[Signature] = []
+    for old in proposals:
+        if key_of(old) not in wanted:
+            continue
+        if old.name in ("frame_shift", "tool_shift"):
+            model = frame_shift if old.name == "frame_shift" else tool_shift
+            found += [s for s in model.shift_at(at, int(old.fixed["row"]), old.tried) if s.form == old.form]
+        else:
+            index = at.robot.joint_names.index(str(old.joint))
+            found.append(_again_curve(at, index, old))
+    return found
+
+
+def _again_curve(at: Linearization, index: int, old: Signature) -> Signature:
+    """Offer a curve over a joint's angle at a new linearization."""
+    fixed = old.fixed
+    for unit, cycles in (("rad", "cycles_per_turn"), ("m", "cycles_per_m")):
+        if cycles in fixed and old.form.startswith("series"):
+            return series_at(at, index, fixed[cycles][0], old.tried)
+        if cycles in fixed:
+            return waves_at(at, index, fixed[cycles], old.tried)
+        if f"centre_{unit}" in fixed:
+            return bump_at(at, index, fixed[f"centre_{unit}"][0], fixed[f"width_{unit}"][0], old.tried)
+    return spline_at(at, index)

@@ -1,0 +1,379 @@
+"""Evidence: how probable a campaign is under a set of effects, a background of small errors, and noise.
+
+With whitened columns Phi of prior variance D and observations y,
+
+    y ~ N(0, V),   V = N + Phi D Phi^T,   log p(y) = -1/2 (log det V + y^T V^-1 y) + const
+
+N is the noise of each channel (variance v in units of its estimate) plus an error that the rows of a stay share
+(lambda^2 v), which stands for whatever no signature explains [Bishop2006, ch. 3; Rasmussen2006, ch. 2]. D is small for
+the background, where tau scales a whole class of errors, and large for claimed effects. Noise and background are fitted
+to the campaign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, minimize
+
+from compplan.diagnosis.evidence.few_rows import (
+    FewRows,
+    SolvedRows,
+    gather_rows,
+    row_covariance,
+    row_mean,
+    row_slopes,
+    solve_rows,
+)
+from compplan.diagnosis.evidence.many_rows import (
+    ManyRows,
+    SolvedColumns,
+    column_slopes,
+    gather_products,
+    list_products,
+    solve_columns,
+)
+from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations
+from compplan.robot import Array
+
+#: Logarithms of the smallest and largest background, shared error and error without a name that are fitted, and of the
+#: smallest noise over its estimate (assumed: far beyond what any campaign has shown).
+LOG_RANGE = (-4.0, 5.0)
+#: Logarithm of the largest background: more is no robot that was ever adjusted (assumed).
+MOST_TAU = 3.0
+#: Scale of the half-Cauchy prior of a class's background (assumed).
+TAU_SCALE = 0.7
+#: Classes of one robot are alike: a robot that is slightly wrong is so everywhere. Spread of log tau among them
+#: (assumed).
+TAU_SPREAD = 0.6
+#: Log evidence has settled when a step gains less than this (assumed: far below what decides).
+SETTLED = 5e-3
+#: Logarithm of the shared error and of the backgrounds that a fit begins with (assumed: a fifth of their scale).
+START = -1.5
+#: Likely error of the logarithm of a shared error or a background: the unit of a fit's steps (assumed).
+LIKELY = 0.3
+#: Steps of a fit of noise and background that begins from the start, at most (assumed).
+FIRST_STEPS = 40
+#: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
+FREE_VARIANCE = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Hyper:
+    """Noise and background.
+
+    Attributes:
+        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+        log_tau: Logarithm of the size of each background class over its scale. Shape (classes,).
+    """
+
+    log_noise: Array
+    log_shared: Array
+    log_tau: Array
+
+    @property
+    def vector(self) -> Array:
+        """All of it, side by side."""
+        return np.concatenate([self.log_noise, self.log_shared, self.log_tau])
+
+    def with_vector(self, vector: Array) -> Hyper:
+        """Return the hyperparameters that a vector holds."""
+        c = len(self.log_noise)
+        return Hyper(vector[:c].copy(), vector[c : 2 * c].copy(), vector[2 * c :].copy())
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Which columns are active, and how large they may be.
+
+    Attributes:
+        background: Class of each column's background, -1 for none. Shape (p,).
+        spread: Background standard deviation of each column at tau = 1, in units of its scale. Shape (p,).
+        free: Columns that every model fits freely (registration). Shape (p,).
+        slab: Variance of claimed columns, 0 where nothing is claimed. Shape (p,).
+        loose: Classes that no other class resembles and that may be of any size: what an unknown cause follows. Their
+            tau is in noise floors, half-Cauchy. Shape (classes,), or (0,) for none.
+    """
+
+    background: NDArray[np.int_]
+    spread: Array
+    free: NDArray[np.bool_]
+    slab: Array
+    loose: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+
+    def variance(self, log_tau: Array) -> Array:
+        """Return the prior variance of every column. Shape (p,)."""
+        tau2 = np.exp(2.0 * log_tau)
+        small = np.where(self.background >= 0, tau2[np.maximum(self.background, 0)] * self.spread**2, 0.0)
+        return np.asarray(small + self.slab + FREE_VARIANCE * self.free)
+
+    def of(self, columns: NDArray[np.int_]) -> Prior:
+        """Return the prior of some columns alone."""
+        return Prior(self.background[columns], self.spread[columns], self.free[columns], self.slab[columns], self.loose)
+
+    @cached_property
+    def active(self) -> NDArray[np.int_]:
+        """Columns that may differ from zero."""
+        return np.flatnonzero((self.background >= 0) | self.free | (self.slab > 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What the campaign says under a prior.
+
+    Attributes:
+        log_evidence: Logarithm of the evidence, hyperpriors included.
+        columns: Active columns.
+        mean: Their values, in units of their scale. Shape (active,).
+        hyper: Noise and background.
+        covary: Works out their covariance, which many a model is never asked for.
+    """
+
+    log_evidence: float
+    columns: NDArray[np.int_]
+    mean: Array
+    hyper: Hyper
+    covary: Callable[[], Array]
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the columns. Shape (active, active)."""
+        return self.covary()
+
+    def loss_without(self, columns: NDArray[np.int_]) -> float:
+        """Return the log likelihood that is lost where these columns are set to zero, the rest refitted."""
+        at = np.flatnonzero(np.isin(self.columns, columns))
+        mean, block = self.mean[at], self.covariance[np.ix_(at, at)]
+        return 0.5 * float(mean @ np.linalg.solve(block + 1e-12 * np.trace(block) * np.eye(len(at)), mean))
+
+    def values(self, p: int) -> Array:
+        """Return the values of all columns. Shape (p,)."""
+        full = np.zeros(p)
+        full[self.columns] = self.mean
+        return full
+
+
+def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> Array:
+    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,).
+
+    Args:
+        channels: The products.
+        posterior: Values of the columns.
+        columns: Active columns that count as explanation.
+    """
+    kept = np.isin(posterior.columns, columns)
+    mean, found = posterior.mean[kept], []
+    for channel in channels:
+        part = channel.total.take(posterior.columns[kept])
+        left = part.square - 2 * mean @ part.against + mean @ part.gram @ mean
+        found.append(float(left) - part.count)
+    return np.array(found)
+
+
+def start_hyper(ledger: NormalEquations, classes: int) -> Hyper:
+    """Start with the estimated noise, little shared error and little background."""
+    c = len(ledger.channels)
+    return Hyper(np.zeros(c), np.full(c, START), np.full(classes, START))
+
+
+def find_posterior(
+    ledger: NormalEquations,
+    prior: Prior,
+    hyper: Hyper,
+    *,
+    fit: bool = True,
+    steps: int = FIRST_STEPS,
+    shared: bool = True,
+) -> Posterior:
+    """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
+
+    Args:
+        ledger: The products.
+        prior: The prior.
+        hyper: Noise and background to begin with.
+        fit: Whether to fit them.
+        steps: Most steps of the fit.
+        shared: Whether rows of a stay may share an error.
+    """
+    solver, channels, loose = _choose_solver(ledger, prior), ledger.channels, _loose(prior, hyper)
+    if not fit:
+        return _conclude(solver, prior, channels, solver.solve(hyper), hyper)
+    bounds = (
+        [(LOG_RANGE[0], _most_noise(ch)) for ch in channels]
+        + [LOG_RANGE if shared else (LOG_RANGE[0], LOG_RANGE[0])] * len(channels)
+        + [LOG_RANGE if own else (LOG_RANGE[0], MOST_TAU) for own in loose]
+    )
+    # evidence counts from where it starts, for its digits; steps in units of likely errors
+    others = len(hyper.vector) - len(channels)
+    unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [LIKELY] * others)
+    started: list[float] = []
+    latest: dict[bytes, Any] = {}
+
+    def cost(vector: Array) -> tuple[float, Array]:
+        here = hyper.with_vector(vector * unit)
+        value, slope, done = _value_and_slope(solver, channels, here, loose)
+        latest.clear()
+        latest[vector.tobytes()] = done
+        started.append(value)
+        return started[0] - value, -slope * unit
+
+    gained = [0.0]
+
+    def stop_settled(intermediate_result: OptimizeResult) -> None:
+        # the optimizer's own tolerance is a share of all that is gained: after a long way it stops far too early
+        gained.append(-intermediate_result.fun)
+        if gained[-1] - gained[-2] < SETTLED:
+            raise StopIteration
+
+    limits = [(low / u, high / u) for (low, high), u in zip(bounds, unit, strict=True)]
+    options = {"maxiter": steps, "ftol": 0.0}
+    first = np.clip(hyper.vector / unit, *np.array(limits).T)
+    found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_settled)
+    hyper = hyper.with_vector(found.x * unit)
+    return _conclude(solver, prior, channels, latest.get(found.x.tobytes()) or solver.solve(hyper), hyper)
+
+
+def _value_and_slope(
+    solver: _Solver, channels: Sequence[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
+) -> tuple[float, Array, Any]:
+    """Return log evidence, its derivative by noise and background, and the solution."""
+    done = solver.solve(hyper)
+    extra, slope = _hyperprior(channels, hyper, loose)
+    of_noise, of_shared, of_columns = solver.slopes(done, hyper)
+    slope = slope + np.concatenate([of_noise, of_shared, solver.variance.by_class(of_columns, hyper.log_tau)])
+    return done.value + extra, slope, done
+
+
+def _conclude(solver: _Solver, prior: Prior, channels: Sequence[ChannelProducts], done: Any, hyper: Hyper) -> Posterior:
+    mean, covary = solver.describe(done)
+    extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
+    return Posterior(done.value + extra, prior.active, mean, hyper, covary)
+
+
+class _Solver(Protocol):
+    """What solves the evidence; `done` is what its own `solve` returns."""
+
+    @property
+    def variance(self) -> _Variance: ...
+    def solve(self, hyper: Hyper) -> Any: ...
+    def slopes(self, done: Any, hyper: Hyper) -> tuple[Array, Array, Array]: ...
+    def describe(self, done: Any) -> tuple[Array, Callable[[], Array]]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Evidence solved among the active columns."""
+
+    variance: _Variance
+    rows: ManyRows
+
+    def solve(self, hyper: Hyper) -> SolvedColumns:
+        return solve_columns(self.rows, self.variance.at(hyper.log_tau), hyper.log_noise, hyper.log_shared)
+
+    def slopes(self, done: SolvedColumns, hyper: Hyper) -> tuple[Array, Array, Array]:
+        return column_slopes(self.rows, done, hyper.log_noise, hyper.log_shared)
+
+    def describe(self, done: SolvedColumns) -> tuple[Array, Callable[[], Array]]:
+        return done.mean, lambda: done.covariance
+
+
+@dataclass(frozen=True, eq=False)
+class _Few:
+    """Evidence solved among the values, which are fewer than the columns."""
+
+    variance: _Variance
+    rows: FewRows
+
+    def solve(self, hyper: Hyper) -> SolvedRows:
+        return solve_rows(self.rows, self.variance.at(hyper.log_tau), hyper.log_noise, hyper.log_shared)
+
+    def slopes(self, done: SolvedRows, hyper: Hyper) -> tuple[Array, Array, Array]:
+        return row_slopes(self.rows, done, len(hyper.log_noise))
+
+    def describe(self, done: SolvedRows) -> tuple[Array, Callable[[], Array]]:
+        return row_mean(self.rows, done), lambda: row_covariance(self.rows, done)
+
+
+class _Variance:
+    """Prior variance of the active columns, as noise and background change."""
+
+    def __init__(self, prior: Prior) -> None:
+        active = prior.active
+        self.background = prior.background[active]
+        self.small = np.flatnonzero(self.background >= 0)
+        self.label = self.background[self.small]
+        self.spread2 = prior.spread[active[self.small]] ** 2
+        self.large = prior.slab[active] + FREE_VARIANCE * prior.free[active]
+
+    def at(self, log_tau: Array) -> Array:
+        """Return the variances. Shape (a,)."""
+        variance = self.large.copy()
+        variance[self.small] += np.exp(2.0 * log_tau)[self.label] * self.spread2
+        return variance
+
+    def by_class(self, of_columns: Array, log_tau: Array) -> Array:
+        """Return the derivatives by log tau of each class from those by the variance of each active column."""
+        part = 2.0 * of_columns[self.small] * np.exp(2.0 * log_tau)[self.label] * self.spread2
+        return np.asarray(np.bincount(self.label, part, len(log_tau)))
+
+
+def _choose_solver(ledger: NormalEquations, prior: Prior) -> _Solver:
+    """Choose the smaller matrix: that of the values or that of the active columns."""
+    wide = (prior.free | (prior.slab > 0))[prior.active]
+    few = gather_rows(ledger.channels, prior.active, wide)
+    if few is None:
+        return _Columns(_Variance(prior), gather_products(ledger.channels, prior.active))
+    return _Few(_Variance(prior), few)
+
+
+def _most_noise(channel: ChannelProducts) -> float:
+    """Return the logarithm of the largest noise worth trying: all that was observed, and a factor e."""
+    return float(np.log(max(channel.total.square / max(channel.total.count, 1), 1.0)) + 1.0)
+
+
+def combine_channels(channels: Sequence[ChannelProducts], hyper: Hyper) -> tuple[Array, Array, float, float]:
+    """Return gram, products with the observations, their square, and log det of the noise."""
+    weights, products = list_products(channels)
+    weight = weights.weigh(hyper.log_noise, hyper.log_shared)
+    gram = weight[0] * products[0].gram
+    for factor, part in zip(weight[1:], products[1:], strict=True):
+        gram += factor * part.gram
+    against = np.sum([factor * part.against for factor, part in zip(weight, products, strict=True)], axis=0)
+    square = float(weight @ [part.square for part in products])
+    return gram, against, square, weights.log_det(hyper.log_noise, hyper.log_shared)
+
+
+def _loose(prior: Prior, hyper: Hyper) -> NDArray[np.bool_]:
+    """Tell which classes are loose. Shape (classes,)."""
+    return prior.loose if len(prior.loose) else np.zeros(len(hyper.log_tau), bool)
+
+
+def _hyperprior(
+    channels: Sequence[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
+) -> tuple[float, Array]:  # fmt: skip
+    """Return log prior of noise and background, and its gradient.
+
+    Noise has the chi-square likelihood of the degrees of freedom that its estimate rests on: what repeats do not show
+    is no noise, but an error that stays share. Shared errors and backgrounds are half-Cauchy, and the classes of one
+    robot resemble each other (assumed: an error as large as the noise, a background as large as its class's scale, is
+    no surprise).
+    """
+    witnesses = np.array([ch.witnesses for ch in channels])
+    factor = np.exp(-hyper.log_noise)
+    shared2, tau2 = np.exp(2 * hyper.log_shared), np.exp(2 * hyper.log_tau)
+    value = -0.5 * np.sum(witnesses * (hyper.log_noise + factor - 1.0)) - np.sum(np.log1p(shared2))
+    scale2 = np.where(loose, 1.0, TAU_SCALE**2)
+    value -= np.sum(np.log1p(tau2 / scale2))
+    alike = hyper.log_tau[~loose]
+    apart = np.where(loose, 0.0, hyper.log_tau - np.sum(alike) / max(len(alike), 1))
+    value -= 0.5 * np.sum(apart**2) / TAU_SPREAD**2
+    gradient_tau = -2 * tau2 / (scale2 + tau2) - apart / TAU_SPREAD**2
+    slope = -0.5 * witnesses * (1.0 - factor)
+    gradient = np.concatenate([slope, -2 * shared2 / (1 + shared2), gradient_tau])
+    return float(value), gradient

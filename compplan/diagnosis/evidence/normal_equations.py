@@ -1,0 +1,347 @@
+"""The ledger: all that a campaign says about every signature, as inner products.
+
+Once the products of the columns with each other and with the observations are there, the evidence of any set of effects
+under any noise and background costs a small Cholesky factor, and no row of the campaign is touched again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.channels import Channel
+from compplan.diagnosis.data.shared import ROUNDING
+from compplan.effects.signature import Signature
+from compplan.measurement.observations import along
+from compplan.robot import Array
+
+#: Sizes of groups that are told apart (assumed: a half more each, which changes the weight of a mean by little).
+TYPICAL = np.array([1, 2, 3, 4, 6, 9, 14, 22, 34, 52, 80, 120])
+
+
+@dataclass(frozen=True, eq=False)
+class Products:
+    """Inner products of columns and observations over some rows.
+
+    Attributes:
+        count: Number of values.
+        gram: Columns with columns. Shape (p, p).
+        against: Columns with observations. Shape (p,).
+        square: Observations with themselves.
+    """
+
+    count: int
+    gram: Array
+    against: Array
+    square: float
+
+    def take(self, columns: NDArray[np.int_]) -> Products:
+        """Take some columns."""
+        return Products(self.count, self.gram[np.ix_(columns, columns)], self.against[columns], self.square)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelRows:
+    """Values of a channel, turned so that the first of every group is its mean times the root of its size.
+
+    Attributes:
+        design: Columns, in units of the noise. Shape (N, p).
+        observed: Values. Shape (N,).
+        size: Rounded size of the group whose mean a value is, 0 for none. Shape (N,).
+    """
+
+    design: Array
+    observed: Array
+    size: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelProducts:
+    """Products of one channel: of all values, and of the mean of each group (times its size), by size of group.
+
+    Attributes:
+        name: Name of the channel.
+        total: Products of all values, in units of the noise.
+        means: Products of the group means by group size; `total` itself where every group is a single row.
+        witnesses: Degrees of freedom that the noise rests on.
+        rows: The values themselves, where they are fewer than the columns.
+    """
+
+    name: str
+    total: Products
+    means: dict[int, Products]
+    witnesses: float
+    rows: ChannelRows | None = None
+
+    def take(self, columns: NDArray[np.int_]) -> ChannelProducts:
+        """Take some columns."""
+        total = self.total.take(columns)
+        means = {size: total if own is self.total else own.take(columns) for size, own in self.means.items()}
+        return ChannelProducts(self.name, total, means, self.witnesses)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """All products of a campaign with a list of signatures; p columns.
+
+    Attributes:
+        signatures: The signatures, without their motions: these are in the designs.
+        index: Columns of each signature; signatures may share columns.
+        names: Name of each column.
+        scale: Scale of each column's parameter. Shape (p,).
+        channels: Products channel by channel.
+        designs: Columns of each channel, in units of the noise. Shape (r, c, p) each.
+        observed: Observations of each channel referred to zero parameters, in units of the noise. Shape (r, c) each.
+        source: The channels of observations.
+    """
+
+    signatures: tuple[Signature, ...]
+    index: tuple[NDArray[np.int_], ...]
+    names: tuple[str, ...]
+    scale: Array
+    channels: tuple[ChannelProducts, ...]
+    designs: tuple[Array, ...]
+    observed: tuple[Array, ...]
+    source: tuple[Channel, ...]
+
+    @property
+    def p(self) -> int:
+        """Count the columns."""
+        return len(self.names)
+
+    def columns(self, signature: int) -> NDArray[np.int_]:
+        """Return the columns of a signature."""
+        return self.index[signature]
+
+    def join_columns(self, signatures: Iterable[int]) -> NDArray[np.int_]:
+        """Return the columns of several signatures, shared ones once, ascending."""
+        return np.unique(np.concatenate([np.zeros(0, int), *(self.index[number] for number in signatures)]))
+
+    def columns_named(self, *names: str) -> NDArray[np.int_]:
+        """Return the columns of all signatures of some effects, ascending."""
+        return self.join_columns(number for number, s in enumerate(self.signatures) if s.name in names)
+
+    def left(self, values: Array) -> list[Array]:
+        """Return what parameters leave in each channel, in units of the noise, to first order."""
+        used = np.flatnonzero(values)
+        return [y - design[..., used] @ values[used] for design, y in zip(self.designs, self.observed, strict=True)]
+
+
+def build_normal_equations(
+    channels: Sequence[Channel], signatures: Sequence[Signature], values: dict[str, float]
+) -> NormalEquations:
+    """Multiply everything with everything.
+
+    Args:
+        channels: Observations minus what the current model expects.
+        signatures: Signatures at the current model.
+        values: Current values of parameters (SI) by column; the observations are referred to zero parameters by adding
+            them back.
+    """
+    index, names, scale, picked = _number_columns(signatures, [])
+    designs = [_design(channel, signatures, picked) for channel in channels]
+    offset = np.array([values.get(name, 0.0) for name in names]) / np.array(scale)
+    used = np.flatnonzero(offset)
+    observed = [
+        channel.residual / channel.sigma + design[..., used] @ offset[used]
+        for channel, design in zip(channels, designs, strict=True)
+    ]
+    products = [_multiply(c, d, y) for c, d, y in zip(channels, designs, observed, strict=True)]
+    return NormalEquations(
+        signatures=tuple(s.without_motion() for s in signatures),
+        index=tuple(index),
+        names=tuple(names),
+        scale=np.array(scale),
+        channels=tuple(products),
+        designs=tuple(designs),
+        observed=tuple(observed),
+        source=tuple(channels),
+    )
+
+
+def extend_normal_equations(ledger: NormalEquations, signatures: Sequence[Signature]) -> NormalEquations:
+    """Return the ledger with further signatures behind the old ones; their parameters are zero in the current model."""
+    index, names, scale, picked = _number_columns(signatures, list(ledger.names))
+    fresh = [_design(channel, signatures, picked) for channel in ledger.source]
+    designs = [np.concatenate([old, new], axis=-1) for old, new in zip(ledger.designs, fresh, strict=True)]
+    products = [
+        _multiply(c, d, y, old)
+        for c, d, y, old in zip(ledger.source, designs, ledger.observed, ledger.channels, strict=True)
+    ]
+    return replace(
+        ledger,
+        signatures=(*ledger.signatures, *(s.without_motion() for s in signatures)),
+        index=(*ledger.index, *index),
+        names=tuple(names),
+        scale=np.concatenate([ledger.scale, scale]),
+        channels=tuple(products),
+        designs=tuple(designs),
+    )
+
+
+def select_rows(
+    ledger: NormalEquations, rows: NDArray[np.bool_], columns: NDArray[np.int_]
+) -> tuple[ChannelProducts, ...]:
+    """Return the products over some rows and columns only.
+
+    Args:
+        ledger: The ledger.
+        rows: Rows of the campaign to use. Shape (n,).
+        columns: Columns to use.
+    """
+    result = []
+    for channel, design, observed in zip(ledger.source, ledger.designs, ledger.observed, strict=True):
+        keep = rows[channel.rows]
+        part = channel.take(keep)
+        kept = design[keep]
+        if len(columns) < design.shape[-1]:
+            kept = kept[..., columns]
+        result.append(_multiply(part, kept, observed[keep]))
+    return tuple(result)
+
+
+def typical_size(sizes: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Round sizes of groups to a few; only the weight of their means depends on it."""
+    return np.asarray(TYPICAL[np.abs(np.log(sizes[:, None] / TYPICAL)).argmin(1)])
+
+
+def representable_forms(ledger: NormalEquations, special: int) -> set[int]:
+    """List forms at the joint of one that have more parameters and hold all that this one can be."""
+    narrow, joint = ledger.columns(special), ledger.signatures[special].joint
+
+    def multiply(rows: NDArray[np.int_], columns: NDArray[np.int_]) -> Array:
+        return np.asarray(sum(channel.total.gram[np.ix_(rows, columns)] for channel in ledger.channels))
+
+    whole, found = np.trace(multiply(narrow, narrow)), set()
+    for number, signature in enumerate(ledger.signatures):
+        wide = ledger.columns(number)
+        if signature.joint != joint or len(wide) <= len(narrow):
+            continue
+        across, own = multiply(wide, narrow), multiply(wide, wide)
+        explained = np.trace(across.T @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ across)
+        if explained > (1.0 - np.sqrt(ROUNDING)) * whole:
+            found.add(number)
+    return found
+
+
+def _number_columns(
+    signatures: Sequence[Signature], names: list[str]
+) -> tuple[list[NDArray[np.int_]], list[str], list[float], list[tuple[int, int]]]:
+    """Number the columns, shared ones once. Returns index, names, scales and (signature, parameter) of the new ones."""
+    number = {name: k for k, name in enumerate(names)}
+    index, scale, picked = [], [], []
+    for count, signature in enumerate(signatures):
+        own = []
+        for k, name in enumerate(signature.column_names):
+            if name not in number:
+                number[name] = len(names)
+                names.append(name)
+                scale.append(float(signature.scale[k]))
+                picked.append((count, k))
+            own.append(number[name])
+        index.append(np.array(own, int))
+    return index, names, scale, picked
+
+
+def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[tuple[int, int]]) -> Array:
+    """Return columns in units of the noise, each scaled by its prior. Shape (r, c, k)."""
+    result = np.zeros((*channel.residual.shape, len(picked)))
+    part = {"position": slice(0, 3), "orientation": slice(3, 6)}.get(channel.name, slice(None))
+    start = 0
+    for number, of_one in groupby(picked, key=lambda pick: pick[0]):
+        signature, own = signatures[number], [k for _, k in of_one]
+        motion = signature.encoder if channel.name == "encoder" else signature.twist
+        if channel.name == "distance":
+            motion = signature.between
+        if motion is not None:
+            factor = signature.scale[own] / channel.sigma
+            rows = np.arange(len(channel.rows)) if channel.name == "distance" else channel.rows
+            result[:, :, start : start + len(own)] = motion[:, part][rows][..., own] * factor[:, None]
+        start += len(own)
+    return result if channel.direction is None else along(channel.direction, result)
+
+
+def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
+    """Multiply columns with columns and observations; blocks that `old` holds already are taken from there."""
+    design, observed, told = _turn_along(channel, design, observed)
+    total = _products(design, observed, None if old is None else old.total, told)
+    means: dict[int, Products] = {}
+    group = channel.group
+    first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else group
+    if 0 < len(first) == len(group):
+        means[1] = total
+    elif len(first):
+        sizes = np.diff(np.r_[first, len(group)])
+        root = np.sqrt(sizes)[:, None]
+        mean_design = np.add.reduceat(design, first, axis=0)
+        mean_design /= root[:, :, None]
+        mean_observed = np.add.reduceat(observed, first, axis=0) / root
+        mean_told = np.logical_or.reduceat(told, first, axis=0)
+        sizes = typical_size(sizes)
+        for size in np.unique(sizes):
+            chosen = sizes == size
+            known = None if old is None else old.means[int(size)]
+            means[int(size)] = _products(mean_design[chosen], mean_observed[chosen], known, mean_told[chosen])
+    rows = turn_rows(group, design, observed, told) if told.sum() < design.shape[-1] else None
+    return ChannelProducts(channel.name, total, means, channel.noise.witnesses, rows)
+
+
+def _turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Turn rows that tell one number so that it is their first; return as well which values were told. Shape (r, c)."""
+    told = np.ones(observed.shape, bool)
+    if channel.direction is None:
+        return design, observed, told
+    one = np.isfinite(channel.direction).all(axis=1)
+    told[one, 1:] = False
+    design, observed = design.copy(), observed.copy()
+    unit = channel.direction[one]
+    design[one, 0], observed[one, 0] = np.einsum("ni,nip->np", unit, design[one]), np.sum(unit * observed[one], axis=1)
+    design[one, 1:], observed[one, 1:] = 0.0, 0.0
+    return design, observed, told
+
+
+def turn_rows(
+    group: NDArray[np.int_], design: Array, observed: Array, told: NDArray[np.bool_] | None = None
+) -> ChannelRows:
+    """Turn values so that the first of every group is its mean times the root of its size [Helmert1876].
+
+    A reflection takes the vector of ones to the first axis: x - u (u^T x) 2 / (u^T u), u = 1 - sqrt(n) e_1.
+
+    Args:
+        group: Group of each row, in order. Shape (r,).
+        design: Columns. Shape (r, c, p).
+        observed: Values. Shape (r, c).
+        told: Which values were told; all if left out. Shape (r, c).
+    """
+    both = np.concatenate([design, observed[..., None]], axis=-1)
+    size = np.zeros(observed.shape)
+    first = np.flatnonzero(np.r_[True, np.diff(group) > 0]) if len(group) else np.zeros(0, int)
+    for start, end in zip(first, np.r_[first, len(group)][1:], strict=True):
+        n = end - start
+        across = np.ones(n)
+        across[0] -= np.sqrt(n)
+        if n > 1:
+            along = np.tensordot(across, both[start:end], axes=1)
+            both[start:end] -= (2.0 / float(across @ across)) * across[:, None, None] * along
+        size[start] = typical_size(np.array([n]))[0]
+    flat, shown = both.reshape(-1, both.shape[-1]), np.ones(size.size, bool) if told is None else told.reshape(-1)
+    flat = flat if shown.all() else flat[shown]
+    return ChannelRows(flat[:, :-1], flat[:, -1], size.reshape(-1)[shown])
+
+
+def _products(design: Array, observed: Array, old: Products | None, told: NDArray[np.bool_]) -> Products:
+    # a model without parameters has no columns, and then no shape says how many values there are
+    flat, y = design.reshape(observed.size, design.shape[-1]), observed.reshape(-1)
+    if old is None:
+        return Products(int(told.sum()), flat.T @ flat, flat.T @ y, float(y @ y))
+    p, count = len(old.against), flat.shape[1]
+    fresh = np.ascontiguousarray(flat[:, p:])
+    gram = np.empty((count, count))
+    gram[:p, :p] = old.gram
+    gram[p:] = fresh.T @ flat
+    gram[:p, p:] = gram[p:, :p].T
+    return Products(int(told.sum()), gram, np.concatenate([old.against, fresh.T @ y]), old.square)

@@ -1,0 +1,299 @@
+"""Proposals: forms with a row or a period that a list cannot hold, looked for in what a model leaves over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.channels import Channel
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LEVEL, SAMPLE, beats_chance
+from compplan.effects import frame_shift, tool_shift
+from compplan.effects.base_frame import SCALE as BASE_SCALE
+from compplan.effects.base_frame import base_twists
+from compplan.effects.linearization import Linearization
+from compplan.effects.signature import Signature
+from compplan.effects.tool_frame import SCALE as TOOL_SCALE
+from compplan.effects.tool_frame import tool_twists
+from compplan.effects.transmission_error import (
+    OVERTONES,
+    bump,
+    bump_at,
+    periods_seen,
+    series_at,
+    spline_at,
+    waves,
+    waves_at,
+)
+from compplan.measurement.observations import along
+from compplan.robot import Array
+
+Waves = NDArray[np.complex128]
+#: Rows proposed for each kind of shift, and waves of a joint that may always be tried (assumed).
+PROPOSED = 2
+#: Cycles per turn that are looked at, whole ones and those between (assumed: gears of arms turn 50 to 170 times, and a
+#: strain wave gear errs twice a turn of its motor).
+MOST_CYCLES = 200.0
+#: Widths of a bump that are looked at, as shares of the visited range; its centres lie the least of them apart
+#: (assumed).
+BUMP_WIDTHS = (0.02, 0.04, 0.08, 0.16)
+#: Least range of a joint that waves are looked for in (assumed). [rad or m]
+LEAST_RANGE = 0.3
+#: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
+HOLD = 1e-2
+#: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own width
+#: is one turn, a quarter loses little).
+BETWEEN = 0.25
+#: n waves together count as at most so many tried: this to the power of n + 2 (assumed: not all were).
+TRIED_A_WAVE = 10
+#: Least cycles per turn, or per metre (assumed).
+LEAST_CYCLES = 0.5
+
+
+def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
+    """Propose shifts of frame and tool at the rows where a step explains most.
+
+    Args:
+        at: The linearization.
+        channels: Channels of observations.
+        left: What the model leaves in each channel, in units of the noise. Shape (r, c) each.
+    """
+    starts = np.flatnonzero(np.r_[False, np.diff(at.campaign.stay) > 0])
+    kinds = ((frame_shift, base_twists(at) * BASE_SCALE), (tool_shift, tool_twists(at) * TOOL_SCALE))
+    found: list[Signature] = []
+    for model, twist in kinds:
+        gains = _step_gains(channels, left, twist, len(at.campaign))
+        order = starts[np.argsort(-gains[starts])]
+        taken: list[int] = []
+        for row in order:
+            if len(taken) == PROPOSED or gains[row] < beats_chance(len(starts)):
+                break
+            if all(abs(int(row) - other) > FEW_ROWS for other in taken):
+                taken.append(int(row))
+        for row in taken:
+            found += model.shift_at(at, row, tried=max(len(starts), 1))
+    return found
+
+
+def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array, n: int) -> Array:
+    """Return the gain in log likelihood of fits before and after each row over one fit for all. Shape (n,)."""
+    gram, against = np.zeros((n, 6, 6)), np.zeros((n, 6))
+    for channel, rest in zip(channels, left, strict=True):
+        if channel.name in ("encoder", "distance"):
+            continue
+        part = slice(0, 3) if channel.name == "position" else slice(3, 6)
+        columns = twist[channel.rows, part] / channel.sigma[:, :, None]
+        if channel.direction is not None:
+            columns = along(channel.direction, columns)
+        length = np.linalg.norm(rest, axis=1)
+        # a single row far off is no shift
+        far = np.quantile(length, LEVEL)
+        rest = rest * np.minimum(1.0, far / np.maximum(length, 1e-12))[:, None]
+        gram[channel.rows] += np.einsum("nik,nil->nkl", columns, columns)
+        against[channel.rows] += np.einsum("nik,ni->nk", columns, rest)
+    gram_before, against_before = np.cumsum(gram, axis=0), np.cumsum(against, axis=0)
+    total_gram, total_against = gram_before[-1], against_before[-1]
+    before = (
+        np.concatenate([np.zeros((1, 6, 6)), gram_before[:-1]]),
+        np.concatenate([np.zeros((1, 6)), against_before[:-1]]),
+    )
+    after = (total_gram - before[0], total_against - before[1])
+    gains = _explained(*before) + _explained(*after) - _explained(total_gram[None], total_against[None])[0]
+    return 0.5 * gains
+
+
+def _explained(gram: Array, against: Array) -> Array:
+    solved = np.linalg.solve(gram + HOLD * np.eye(gram.shape[-1]), against[..., None])[..., 0]
+    return np.asarray(np.einsum("nk,nk->n", against, solved))
+
+
+def propose_waves(
+    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], joint_waves: dict[int, list[Array]]
+) -> list[Signature]:
+    """Propose waves and a spline for every joint.
+
+    Args:
+        at: The linearization.
+        channels: Channels of observations.
+        left: What the model leaves in each channel, in units of the noise.
+        joint_waves: What the model's waves of each joint explain, to be added back for that joint, channel by channel.
+    """
+    found: list[Signature] = []
+    for index, joint in enumerate(at.robot.actuated):
+        pull, weight = _projected(at, channels, left, joint_waves.get(index), index)
+        angle = np.nan_to_num(at.campaign.q[:, index])
+        seen = weight > 0
+        spread = float(np.ptp(angle[seen])) if seen.sum() >= ENOUGH_ROWS else 0.0
+        if spread < LEAST_RANGE:
+            continue
+        slides = joint.kind == "prismatic"
+        spectrum = _Spectrum(angle[seen], spread, slides)
+        # each wave has two values, and a value of a free form needs ten poses
+        most = max(len(np.unique(at.campaign.stay[seen])) // ENOUGH_ROWS, PROPOSED)
+        picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides, most)
+        for count in {1, 2, len(picked)}:
+            if 0 < count <= len(picked):
+                tried = int(min(len(spectrum.grid) ** count, TRIED_A_WAVE ** (2 + count)))
+                found.append(waves_at(at, index, picked[:count], tried=tried))
+        if picked:
+            some = np.flatnonzero(seen)[:: 1 + int(seen.sum()) // SAMPLE]
+            grid = spectrum.grid[periods_seen(spectrum.grid, spread, slides) >= 1.0]
+            cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
+            found.append(series_at(at, index, cycle, tried=min(len(grid), TRIED_A_WAVE**3)))
+            found.append(spline_at(at, index))
+            found += _best_bumps(at, index, angle, pull, weight)
+    return found
+
+
+def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight: Array) -> list[Signature]:
+    """Propose the bell curves that explain most, one of each width."""
+    seen = weight > 0
+    low, high = float(angle[seen].min()), float(angle[seen].max())
+    smooth = np.ones((int(seen.sum()), 1))
+    rest = pull[seen] - weight[seen] * (smooth @ _weighted_fit(smooth, pull[seen], weight[seen]))
+    found = []
+    centres = np.linspace(low, high, round(1.0 / min(BUMP_WIDTHS)))
+    tried = len(centres) * len(BUMP_WIDTHS)
+    for share in BUMP_WIDTHS:
+        width = share * (high - low)
+        shape = bump(angle[seen, None], centres[None], width)
+        inner = np.einsum("n,nk->k", weight[seen], shape**2)
+        mean = np.einsum("n,nk->k", weight[seen], shape) / weight[seen].sum()
+        inner = inner - weight[seen].sum() * mean**2
+        gain = 0.5 * (rest @ shape) ** 2 / np.maximum(inner, 1e-9 * weight[seen].sum())
+        best = int(np.argmax(gain))
+        if gain[best] > beats_chance(tried):
+            found.append(bump_at(at, index, float(centres[best]), width, tried=tried))
+    return found
+
+
+def wave_grid(spread: float, slides: bool) -> tuple[Array, Array]:
+    """Return the cycles per turn (per metre) to look at, close enough that no wave falls between.
+
+    Whole cycles, and cycles that lie evenly apart.
+    """
+    turns = spread if slides else spread / (2 * np.pi)
+    step = BETWEEN / turns
+    whole = np.arange(1.0, MOST_CYCLES) if not slides else np.zeros(0)
+    return whole, np.arange(max(LEAST_CYCLES, step), MOST_CYCLES, min(step, 1.0))
+
+
+class _Spectrum:
+    """Sums of a signal times all waves of a grid.
+
+    Evenly apart, f_jk = f_0 + (j B + k) s, all waves are products of two short lists, exp(i (f_0 + j B s) x) and
+    exp(i k s x), and so their sums are a product of two small matrices.
+    """
+
+    def __init__(self, angle: Array, spread: float, slides: bool) -> None:
+        whole, even = wave_grid(spread, slides)
+        self.grid, self.order = np.unique(np.concatenate([whole, even]), return_index=True)
+        self.count = len(even)
+        own = angle[:, None] * (2 * np.pi if slides else 1.0)
+        width = int(np.ceil(np.sqrt(max(self.count, 1))))
+        step = even[1] - even[0] if self.count > 1 else 0.0
+        self.whole = _turn(own * whole)
+        self.coarse, self.fine = _turn(own * even[::width]), _turn(own * (step * np.arange(width)))
+
+    def sums(self, signal: Array) -> Waves:
+        """Return the sum of signal times exp(i f x) for every cycle f. Shape (n,) -> (cycles,)."""
+        return self._sum(signal, self.whole, self.coarse, self.fine)
+
+    def double_sums(self, signal: Array) -> Waves:
+        """Return the sum of signal times exp(2 i f x) for every cycle f. Shape (n,) -> (cycles,)."""
+        return self._sum(signal, self.whole**2, self.coarse**2, self.fine**2)
+
+    def _sum(self, signal: Array, whole: Waves, coarse: Waves, fine: Waves) -> Waves:
+        even = ((coarse * signal[:, None]).T @ fine).reshape(-1)[: self.count]
+        return np.asarray(np.concatenate([signal @ whole, even])[self.order])
+
+
+def _turn(phase: Array) -> Waves:
+    turned = np.empty(phase.shape, complex)
+    turned.real, turned.imag = np.cos(phase), np.sin(phase)
+    return turned
+
+
+def _projected(
+    at: Linearization, channels: Sequence[Channel], left: Sequence[Array], own: list[Array] | None, index: int
+) -> tuple[Array, Array]:
+    """Project what is left on the motion of one joint: pull J^T e and weight J^T J of every row, noise units."""
+    n = len(at.campaign)
+    pull, weight = np.zeros(n), np.zeros(n)
+    for number, (channel, rest) in enumerate(zip(channels, left, strict=True)):
+        if channel.name == "distance":
+            continue
+        if channel.name == "encoder":
+            column = np.zeros_like(rest)
+            column[:, index] = 1.0 / channel.sigma[:, 0]
+        else:
+            part = slice(0, 3) if channel.name == "position" else slice(3, 6)
+            column = at.motion[channel.rows, part, index] / channel.sigma
+            if channel.direction is not None:
+                column = along(channel.direction, column)
+        total = rest if own is None else rest + own[number]
+        pull[channel.rows] += np.einsum("ni,ni->n", column, total)
+        weight[channel.rows] += np.einsum("ni,ni->n", column, column)
+    return pull, weight
+
+
+def _match_waves(
+    angle: Array, pull: Array, weight: Array, spectrum: _Spectrum, slides: bool, most: int
+) -> list[float]:  # fmt: skip
+    """Pick waves one after the other, all refitted after each, while they are worth it."""
+    picked: list[float] = []
+    grid, total = spectrum.grid, float(weight.sum())
+    smooth, rest = _take_out_line(angle, pull, weight)
+    # products of sine and cosine, from those of twice the angle
+    double = spectrum.double_sums(weight)
+    sines, cosines = (0.5 * (total + sign * double.real) + 1e-9 * total for sign in (-1.0, 1.0))
+    across = 0.5 * double.imag
+    while len(picked) < most:
+        against = spectrum.sums(rest)
+        a, b = against.imag, against.real
+        gain = 0.5 * (a * a * cosines - 2.0 * a * b * across + b * b * sines) / (sines * cosines - across**2)
+        if picked:
+            gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < BETWEEN * grid[0]] = 0.0
+        best = int(np.argmax(gain))
+        if gain[best] < beats_chance(len(grid)):
+            break
+        picked.append(float(grid[best]))
+        columns = np.column_stack([smooth, waves(angle, picked, slides)])
+        rest = pull - weight * (columns @ _weighted_fit(columns, pull, weight))
+    return picked
+
+
+def find_series(angle: Array, pull: Array, weight: Array, grid: Array, slides: bool) -> float:
+    """Return the cycles of the wave with overtones that has the largest evidence, all as large as the largest sine.
+
+    Args:
+        angle: Angles of the joint. Shape (n,).
+        pull: What is left, projected on the joint's motion. Shape (n,).
+        weight: Square of that motion. Shape (n,).
+        grid: Cycles to look at. Shape (f,).
+        slides: Whether the joint is prismatic.
+    """
+    _, rest = _take_out_line(angle, pull, weight)
+    overtones = enumerate(OVERTONES)
+    parts = [size * waves(angle, ((k + 1) * grid).tolist(), slides).reshape(len(angle), -1, 2) for k, size in overtones]
+    phases = np.concatenate(parts, axis=2)
+    against = np.einsum("n,nfk->fk", rest, phases)
+    moments = np.einsum("n,nfk,nfl->fkl", weight, phases, phases)
+    sine = moments[:, :2, :2] + 1e-9 * weight.sum() * np.eye(2)
+    squares = np.einsum("fk,fk->f", against[:, :2], np.linalg.solve(sine, against[:, :2, None])[..., 0])
+    size = np.sqrt(2.0 * squares.max() / weight.sum())
+    inner = np.eye(phases.shape[2]) + size**2 * moments
+    explained = size**2 * np.einsum("fk,fk->f", against, np.linalg.solve(inner, against[..., None])[..., 0])
+    return float(grid[np.argmax(explained - np.linalg.slogdet(inner)[1])])
+
+
+def _take_out_line(angle: Array, pull: Array, weight: Array) -> tuple[Array, Array]:
+    """Return a level and a slope over the angle, and what is left without them. Shapes (n, 2), (n,)."""
+    smooth = np.column_stack([np.ones_like(angle), angle - angle.mean()])
+    return smooth, pull - weight * (smooth @ _weighted_fit(smooth, pull, weight))
+
+
+def _weighted_fit(columns: Array, pull: Array, weight: Array) -> Array:
+    gram = columns.T @ (weight[:, None] * columns)
+    return np.asarray(np.linalg.solve(gram + 1e-6 * np.trace(gram) * np.eye(len(gram)) / len(gram), columns.T @ pull))

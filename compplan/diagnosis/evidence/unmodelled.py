@@ -1,0 +1,242 @@
+"""Unmodelled: what a gap may depend on beyond every effect of the vocabulary.
+
+A gap whose cause is in no vocabulary depends on something all the same: on where the target is, on the load, on time,
+on another joint. Each of these is offered to the search as a smooth function with an unknown shape, beside the effects.
+It is never named as a cause and never written into a robot; it keeps effects from being bent into imitations of what
+they are not, and it says what an unknown cause looks like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from compplan.diagnosis.data.shared import ROUNDING
+from compplan.diagnosis.evidence.proposals import LEAST_RANGE
+from compplan.effects.linearization import AXES, Linearization
+from compplan.effects.signature import Signature
+from compplan.measurement.campaign import Campaign
+from compplan.robot import Array
+
+UNMODELLED = "unmodelled"
+#: Time constants of creep (assumed). [s]
+CREEP_TIMES = (60.0, 400.0)
+#: Time constants of what settles early, as shares of the campaign (assumed).
+EARLY = (0.02, 0.1)
+#: Degree of the curves over time, and of the fields over the workspace (assumed).
+TIME_DEGREE, FIELD_DEGREE = 4, 3
+#: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what is
+#: curved about the instrument is smaller by this from degree to degree.
+FAR = 8.0
+#: Effects whose errors follow the same as an unmodelled one, by the first words of what that follows (theory).
+MAKERS = {
+    "its own angle": ("transmission_error", "gravity_compensator"),
+    "time": ("thermal_drift", "frame_shift", "tool_shift"),
+    "the weight of the links": ("gravity_sag", "payload"),
+    "the moments on it": ("link_compliance", "joint_stiffness", "stiffness_nonlinearity"),
+    "load and direction": ("backlash",),
+    "the posture alone": ("link_geometry", "joint_offset"),
+    "the force": ("wrench_scale", "wrench_bias", "base_compliance"),
+    "its speed": ("tracking_lag", "time_skew"),
+}
+TURNS = AXES[3:]
+#: Speeds at which friction fades, over the fastest (assumed).
+FADING = (0.05, 0.2, 0.8)
+
+
+def unmodelled_signatures(at: Linearization) -> list[Signature]:
+    """List the dependences that a campaign can show.
+
+    Args:
+        at: The linearization.
+    """
+    found = [*_of_position(at), *_of_time(at)]
+    if at.campaign.load_varies:
+        found += _of_load(at)
+    if at.attained.chain.n_springs:
+        found += _of_hidden_force(at)
+    found += _of_links(at)
+    for index in range(at.robot.nq):
+        found += _of_joint(at, index)
+    return found
+
+
+def describe_unmodelled(joint: str | None, driver: str) -> str:
+    """Say in words what an unmodelled error depends on."""
+    return f"an error {'' if joint is None else f'of {joint} '}that follows {driver}"
+
+
+def names_alike(driver: str, joint: str | None, effect: str, place: str | None) -> bool:
+    """Tell whether a named effect makes an error that follows the same: what is left of that kind is left beside it.
+
+    Args:
+        driver: What the unmodelled error depends on.
+        joint: Its joint, or None.
+        effect: Name of the effect.
+        place: Its joint, or None.
+    """
+    makers = next((names for word, names in MAKERS.items() if driver.startswith(word)), ())
+    return effect in makers and (joint is None or place is None or joint == place)
+
+
+def _offer(
+    joint: str | None, driver: str, form: str, twist: Array, encoder: Array | None = None,
+    *, common: bool = False, weight: Array | float = 1.0,
+) -> Iterable[Signature]:  # fmt: skip
+    """Offer columns of twist, shape (n, 6, k), scaled so that they move the target by a metre together.
+
+    A weight makes columns larger than others beforehand; `common` gives all of them the same unit.
+    """
+    size = np.sqrt(np.mean(np.sum(twist[:, :3] ** 2, axis=1), axis=0))
+    seen = size > ROUNDING
+    if not seen.any():
+        return
+    size = np.full_like(size, np.sqrt(np.mean(size[seen] ** 2))) if common else size
+    weight = np.broadcast_to(weight, seen.shape)[seen]
+    scale = weight / size[seen] / np.sqrt(np.sum(weight**2))
+    keys = tuple(f"{driver} {form} {k}" for k in np.flatnonzero(seen))
+    visible = None if encoder is None else encoder[:, :, seen]
+    yield Signature(UNMODELLED, joint, driver, form, keys, scale, twist[:, :, seen], visible)
+
+
+def _of_position(at: Linearization) -> Iterable[Signature]:
+    """A field over the workspace: the instrument's scale, any linear field, and curved ones."""
+    point = at.point
+    driver = "the place of the target"
+    moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
+    scaled = np.concatenate([moved, np.zeros_like(moved)], axis=1)
+    yield from _offer(None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / FAR]))
+    powers: list[tuple[int, ...]] = [()]
+    for degree in range(1, FIELD_DEGREE + 1):
+        powers += list(combinations_with_replacement(range(3), degree))
+        weight = np.tile([FAR ** -len(power) for power in powers], 3)
+        twist = _times(np.broadcast_to(np.eye(6, 3), (len(point), 6, 3)), _monomials(at, powers))
+        yield from _offer(None, driver, f"degree {degree}", twist, weight=weight)
+
+
+def _of_load(at: Linearization) -> Iterable[Signature]:
+    """A deflection in step with the force in base or tool axes, forces that are read wrongly, forces nobody knows."""
+    force, n = at.scene.wrench[:, :3], len(at.point)
+    R = at.attained.frames.tcp_rotation
+    local = np.einsum("nji,nj->ni", R, force)
+    fixed, turned = np.zeros((n, 6, 3 * 3)), np.zeros((n, 6, 3 * 3))
+    for column in range(3 * 3):
+        i, k = divmod(column, 3)
+        fixed[:, i, column] = force[:, k]
+        turned[:, :3, column] = R[:, :, i] * local[:, k, None]
+    yield from _offer(None, "the force in base axes", "linear", fixed, common=True)
+    yield from _offer(None, "the force in tool axes", "linear", turned, common=True)
+    if at.attained.chain.n_springs:
+        twist, encoder = at.wrench_response(turned)
+        yield from _offer(None, "force components that are mixed up", "linear", twist, encoder, common=True)
+
+
+def _of_hidden_force(at: Linearization) -> Iterable[Signature]:
+    """A force on the tool that changes with the place of the target."""
+    powers: list[tuple[int, ...]] = [()]
+    for degree, form in ((1, "linear"), (2, "curved")):
+        powers += list(combinations_with_replacement(range(3), degree))
+        pull = _times(np.broadcast_to(np.eye(6, 3), (len(at.point), 6, 3)), _monomials(at, powers))
+        twist, encoder = at.wrench_response(pull)
+        driver = "an unknown force that changes with the place"
+        yield from _offer(None, driver, form, twist, encoder, common=True)
+
+
+def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
+    """Return products of the target's coordinates, from their mean, in units of their spread. Shape (n, k)."""
+    seen = (at.point - at.point.mean(axis=0)) / np.maximum(at.point.std(axis=0), ROUNDING)
+    return np.column_stack([np.prod(seen[:, list(power)], axis=1) for power in powers])
+
+
+def _of_time(at: Linearization) -> Iterable[Signature]:
+    """A drift of the base, and of everything behind a joint."""
+    curves = time_curves(at.campaign)
+    base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
+    yield from _offer(None, "time", "base", _times(base, curves))
+    for joint in at.robot.actuated:
+        turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
+        yield from _offer(joint.name, "time", "link", _times(turn, curves), common=True)
+
+
+def _of_links(at: Linearization) -> Iterable[Signature]:
+    """An error behind a joint in any direction: fixed in the link, or bending in step with the load on it."""
+    for joint in at.robot.actuated:
+        frame = np.stack([at.parent_twist(joint.name, axis) for axis in AXES], axis=-1)
+        yield from _offer(joint.name, "the posture alone", "frame", frame)
+        if at.campaign.load_varies:
+            loads = np.stack([at.joint_load(joint.name, axis) for axis in TURNS], axis=-1)
+            turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
+            across = np.concatenate([turn * np.roll(loads, step, axis=1)[:, None] for step in (1, 2)], axis=-1)
+            yield from _offer(joint.name, "the moments on it", "across", across, common=True)
+            yield from _offer(joint.name, "the moments on it", "bending", turn * loads[:, None], common=True)
+    own = at.motion * at.own_weight_load[:, None, :]
+    yield from _offer(None, "the weight of the links", "joints", own, common=True)
+
+
+def _of_joint(at: Linearization, index: int) -> Iterable[Signature]:
+    """An error about a joint's own axis; where there are link-side encoders they may see it or not."""
+    name = at.robot.joint_names[index]
+    for driver, form, shape in _own_errors(at, index):
+        twist = at.motion[:, :, index, None] * shape[:, None]
+        for signature in _offer(name, driver, form, twist, common=True):
+            yield signature
+            if at.campaign.link is not None and len(signature.scale) == shape.shape[1]:
+                encoder = np.zeros((len(shape), at.robot.nq, shape.shape[1]))
+                encoder[:, index] = shape
+                yield replace(signature, form=f"{form}, seen by the encoder", encoder=encoder)
+
+
+def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array]]:
+    """Errors that follow angles, loads, direction, speed, or the past: driver, form, shape (n, k)."""
+    names = at.robot.joint_names
+    campaign, q, load = at.campaign, np.nan_to_num(at.campaign.q), at.own_load
+    typical = float(np.sqrt(np.mean(load[:, index] ** 2))) + 1e-9
+    part = load[:, index] / typical
+    for other in range(at.robot.nq):
+        if other == index:
+            continue
+        if campaign.load_varies:
+            yield f"the load on {names[other]}", "linear", load[:, [other]]
+        if at.robot.actuated[other].kind == "revolute" and np.ptp(q[:, other]) > LEAST_RANGE:
+            wave = np.column_stack([np.sin(q[:, other]), np.cos(q[:, other]) - np.cos(q[:, other]).mean()])
+            yield f"the angle of {names[other]}", "wave", wave
+    direction = campaign.approach[:, index]
+    if (direction > 0).any() and (direction < 0).any():
+        both = [direction, direction * np.abs(part), direction * part**2][: 3 if campaign.load_varies else 1]
+        yield "load and direction of approach", "product", np.column_stack(both)
+    speed = campaign.speed[:, index]
+    if np.abs(speed).max(initial=0.0) > ROUNDING:
+        fast = speed / np.abs(speed).max()
+        slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in FADING]
+        yield "its speed", "friction", np.column_stack([fast, *slow])
+    if campaign.time is not None and campaign.load_varies:
+        past = np.column_stack([past_load(campaign.time, load[:, index], tau) for tau in CREEP_TIMES])
+        yield "its load of the past minutes", "creep", past
+
+
+def time_curves(campaign: Campaign) -> Array:
+    """Return polynomials and decays over time, or over the order of the rows. Shape (n, curves)."""
+    clock = np.arange(len(campaign), dtype=float) if campaign.time is None else np.nan_to_num(campaign.time)
+    span = max(float(np.ptp(clock)), 1e-9)
+    share = (clock - clock.min()) / span
+    early = np.exp(-share[:, None] / np.array(EARLY))
+    return np.concatenate([legendre.legvander(2.0 * share - 1.0, TIME_DEGREE), early - early.mean(axis=0)], axis=1)
+
+
+def past_load(time: Array, load: Array, tau: float) -> Array:
+    """Return the mean of a load over the past, with a time constant. Shape (n,)."""
+    keep = np.exp(-np.maximum(np.diff(np.nan_to_num(time), prepend=np.nan_to_num(time[:1])), 0.0) / tau).tolist()
+    strain, result = float(load[0]) if len(load) else 0.0, []
+    for factor, value in zip(keep, load.tolist(), strict=True):
+        strain = value + (strain - value) * factor
+        result.append(strain)
+    return np.array(result)
+
+
+def _times(twists: Array, curves: Array) -> Array:
+    """Multiply every twist with every curve. Shape (n, 6, a), (n, c) -> (n, 6, a c)."""
+    return (twists[:, :, :, None] * curves[:, None, None, :]).reshape(len(twists), 6, -1)

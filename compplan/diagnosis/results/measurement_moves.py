@@ -1,0 +1,247 @@
+"""Moves that a next measurement may consist of: reversal, loads, payloads, sign flip, joint sweep, warm-up, speeds.
+
+A pool of candidate moves is laid out as the continuation of a campaign, so that the forward models see order, loads,
+times and temperatures as they would be. A move is a few rows that only make sense together, such as one pose with and
+without load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, NEGLIGIBLE, SAMPLE, SEED
+from compplan.effects import build_model, solve_model_poses
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.poses.pool import take_clear
+from compplan.robot import Array, Robot
+
+#: What each kind of move is, for people.
+KINDS = {
+    "new_poses": "measure these poses, without load",
+    "loaded_unloaded": "measure each pose without load and under the load",
+    "sign_flip": "measure each pose under the load and under its opposite",
+    "two_payloads": "measure each pose with a light and with a heavy known weight on the tool",
+    "reversal": "come to each pose from either side of one joint",
+    "joint_sweep": "sweep one joint over its range and hold the others",
+    "warm_up": "let the robot cool down, then measure each pose cold, half warm and warm",
+    "two_speeds": "drive the same path slowly and fast",
+}
+#: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
+BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
+#: Candidates of new poses, from which the telling ones are picked, and draws for each: some are not clear (assumed).
+POSES = 40
+#: Seconds between stays and between runs; seconds at which a robot is cold, half warm and warm (assumed). [s]
+PACE, COURSE = 15.0, (0.0, 1800.0, 7200.0)
+#: Warm-up at least, whatever the campaign saw (assumed). [K]
+ASSUMED_RISE = 8.0
+#: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+ASSUMED_WEIGHT = 50.0
+#: Speeds of a path that is driven slowly and fast (assumed: safe for any joint). [rad/s]
+SPEEDS = (0.05, 0.25)
+#: Amplitude of its swing (assumed). [rad]
+SWING = 0.15
+#: Radius about the base axis beyond which it is always clear (assumed). [m]
+COLUMN = 0.3
+#: The light one of two payloads, over the heavy one (assumed).
+LIGHT = 0.3
+
+
+@dataclass(frozen=True)
+class MeasuringMove:
+    """Rows that are measured together.
+
+    Attributes:
+        kind: One of `KINDS`.
+        rows: Rows of the pool that are measured.
+        joint: The joint that it is about, or None.
+    """
+
+    kind: str
+    rows: tuple[int, ...]
+    joint: str | None = None
+
+
+@dataclass(eq=False)
+class Pool:
+    """Candidate rows under construction, and the moves among them; rows are (q, wrench, run, time, warmth)."""
+
+    rows: list[tuple[Array, Array, str, float, float]] = field(default_factory=list)
+    moves: list[MeasuringMove] = field(default_factory=list)
+    clock: float = 0.0
+
+    def add(self, q: Array, run: str, time: float, warmth: float = 1.0) -> int:
+        """Append a row without load and return its number."""
+        self.rows.append((q, np.zeros(6), run, time, warmth))
+        return len(self.rows) - 1
+
+    def stay(self, q: Array, wrench: Array | None = None) -> int:
+        """Append a row at rest, in its turn after the clock, and return its number."""
+        load = np.zeros(6) if wrench is None else wrench
+        self.rows.append((q, load, "static_next", self.clock + PACE * len(self.rows), 1.0))
+        return len(self.rows) - 1
+
+    def last(self) -> float:
+        """Return the time of the latest row. [s]"""
+        return max(row[3] for row in self.rows)
+
+
+def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Campaign, tuple[MeasuringMove, ...]]:
+    """Lay out candidate moves as the continuation of a campaign.
+
+    Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
+    within the largest load of the campaign. Whether cables and surroundings allow a pose is not known here.
+
+    Args:
+        robot: The robot.
+        campaign: The campaign so far.
+        seed: Seed of the candidate poses.
+
+    Returns:
+        A campaign that begins with the first rows of the old one, and the moves among its rows.
+    """
+    random = np.random.default_rng(seed)
+    poses = draw_poses(robot, campaign, POSES, random)
+    if not len(poses):
+        return campaign.take(np.zeros(0, int)), ()
+    before = np.flatnonzero(campaign.usable)[:5]
+    pool = Pool([(campaign.q[row], campaign.wrench[row], "static_before", 0.0, 0.0) for row in before])
+    _add_static(pool, campaign, poses)
+    _add_reversals(pool, robot, poses)
+    _add_sweeps(pool, robot, campaign, poses)
+    if campaign.time is not None or campaign.temperature is not None:
+        _add_warm_up(pool, poses)
+    if campaign.time is not None and campaign.on_path.any():
+        _add_paths(pool, robot, poses)
+    return _continue_campaign(campaign, pool), tuple(pool.moves)
+
+
+def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
+    """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
+    q = random.uniform(*joint_range(robot, campaign), (POSES * count, robot.nq))
+    return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
+
+
+def joint_range(robot: Robot, campaign: Campaign) -> tuple[Array, Array]:
+    """Return the joint range that may be visited. Shapes (nq,). [rad or m]"""
+    seen = campaign.q[campaign.usable]
+    middle = 0.5 * (seen.min(0) + seen.max(0))
+    lower, upper = np.maximum(robot.lower, middle - np.pi), np.minimum(robot.upper, middle + np.pi)
+    margin = NEGLIGIBLE * (upper - lower)
+    # a rail is as long as it was seen to be where the folder states no limits
+    endless = robot.prismatic & ~(np.isfinite(robot.lower) & np.isfinite(robot.upper))
+    return np.where(endless, seen.min(0), lower + margin), np.where(endless, seen.max(0), upper - margin)
+
+
+def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]:
+    """Tell which poses stand no lower and no nearer to the base axis than the campaign did. Shape (n,)."""
+    usable = np.flatnonzero(campaign.usable)
+    some = usable[:: max(1, len(usable) // SAMPLE)]
+    seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
+    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), COLUMN)
+    return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
+
+
+def _tips(robot: Robot, q: Array) -> Array:
+    run = np.array(["static"] * len(q), dtype=np.str_)
+    rows = Campaign(run, q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
+    return solve_model_poses(build_model(robot, rows)).position
+
+
+def given_loads(campaign: Campaign) -> list[Array]:
+    """Pick the largest loads of the campaign that point in different directions; a known weight where it had none."""
+    wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
+    if not campaign.load_varies or not len(wrench):
+        return [np.array([0.0, 0.0, -ASSUMED_WEIGHT, 0.0, 0.0, 0.0])]
+    order = np.argsort(-np.linalg.norm(wrench[:, :3], axis=1))
+    picked: list[Array] = []
+    for row in order:
+        force = wrench[row, :3]
+        # nearer to a right angle than to each other
+        size = np.linalg.norm(force) * np.sqrt(0.5)
+        if all(force @ other[:3] < size * np.linalg.norm(other[:3]) for other in picked):
+            picked.append(np.round(wrench[row], 1))
+        if len(picked) == FEW_ROWS:
+            break
+    return picked
+
+
+def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
+    loads = given_loads(campaign)
+    pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PACE
+    pool.moves += [MeasuringMove("new_poses", (pool.stay(q),)) for q in poses]
+    weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
+    for number, q in enumerate(poses[:ENOUGH_ROWS]):
+        load = loads[number % len(loads)]
+        pool.moves.append(MeasuringMove("loaded_unloaded", (pool.stay(q), pool.stay(q, load))))
+        pool.moves.append(MeasuringMove("sign_flip", (pool.stay(q, load), pool.stay(q, -load))))
+        pool.moves.append(MeasuringMove("two_payloads", (pool.stay(q, LIGHT * weight), pool.stay(q, weight))))
+
+
+def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
+    pool.clock = pool.last()
+    for joint, unit in zip(robot.actuated, np.eye(robot.nq), strict=True):
+        step = BACK_OFF[joint.kind] * unit
+        for q in poses[:FEW_ROWS]:
+            centre = np.clip(q, robot.lower + step, robot.upper - step)
+            rows = [(pool.stay(centre + side * step), pool.stay(centre))[1] for side in (-1.0, 1.0)]
+            pool.moves.append(MeasuringMove("reversal", tuple(rows), joint.name))
+
+
+def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> None:
+    lower, upper = joint_range(robot, campaign)
+    pool.clock = pool.last()
+    for index, joint in enumerate(robot.actuated):
+        for q in poses[:2]:
+            sweep = np.repeat(q[None], ENOUGH_ROWS, axis=0)
+            sweep[:, index] = np.linspace(lower[index], upper[index], ENOUGH_ROWS)
+            sweep = sweep[keeps_clear(robot, campaign, sweep)]
+            if len(sweep) >= FEW_ROWS:
+                pool.moves.append(MeasuringMove("joint_sweep", tuple(pool.stay(s) for s in sweep), joint.name))
+
+
+def _add_warm_up(pool: Pool, poses: Array) -> None:
+    rows = [
+        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:ENOUGH_ROWS])]
+        for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True)
+    ]
+    pool.moves += [MeasuringMove("warm_up", numbers) for numbers in zip(*rows, strict=True)]
+
+
+def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
+    """Swing each joint by some degrees there and back, slowly and fast."""
+    clock, centre = pool.last(), np.clip(poses[0], robot.lower + SWING, robot.upper - SWING)
+    for index, joint in enumerate(robot.actuated):
+        if joint.kind != "revolute":
+            continue
+        rows: list[int] = []
+        for number, speed in enumerate(SPEEDS):
+            clock += PACE
+            for angle in np.linspace(0.0, 2.0 * np.pi, ENOUGH_ROWS):
+                q = centre + SWING * np.sin(angle) * np.eye(robot.nq)[index]
+                moment = clock + SWING * angle / speed
+                rows.append(pool.add(q, f"path_next_{index + 1}_{number + 1}", moment))
+            clock = pool.last()
+        pool.moves.append(MeasuringMove("two_speeds", tuple(rows), joint.name))
+
+
+def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
+    n, temperature = len(pool.rows), None
+    q, wrench, run, time, warmth = (np.array(part) for part in zip(*pool.rows, strict=True))
+    if campaign.temperature is not None and campaign.warming is not None:
+        rise = max(float(np.max(campaign.warming)), ASSUMED_RISE)
+        temperature = campaign.reference_temperature + rise * warmth
+    return Campaign(
+        run=run.astype(np.str_),
+        q=q,
+        wrench=wrench,
+        position=np.zeros((n, 3)),
+        rotation=None if campaign.rotation is None else np.broadcast_to(np.eye(3), (n, 3, 3)),
+        time=None if campaign.time is None else time,
+        temperature=temperature,
+        link=None if campaign.link is None else q.copy(),
+        target=None if campaign.target is None else np.full(n, int(campaign.target_index[-1])),
+        target_names=campaign.target_names,
+    )

@@ -1,0 +1,370 @@
+"""What to measure next: the moves that separate effects which a campaign leaves ambiguous, and what they would tell.
+
+Two hypotheses A and B, each fitted to the campaign with everything else free, predict a further move with means
+m_A, m_B and covariances K_A, K_B of what is not known exactly. With noise N the expected log likelihood ratio is
+
+    D = 1/2 (m_A - m_B)^T (N + (K_A + K_B) / 2)^-1 (m_A - m_B)
+
+[Box1967; Atkinson1975: T-optimality, here with the uncertainty of both models]. Moves are picked one after the other,
+each for what it adds to those before, until more of them would not tell more, then exchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import expit, logit, ndtri
+
+from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
+from compplan.diagnosis.evidence.candidates import registration_signatures
+from compplan.diagnosis.evidence.unmodelled import UNMODELLED
+from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves
+from compplan.diagnosis.results.result import Diagnosis, place_table
+from compplan.diagnosis.results.signature_at_rows import probe_signature
+from compplan.diagnosis.results.verdict import Finding
+from compplan.diagnosis.search.search import TRIED, Claim, Model
+from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.ambiguity import is_comparable
+from compplan.diagnosis.validation.calibrated_probability import TEMPER
+from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_poses
+from compplan.effects.linearization import Linearization, Place, linearize_model
+from compplan.effects.signature import Signature
+from compplan.measurement.poses.exchange import grow_choice, settle_choice
+from compplan.measurement.poses.information import odds_gains, weight_rows
+from compplan.robot import Array
+
+#: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
+#: (assumed).
+FEWEST_MOVES, MOST_MOVES = 3, 8
+#: A proposal has to add this much expected probability (assumed).
+WORTH_IT = 0.05
+#: Effects that show in motion only; a path at two speeds is laid out for them.
+OF_MOTION = ("tracking_lag", "time_skew", "backlash")
+NOTHING = "none"
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two explanations of one campaign.
+
+    Attributes:
+        first: Place of the claim.
+        second: Place of its rival, or None: the claim left out.
+        model: The model that holds the claim.
+        other: The same with the rival in its place.
+        log_odds: Log odds of the first against the second, tempered.
+    """
+
+    first: Place
+    second: Place | None
+    model: Model
+    other: Model
+    log_odds: float
+
+
+class DifferenceShown(NamedTuple):
+    """What k moves show of the difference of two models.
+
+    Attributes:
+        mean: Parameters of the first, less those of the second, each in its own place. Shape (P,).
+        covariance: Mean covariance of the two. Shape (P, P).
+        rows: Derivatives of what each move shows, in units of its noise. Shape (k, c, P).
+    """
+
+    mean: Array
+    covariance: Array
+    rows: Array
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A measurement that separates two explanations.
+
+    Attributes:
+        separates: The two places; the second is None where the question is whether there is an effect at all.
+        kind: One of `KINDS`.
+        moves: The moves, the most telling first.
+        probability: Probability that the better explanation has now.
+        gain: By how much the probability of the true one is expected to rise.
+        information: Expected log likelihood ratio between the two.
+    """
+
+    separates: tuple[Place, Place | None]
+    kind: str
+    moves: tuple[MeasuringMove, ...]
+    probability: float
+    gain: float
+    information: float
+
+
+def propose_measurements(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Propose what to measure next, as `next_measurement` of diagnosis.json holds it, the most telling first.
+
+    Nothing is proposed where no positions were measured: poses at a socket or a gauge are not free to choose.
+
+    Args:
+        diagnosis: The diagnosis.
+    """
+    fit, verdict = diagnosis.fit, diagnosis.verdict
+    pairs = list(find_pairs(fit, (*verdict.findings, *verdict.doubtful)))
+    if not pairs or not fit.problem.campaign.measured.any():
+        return []
+    pool, moves = list_moves(fit.problem.robot, fit.problem.campaign)
+    if not moves:
+        return []
+    scene = build_model(fit.problem.robot, pool, registration=fit.state.registration, later=True)
+    scene = apply_effects(scene, fit.state.effects)
+    at = linearize_model(
+        scene, solve_model_poses(scene), {effect.place: effect.parameters for effect in fit.state.effects}
+    )
+    design = weight_columns(fit, predict_columns(fit, at))
+    tried = [(pair, best_proposal(pair, design, moves)) for pair in pairs]
+    proposals = sorted((found for _, found in tried if found is not None), key=lambda p: -rank_number(p.gain))
+    tables = [summarise_proposal(fit, at, proposal) for proposal in proposals]
+    tables += [_inseparable(pair) for pair, found in tried if found is None]
+    return tables[:MOST_MOVES]
+
+
+def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
+    """Pair every claim with effects it cannot be told from, every unsure one with its best replacement or nothing."""
+    search, model = fit.search, fit.model
+    for finding in findings:
+        if finding.signature < 0:
+            continue
+        claim = next((c for c in model.claims if c.signature == finding.signature), None)
+        if claim is None:
+            continue
+        rest = search.without(model.claims, claim)
+        reduced = search.model(rest, model.posterior.hyper, fit=False)
+        here = search.model(model.claims, model.posterior.hyper, fit=False)
+        best: dict[Place, Claim] = {}
+        gains = [g for g in search.gains(reduced) if _place(fit, g.signature)[0] != UNMODELLED]
+        for gain in gains:
+            if is_comparable(search.ledger.signatures[gain.signature]):
+                best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
+        place = finding.effect.place
+        alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]
+        for rival in alike[:TRIED]:
+            other = search.model((*rest, best[rival]), model.posterior.hyper, fit=False)
+            odds = np.clip((here.score - other.score) / TEMPER, 0.0, logit(SURE))
+            yield Pair(place, rival, here, other, float(odds))
+        if finding.probability < SURE:
+            odds = float(logit(finding.probability))
+            strongest = next((g for g in gains if _place(fit, g.signature) not in (place, *alike)), None)
+            if strongest is None or strongest.log_evidence <= 0.0:
+                yield Pair(place, None, here, reduced, odds)
+            else:
+                claim = Claim(strongest.signature, strongest.size)
+                other = search.model((*rest, claim), model.posterior.hyper, fit=False)
+                yield Pair(place, _place(fit, claim.signature), here, other, odds)
+
+
+def _place(fit: Fit, signature: int) -> Place:
+    return fit.search.ledger.signatures[signature].place
+
+
+def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
+    """Evaluate the columns of the fit's ledger at further rows, in units of each channel's noise. Shapes (n, c, p).
+
+    Columns that further rows cannot show are zero.
+    """
+    ledger, n = fit.search.ledger, len(at.campaign)
+    by_key = {(s.place, s.form): s for s in _offered(fit, at)}
+    designs = [np.zeros((n, channel.residual.shape[1], ledger.p)) for channel in ledger.source]
+    used = {int(column) for claim in fit.model.claims for column in ledger.columns(claim.signature)}
+    done: set[int] = set()
+    for number, signature in enumerate(ledger.signatures):
+        columns = ledger.columns(number)
+        fresh = [k for k, column in enumerate(columns) if int(column) not in done]
+        if not fresh or signature.name == UNMODELLED:
+            continue
+        found = by_key.get((signature.place, signature.form))
+        if found is None or len(found.keys) != len(columns):
+            if not used & {int(c) for c in columns}:
+                continue
+            found = probe_signature(at, signature)
+        for k in fresh:
+            column = int(columns[k])
+            done.add(column)
+            for channel, design in zip(ledger.source, designs, strict=True):
+                design[:, :, column] = _motion(found, k, channel.name) * ledger.scale[column] / channel.noise.sigma
+    return designs
+
+
+def _offered(fit: Fit, at: Linearization) -> list[Signature]:
+    found = registration_signatures(at, fit.problem.register)
+    for name, effect in EFFECTS.items():
+        if name not in ("frame_shift", "tool_shift"):
+            found += list(effect.signatures(at))
+    return found
+
+
+def _motion(signature: Signature, k: int, channel: str) -> Array:
+    if channel == "position":
+        return signature.twist[:, :3, k]
+    if channel == "orientation":
+        return signature.twist[:, 3:, k]
+    if signature.encoder is None or channel == "distance":
+        return np.zeros((len(signature.twist), 1))
+    return signature.encoder[:, :, k]
+
+
+def weight_columns(fit: Fit, designs: Sequence[Array]) -> Array:
+    """Put columns of channels side by side, in units of the noise of a further row. Shape (n, c, p)."""
+    hyper = fit.model.posterior.hyper
+    # what a stay gets wrong in common is noise to the next one
+    variance = np.exp(hyper.log_noise) * (1.0 + np.exp(2.0 * hyper.log_shared))
+    return np.concatenate([part / np.sqrt(v) for part, v in zip(designs, variance, strict=True)], axis=1)
+
+
+def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> Proposal | None:
+    """Find the kind of move that separates a pair best, with as few moves as do it. design: shape (n, c, p)."""
+    found: list[Proposal] = []
+    for kind in KINDS:
+        own = [move for move in moves if move.kind == kind]
+        moving = any(place is not None and place[0] in OF_MOTION for place in (pair.first, pair.second))
+        if not own or (kind == "two_speeds" and not moving):
+            continue
+        picked, information = pick_moves(predict_difference(pair, design, own), pair.log_odds)
+        if picked:
+            probability = float(expit(abs(pair.log_odds)))
+            gain = expected_gain(pair.log_odds, information / TEMPER, TEMPER)
+            chosen = tuple(own[k] for k in picked)
+            found.append(Proposal((pair.first, pair.second), kind, chosen, probability, gain, information))
+    best = max((proposal.gain for proposal in found), default=0.0)
+    if best < WORTH_IT:
+        return None
+    good = [proposal for proposal in found if proposal.gain >= best - NEGLIGIBLE]
+    return min(good, key=lambda p: sum(len(move.rows) for move in p.moves))
+
+
+def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> DifferenceShown:
+    """Return what moves show of the difference of two models, as `compplan.measurement.poses.information` counts it.
+
+    Args:
+        pair: The two models.
+        design: Columns at further rows, channels side by side, in units of the noise of a row. Shape (n, c, p).
+        moves: The moves; a short one has rows that show nothing.
+    """
+    two = [model.posterior for model in (pair.model, pair.other)]
+    columns = np.concatenate([design[:, :, posterior.columns] for posterior in two], axis=2)
+    longest = max(len(move.rows) for move in moves)
+    rows = np.zeros((len(moves), longest, *columns.shape[1:]))
+    for number, move in enumerate(moves):
+        rows[number, : len(move.rows)] = columns[list(move.rows)]
+    return DifferenceShown(
+        np.r_[two[0].mean, -two[1].mean],
+        0.5 * block_diag(*(posterior.covariance for posterior in two)),
+        rows.reshape(len(moves), -1, columns.shape[2]),
+    )
+
+
+def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
+    """Pick moves for what each adds to those before, as many as add to the expected gain, then exchange them.
+
+    Args:
+        shown: What the moves show of the difference.
+        log_odds: Log odds of the pair now.
+
+    Returns:
+        The numbers of the moves, and the expected log likelihood ratio of all of them together.
+    """
+    worth = weight_rows(odds_gains, shown.covariance, shown.rows, 1.0, shown.mean)
+
+    def gain_of(information: float) -> float:
+        return expected_gain(log_odds, information / TEMPER, TEMPER)
+
+    picked: list[int] = []
+    information = 0.0
+    for best, added in grow_choice(worth, min(MOST_MOVES, len(shown.rows))):
+        # a single move may be too little to show although all that are allowed would
+        most = information + (MOST_MOVES - len(picked)) * added
+        enough = len(picked) >= FEWEST_MOVES or not picked
+        if enough and gain_of(most) < gain_of(information) + NEGLIGIBLE:
+            break
+        picked, information = [*picked, best], information + added
+    if gain_of(information) < NEGLIGIBLE:
+        return [], 0.0
+    chosen = settle_choice(worth, picked)
+    return [move for move, _ in chosen], sum(added for _, added in chosen)
+
+
+def expected_gain(log_odds: float, information: float, temper: float = 1.0) -> float:
+    """Return by how much the probability of the true one of two explanations is expected to rise.
+
+    The log likelihood ratio of the new rows is normal, of mean +-information and variance 2 information (of the
+    untempered ratio) under either explanation.
+
+    Args:
+        log_odds: Log odds of the first explanation now.
+        information: Expected log likelihood ratio, divided by the temper.
+        temper: What log odds are divided by.
+    """
+    # the middles of parts of equal probability
+    spread = np.sqrt(2.0 * information / temper) * ndtri((np.arange(SAMPLE) + 0.5) / SAMPLE)
+    first = float(expit(log_odds))
+    kept = float(np.mean(expit(log_odds + information + spread)))
+    lost = float(np.mean(expit(information - log_odds + spread)))
+    now = first**2 + (1.0 - first) ** 2
+    return float(first * kept + (1.0 - first) * lost - now)
+
+
+def summarise_proposal(fit: Fit, at: Linearization, proposal: Proposal) -> dict[str, Any]:
+    """Return a proposal as diagnosis.json holds it: poses in deg (sliding joints in mm), loads in N and N m."""
+    robot, campaign = fit.problem.robot, at.campaign
+    rows = [row for move in proposal.moves for row in move.rows]
+    unit = np.where(robot.prismatic, 1e3, 180.0 / np.pi)
+    table: dict[str, Any] = {
+        "separates": _separates(*proposal.separates),
+        "kind": proposal.kind,
+        "how": _say(proposal),
+        "columns": list(robot.joint_headers),
+        "poses": [[round(float(v), 4) for v in campaign.q[row] * unit] for row in rows],
+        "wrenches": [[round(float(v), 2) for v in campaign.wrench[row]] for row in rows],
+        "approach": [name_approach(at, row) for row in rows] if proposal.kind == "reversal" else None,
+        "probability_now": round(proposal.probability, 3),
+        "expected_probability_gain": round(proposal.gain, 3),
+        "expected_log_likelihood_ratio": round(proposal.information, 2),
+    }
+    if proposal.kind in ("warm_up", "two_speeds") and campaign.time is not None:
+        table["time_s"] = [round(float(campaign.time[row]), 2) for row in rows]
+    if proposal.kind == "warm_up" and campaign.temperature is not None:
+        table["temperature_C"] = [round(float(campaign.temperature[row]), 1) for row in rows]
+    loaded = proposal.kind in ("loaded_unloaded", "sign_flip", "two_payloads")
+    if loaded and not fit.problem.campaign.load_varies:
+        table["assumed"] = "the campaign had no loads; the weight on the tool is assumed"
+    return table
+
+
+def _inseparable(pair: Pair) -> dict[str, Any]:
+    """Say that no move was found that would tell two explanations apart."""
+    return {
+        "separates": _separates(pair.first, pair.second),
+        "kind": "none",
+        "how": "no move within joint limits and given loads tells these apart; the simpler one predicts as well",
+        "poses": [],
+        "wrenches": [],
+        "probability_now": round(float(expit(abs(pair.log_odds))), 3),
+        "expected_probability_gain": 0.0,
+    }
+
+
+def _separates(first: Place, second: Place | None) -> list[dict[str, str | None]]:
+    return [place_table(first), place_table((NOTHING, None, None) if second is None else second)]
+
+
+def _say(proposal: Proposal) -> str:
+    joints = list(dict.fromkeys(move.joint for move in proposal.moves if move.joint))
+    of = f" ({', '.join(joints)})" if joints else ""
+    return KINDS[proposal.kind] + of
+
+
+def name_approach(at: Linearization, row: int) -> str:
+    """Say which joint moves last before a row, and in which direction."""
+    move = at.campaign.q[row] - at.campaign.q[row - 1]
+    index = int(np.argmax(np.abs(move)))
+    return f"{at.robot.joint_names[index]} {'upwards' if move[index] > 0 else 'downwards'}"

@@ -1,0 +1,218 @@
+"""Posterior: how surely the updated robot is known after a campaign, and how far it is off where no parameter explains.
+
+The parameters of all claims and of the background are normal about their posterior mean. The folder holds some of
+them; of the others it holds zero, so that their mean m counts as well: the second moment about the folder is
+S + m m^T. Where the campaign cannot tell a claim from other effects, the robot that each of these makes counts with
+its weight w, w m m^T with m what it is off the folder (`explanations`). What the held-out poses show
+beyond noise and parameters is unexplained, and a conformal step widens both until the band holds those poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.channels import group_poses
+from compplan.diagnosis.data.shared import SAMPLE
+from compplan.diagnosis.evidence.background import in_background
+from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import TAU_SCALE
+from compplan.diagnosis.evidence.unmodelled import UNMODELLED
+from compplan.diagnosis.results.explanations import Explanation, explain_otherwise
+from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.state import Fit, FitState
+from compplan.diagnosis.validation.ambiguity import AlternativeEffect
+from compplan.diagnosis.validation.held_out import HeldOut, with_claims
+from compplan.effects import is_of_instrument
+from compplan.measurement.distance import calibrate_band
+from compplan.robot import Array
+from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
+from compplan.uncertainty.assumed import free_base
+
+#: Distances over which an unexplained error may forget itself (assumed). [m]
+SCALES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3)
+#: What is taken where poses are too few to tell: the middle of them. [m]
+SCALE = SCALES[len(SCALES) // 2]
+#: Fewest poses whose pairs tell that distance (assumed: thirty poses have four hundred pairs).
+FEWEST_POSES = 30
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Parameters of the posterior: columns in the ledger, second moment about the folder, means that it lacks."""
+
+    unknowns: tuple[Unknown, ...]
+    columns: NDArray[np.int_]
+    moment: Array
+    missing: Array
+
+
+def state_uncertainty(
+    fit: Fit, claims: list[Claim], state: FitState, held: HeldOut, good: NDArray[np.bool_],
+    rivals: Mapping[int, Sequence[AlternativeEffect]] | None = None,
+) -> Uncertainty:  # fmt: skip
+    """State how surely the delivered robot is known.
+
+    Args:
+        fit: The fit.
+        claims: Claims that may be true, named or not.
+        state: What is delivered; no values for the nominal robot.
+        held: What the delivered model leaves on poses that it never saw.
+        good: Rows that are no outliers. Shape (n,).
+        rivals: Effects that the campaign cannot tell from a claim, by its signature.
+    """
+    fitted = with_claims(_with_usual_classes(fit), claims, background=True)
+    known = _collect(fitted, claims, state)
+    campaign, channel = fit.problem.campaign, fit.search.ledger.source[0]
+    noise = channel.sigma[:, 0] ** 2 + channel.noise.stay**2
+    model = _model_covariance(fitted, known)
+    seen = good[channel.rows]
+    left, told, axes = held.residual[seen], channel.told[seen], channel.axes[seen]
+    excess = np.sum(left**2, axis=1) - told * noise[seen] - np.trace(model[seen], axis1=1, axis2=2)
+    # one number of a gauge or a bar shows one of three axes
+    unexplained = float(np.sqrt(max(axes.shape[1] * excess.sum() / told.sum(), 0.0))) if len(left) else 0.0
+    place = fit.at.point[channel.rows][seen]
+    pose = group_poses(campaign)[channel.rows][seen]
+    along = unexplained**2 / axes.shape[1] * axes
+    factor, groups = calibrate_band(left, model[seen] + along, noise[seen][:, None, None] * axes, pose)
+    mean = fitted.model.posterior.values(fitted.search.ledger.p)
+    others = explain_otherwise(fit, state, mean, rivals or {})
+    known, robots = _add_rivals(known, others)
+    unknowns, root = spread_unknowns(known.unknowns, known.moment)
+    name = campaign.file.name if campaign.file else "a campaign"
+    scatter = fit.problem.robot.repeatability or channel.noise.stay or None
+    stated = Uncertainty(
+        grade="measured",
+        source=f"diagnosed from {name}, {int(good.sum())} rows at {len(np.unique(pose))} poses",
+        unknowns=unknowns,
+        factor=root,
+        unexplained=unexplained,
+        scale=find_scale(place, left, pose) if unexplained > 0 else SCALE,
+        repeatability=scatter,
+        calibration=factor,
+        groups=groups,
+        rivals=robots,
+    )
+    frames = state.registration
+    adrift = frames is not None and ("base" in frames.parts or campaign.adrift)
+    return free_base(fit.problem.robot, stated) if adrift else stated
+
+
+def _with_usual_classes(fit: Fit) -> Fit:
+    """Let no class of the background be smaller than usual: that a few poses did not show it does not make it nothing.
+
+    Where many poses tell a parameter, its prior hardly counts; where few do, it is what is left of the parameter.
+    """
+    posterior = fit.model.posterior
+    hyper = posterior.hyper
+    usual = replace(hyper, log_tau=np.maximum(hyper.log_tau, np.log(TAU_SCALE)))
+    return replace(fit, model=replace(fit.model, posterior=replace(posterior, hyper=usual)))
+
+
+def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
+    """Collect parameters of the claims, then of the background, each once."""
+    ledger, posterior = fitted.search.ledger, fitted.model.posterior
+    place = {int(column): number for number, column in enumerate(posterior.columns)}
+    claimed = [claim.signature for claim in claims]
+    taken: set[int] = set()
+    unknowns, columns = [], []
+    for number in [*claimed, *(n for n in range(len(ledger.signatures)) if n not in claimed)]:
+        signature = ledger.signatures[number]
+        if signature.name in (REGISTRATION, UNMODELLED) or is_of_instrument(signature.name):
+            continue
+        if number not in claimed and not in_background(signature):
+            continue
+        own = [(int(c), key) for c, key in zip(ledger.columns(number), signature.keys, strict=True)]
+        own = [(c, key) for c, key in own if c in place and c not in taken]
+        if own:
+            taken |= {c for c, _ in own}
+            columns += [c for c, _ in own]
+            keys = tuple(key for _, key in own)
+            empty = np.zeros(len(own))
+            unknowns.append(
+                Unknown(signature.name, signature.joint, signature.axis, keys, empty, dict(signature.fixed))
+            )
+    at = np.array([place[c] for c in columns], int)
+    scale = ledger.scale[columns]
+    held = np.array([state.values.get(ledger.names[c], 0.0) for c in columns])
+    missing = np.where(held == 0.0, posterior.mean[at] * scale, 0.0)
+    moment = posterior.covariance[np.ix_(at, at)] * np.outer(scale, scale) + np.outer(missing, missing)
+    return _Known(tuple(unknowns), np.array(columns, int), moment, missing)
+
+
+def _add_rivals(
+    known: _Known, explanations: Sequence[Explanation]
+) -> tuple[_Known, tuple[AlternativeRobot, ...]]:
+    """Add what the robot is off under rival explanations: to the second moment, and one by one.
+
+    A cause changes the robot by d, which is d_r with weight w_r and else nothing. The mean that the folder lacks
+    becomes m + sum E(d), and its second moment grows by the covariances of all d.
+    """
+    unknowns, columns = list(known.unknowns), known.columns.tolist()
+    for one in explanations:
+        theirs = zip(one.columns[-len(one.signature.keys) :], one.signature.keys, strict=True)
+        new = [(int(c), key) for c, key in theirs if int(c) not in columns]
+        if new:
+            keys, s = tuple(key for _, key in new), one.signature
+            unknowns.append(Unknown(s.name, s.joint, s.axis, keys, np.zeros(len(new)), dict(s.fixed)))
+            columns += [c for c, _ in new]
+    p, grown = len(columns), len(columns) - len(known.columns)
+    missing = np.pad(known.missing, (0, grown))
+    moment = np.pad(known.moment, (0, grown)) - np.outer(missing, missing)
+    means: dict[tuple[str, str | None, str | None], Array] = {}
+    others = []
+    for one in explanations:
+        shift, change = np.zeros(p), np.zeros(p)
+        for column, off, moved in zip(one.columns, one.shift, one.change, strict=True):
+            if column in columns:
+                shift[columns.index(column)], change[columns.index(column)] = off, moved
+        moment += one.weight * np.outer(change, change)
+        means[one.instead.place] = means.get(one.instead.place, np.zeros(p)) + one.weight * change
+        name, instead = (" ".join(part for part in s.place if part) for s in (one.signature, one.instead))
+        others.append(AlternativeRobot(name, instead, one.weight, shift))
+    for mean in means.values():
+        moment -= np.outer(mean, mean)
+    missing = missing + sum(means.values(), np.zeros(p))
+    moment += np.outer(missing, missing)
+    return _Known(tuple(unknowns), np.array(columns, int), moment, missing), tuple(others)
+
+
+def _model_covariance(fitted: Fit, known: _Known) -> Array:
+    """Return the covariance of what the model says of each row's position, frames included. Shape (r, 3, 3). [m^2]."""
+    ledger, posterior = fitted.search.ledger, fitted.model.posterior
+    scale = ledger.scale[known.columns]
+    moment = posterior.covariance.copy()
+    at = np.searchsorted(posterior.columns, known.columns)
+    moment[np.ix_(at, at)] = known.moment / np.outer(scale, scale)
+    design = ledger.designs[0][..., posterior.columns] * ledger.source[0].sigma[:, :, None]
+    return np.asarray(design @ moment @ np.swapaxes(design, 1, 2))
+
+
+def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
+    """Find the distance over which errors that are left forget themselves, from pairs of poses. [m]
+
+    Least squares of r_i . r_j against a exp(-d_ij^2 / 2 l^2) over pairs of different poses, a >= 0 free.
+
+    Args:
+        place: Where the target stood. Shape (n, 3). [m]
+        left: What is left of it. Shape (n, 3). [m]
+        pose: Pose of each row. Shape (n,).
+    """
+    _, index, count = np.unique(pose, return_inverse=True, return_counts=True)
+    index = index.reshape(-1)
+    if len(count) < FEWEST_POSES:
+        return SCALE
+    mean = [np.stack([np.bincount(index, part[:, k]) / count for k in range(3)], axis=1) for part in (place, left)]
+    few = np.unique(np.linspace(0, len(count) - 1, SAMPLE).astype(int))
+    at, error = mean[0][few], mean[1][few]
+    i, j = np.triu_indices(len(at), 1)
+    square, product = np.sum((at[i] - at[j]) ** 2, axis=1), np.einsum("ni,ni->n", error[i], error[j])
+    tries = []
+    for scale in SCALES:
+        shape = np.exp(-0.5 * square / scale**2)
+        size = max(float(shape @ product) / max(float(shape @ shape), 1e-30), 0.0)
+        tries.append((float(np.sum((product - size * shape) ** 2)), scale if size > 0 else SCALE))
+    return min(tries)[1]

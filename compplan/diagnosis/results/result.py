@@ -1,0 +1,234 @@
+"""The result of a diagnosis: a frozen record that reports, pictures and files are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.results.change import state_change
+from compplan.diagnosis.results.delivery import Delivery
+from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
+from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.effects import robot_effects
+from compplan.effects.linearization import Place
+from compplan.effects.signature import plain
+from compplan.io.display import MOST_LISTED, Curve, Curves, Shown
+from compplan.io.quantities import format_length
+from compplan.measurement.registration import Registration
+from compplan.robot import Array, Robot
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect on its own: how far it shrinks the held-out gap, and how probable it is.
+
+    Attributes:
+        place: Name, joint and axis.
+        held_out: Root mean square held-out distance with this effect alone (and the registration). [m]
+        probability: Probability that it is present; of a rival, its part of what the claim leaves.
+    """
+
+    place: Place
+    held_out: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square 3D distances, outliers left out. [m]
+
+    Attributes:
+        before: Nominal robot, registered where asked.
+        after: Updated robot.
+        held_out_before: The same over the rows that are held out in turn.
+        held_out_after: Updated robot, on rows that its fit never saw.
+        noise_floor: What is left of a perfect model.
+        registration_only: Held out, base and tool fitted and nothing else.
+        generic: Held out, a generic fit of zeros and lengths (no named effect).
+        wrong: Held out, the best effect that was not named, alone.
+    """
+
+    before: float
+    after: float
+    held_out_before: float
+    held_out_after: float
+    noise_floor: float
+    registration_only: float
+    generic: float
+    wrong: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Shown):
+    """What a campaign says about a robot.
+
+    Attributes:
+        robot: The nominal robot.
+        updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
+        fit: The fit: campaign, exact effects, linearization, ledger with all models that were looked at.
+        doubt: Its claims among errors that no effect makes; names and shares come from its posterior.
+        verdict: Status and named effects.
+        gap: How far the gap shrinks.
+        candidates: Effects one by one, ranked.
+        residual_before: Measured minus expected by the nominal robot (registered where asked), base axes, all rows.
+            (n, 3) [m]
+        residual_after: Measured minus expected by the updated robot, base axes, all rows. Shape (n, 3). [m]
+        registration: Frames fitted with the updated robot, or None.
+        outliers: Rows reported as outliers.
+        deliveries: Robot folders that are written; the first is `updated`, and every figure is its own.
+        noise: Where the noise floor comes from.
+    """
+
+    robot: Robot
+    updated: Robot
+    fit: Fit
+    doubt: RevisedProbabilities
+    verdict: Verdict
+    gap: Gap
+    candidates: tuple[Candidate, ...]
+    residual_before: Array
+    residual_after: Array
+    registration: Registration | None
+    outliers: NDArray[np.int_]
+    deliveries: tuple[Delivery, ...]
+    noise: str
+
+    @property
+    def points(self) -> Array:
+        """Measured points in the robot's base frame, as expected where no position was measured. Shape (n, 3). [m]"""
+        campaign, frames = self.fit.problem.campaign, self.registration
+        place = campaign.position
+        if frames is not None:
+            place = (place - frames.base[:3, 3]) @ frames.base[:3, :3]
+        return np.where(campaign.measured[:, None], place, self.fit.at.point)
+
+    def robot_of(self, delivery: Delivery) -> Robot:
+        """Return the robot folder of a delivery."""
+        return delivery.robot(self.robot, len(robot_effects(self.robot)))
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return the answer: what is wrong, how far the gap shrinks."""
+        gap, found = self.gap, self.verdict.findings
+        rows = []
+        for finding in found[:MOST_LISTED]:
+            place = " ".join(str(part) for part in finding.effect.place[1:] if part is not None)
+            moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
+            rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
+        more = [("further causes", str(len(found) - MOST_LISTED))] if len(found) > MOST_LISTED else []
+        more += [("not named", f"{f.effect.name}: {f.beyond}") for f in self.verdict.doubtful if f.beyond][:MOST_LISTED]
+        words = {"none": "nothing is wrong", CALIBRATED: "not calibrated, many small errors"}
+        status = words.get(self.verdict.status, self.verdict.status.replace("_", " "))
+        return [
+            ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),
+            *rows, *more,
+            ("gap", f"{format_length(gap.before)} before, {format_length(gap.after)} after (rms)"),
+            ("on rows never seen", f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} "
+                                   "after"),
+            ("measurement noise", f"{format_length(gap.noise_floor)}: {self.noise}"),
+            *([("outliers", f"{len(self.outliers)} rows left out")] if len(self.outliers) else []),
+        ]  # fmt: skip
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a measured row: joints, distance before and after, whether it was left out."""
+        campaign = self.fit.problem.campaign
+        columns: dict[str, Any] = {"run": campaign.run, **self.robot.joint_columns(campaign.q)}
+        for name, residual in (("before", self.residual_before), ("after", self.residual_after)):
+            columns |= {f"d{axis}_{name}_mm": residual[:, k] * 1e3 for k, axis in enumerate("xyz")}
+            columns[f"distance_{name}_mm"] = np.linalg.norm(residual, axis=1) * 1e3
+        return {**columns, "outlier": np.isin(np.arange(len(campaign)), self.outliers)}
+
+    def curves(self) -> Curves:
+        """Return the distance between measured and expected, row by row, before and after. [mm]."""
+        rows = np.arange(1.0, len(self.residual_before) + 1.0)
+        before, after = (np.linalg.norm(r, axis=1) * 1e3 for r in (self.residual_before, self.residual_after))
+        lines = (Curve("before", rows, before, "before"), Curve("after", rows, after, "after"))
+        return Curves(f"{self.robot.name}: measured minus expected", "row of the log", "distance [mm]", lines,
+                      (self.gap.noise_floor * 1e3, "measurement noise"))  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what diagnosis.json holds."""
+        return self.to_table()
+
+    def to_table(self, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Return what diagnosis.json holds; `extra` adds or replaces keys (where, next_measurement)."""
+        structure = self.verdict.structure
+        table: dict[str, Any] = {
+            "schema": 1,
+            "verdict": {
+                "status": self.verdict.status,
+                "effects": [
+                    {**finding_table(f), **state_change(self.robot, f.effect, self.deliveries[0].uncertainty)}
+                    for f in self.verdict.findings
+                ],
+                "doubtful": [finding_table(f) for f in self.verdict.doubtful],
+                "minor": [finding_table(f) for f in self.verdict.minor],
+            },
+            "gap": {
+                "before_rms_mm": _mm(self.gap.before),
+                "after_rms_mm": _mm(self.gap.after),
+                "held_out_before_rms_mm": _mm(self.gap.held_out_before),
+                "held_out_after_rms_mm": _mm(self.gap.held_out_after),
+                "noise_floor_mm": _mm(self.gap.noise_floor),
+                "noise_source": self.noise,
+                "held_out_registration_only_mm": _mm(self.gap.registration_only),
+                "held_out_generic_mm": _mm(self.gap.generic),
+                "held_out_best_wrong_effect_mm": _mm(self.gap.wrong),
+            },
+            "structure_left": {
+                "present": structure.left,
+                "rms_mm": _mm(structure.rms),
+                "log_evidence": round(structure.gain, 2),
+                "background_rms_mm": _mm(structure.background),
+                "explained_rms_mm": _mm(structure.explained),
+                "depends_on": [dependence_table(f) for f in structure.dependences],
+            },
+            "delivered": [delivery.to_json(number) for number, delivery in enumerate(self.deliveries)],
+            "calibration": {"explained_rms_mm": _mm(structure.background)},
+            "outliers": [int(row) for row in self.outliers],
+            "where": {},
+            "candidates": [
+                {**place_table(c.place), "held_out_rms_mm": _mm(c.held_out), "probability": round(c.probability, 4)}
+                for c in self.candidates
+            ],
+            "next_measurement": [],
+        }
+        return {**table, **(extra or {})}
+
+
+def place_table(place: Place) -> dict[str, str | None]:
+    """Return name, joint and axis as diagnosis.json holds them."""
+    return {"effect": place[0], "joint": place[1], "axis": place[2]}
+
+
+def dependence_table(finding: Finding) -> dict[str, Any]:
+    """Return what an unexplained error depends on, as diagnosis.json holds it."""
+    return {
+        "joint": finding.effect.joint,
+        "driver": finding.effect.axis,
+        "probability": round(finding.probability, 4),
+        "rms_mm": _mm(finding.explained),
+    }
+
+
+def finding_table(finding: Finding) -> dict[str, Any]:
+    """Return a named effect as diagnosis.json holds it."""
+    return {
+        **place_table(finding.effect.place),
+        "probability": round(finding.probability, 4),
+        "parameters": {key: plain(value) for key, value in finding.effect.parameters.items()},
+        "ambiguous_with": [place_table(r.place) for r in finding.rivals if r.alike],
+        "explained_rms_mm": _mm(finding.explained),
+        "log_odds": round(finding.margin, 2),
+        "evidence": {} if finding.evidence is None else finding.evidence.to_table(),
+        **({"beyond": finding.beyond} if finding.beyond else {}),
+        "nearest": [{**place_table(r.place), "share": round(r.share, 4)} for r in finding.rivals[:3]],
+    }
+
+
+def _mm(value: float) -> float:
+    return round(float(value) * 1e3, 5)

@@ -1,0 +1,398 @@
+"""Verdict: which effects are named, how probable each is, and what is left that none of them explains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.plausibility import NO_EFFECT
+from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number
+from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Hyper
+from compplan.diagnosis.evidence.normal_equations import representable_forms
+from compplan.diagnosis.evidence.unmodelled import UNMODELLED
+from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places
+from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
+from compplan.diagnosis.validation.bounds import find_breach
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
+from compplan.diagnosis.validation.gears import MOST_OF_IT, find_gears, is_law
+from compplan.diagnosis.validation.residual_similarity import rate_likenesses
+from compplan.diagnosis.validation.split_half import count_repetitions
+from compplan.diagnosis.validation.spurious_fit import rate_imitations
+from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.effects.linearization import Place
+from compplan.effects.signature import Effect
+from compplan.robot import Array
+
+#: An effect is named from this probability on (theory: more likely than not; the contract of diagnosis.json).
+CLAIMED = 0.5
+#: Noise floors that may be left where a gap counts as explained, or as none at all (assumed: the project's own rule).
+FLOORS_LEFT = 1.5
+#: A gap is one of a robot that was not calibrated where lawful small errors leave this share of it (assumed: the
+#: project's own rule).
+CALIBRATED_SHARE = 0.2
+CALIBRATED = "calibrated"
+#: Less than that is structure all the same where it gains more log evidence than chance and is as large as this share
+#: of the noise floor (assumed: smaller errors cost a campaign nothing).
+STRUCTURE_SIZE = 0.5
+#: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
+#: (assumed).
+NAMEABLE = 0.8
+#: Neither is one that is less than this share of the gap where frames were registered (assumed).
+NAMEABLE_SHARE = 0.1
+#: What an unknown error follows is said where it carries this share of it (assumed).
+SPOKEN_OF = 0.4
+#: Probability of a claim that errors without a name explain as well, of one whose form is no law of its effect and of
+#: one whose size no robot can have (assumed).
+SHAPELESS = 1.0 - SURE
+#: Margins beyond this are not told apart (assumed).
+MOST_MARGIN = 1e3
+#: Share of the values that is left to the noise at least, however many a model takes (assumed).
+LEFT_TO_NOISE = 0.5
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An effect that is named.
+
+    Attributes:
+        effect: The effect, with its parameters.
+        probability: Probability that it, or one that the campaign cannot tell from it, is present.
+        explained: Root mean square motion of the target that it explains. [m]
+        margin: Log posterior odds against the best model without it, errors that no effect makes allowed in both.
+        rivals: Effects that explain the same, best first; those with `alike` are ambiguous with it.
+        size: Size of its prior, in units of its scale.
+        signature: Number of its signature in the fit's ledger.
+        evidence: What its probability rests on.
+        beyond: Why no robot of this kind can have it at this size (`doubt.bounds`); empty where one can.
+    """
+
+    effect: Effect
+    probability: float
+    explained: float
+    margin: float
+    rivals: tuple[AlternativeEffect, ...]
+    size: float
+    signature: int
+    evidence: Evidence | None = None
+    beyond: str = ""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What no effect explains.
+
+    Attributes:
+        gain: Log evidence that errors without a name gain over noise and small errors alone.
+        rms: Root mean square of what is left beyond the noise floor, 3D. [m]
+        gap: Root mean square gap of the model without effects, 3D. [m]
+        background: Root mean square motion that small errors everywhere explain, 3D. [m]
+        explained: Root mean square motion that all named effects together explain, 3D. [m]
+        left: Whether it counts as structure.
+        floor: Noise floor, 3D. [m]
+        dependences: What an error that no effect explains depends on, largest first.
+    """
+
+    gain: float
+    rms: float
+    gap: float
+    background: float
+    explained: float
+    left: bool
+    floor: float
+    dependences: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer.
+
+    Attributes:
+        status: "none", "calibrated", "explained", "partly_explained" or "unknown".
+        findings: Named effects, largest share of the gap first.
+        doubtful: Effects that were considered and are too improbable to be named.
+        minor: Effects that are there and too small to be a cause of the gap.
+        structure: What is left.
+    """
+
+    status: str
+    findings: tuple[Finding, ...]
+    doubtful: tuple[Finding, ...]
+    minor: tuple[Finding, ...]
+    structure: Structure
+
+
+def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
+    """Judge a finished fit.
+
+    Args:
+        fit: The fit.
+        doubt: Its claims among errors that no effect makes.
+    """
+    structure = measure_structure(fit, doubt)
+    repeated, imitated, alike = count_repetitions(fit, doubt), rate_imitations(fit, doubt), rate_likenesses(fit, doubt)
+    gears = find_gears(fit, doubt)
+    findings = [
+        evaluate_claim(fit, doubt, c, (repeated[c], imitated[c], alike[c]), structure, gear=c in gears)
+        for c in doubt.model.claims
+    ]
+    findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -rank_number(f.explained))
+    small = NAMEABLE * structure.floor
+    if fit.problem.register:
+        # where even the frames were unknown the robot is far from calibrated: what is small beside the gap is no cause
+        small = max(small, NAMEABLE_SHARE * structure.gap)
+    minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
+    structure = leave_shapeless(structure, [f for f in findings if f not in minor])
+    named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
+    doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
+    doubtful += given_up(fit, doubt, small, structure.gap)
+    ledger = doubt.search.ledger
+    columns = ledger.join_columns(f.signature for f in named)
+    structure = replace(structure, explained=motion_of(fit, columns, doubt.model.posterior.values(ledger.p)))
+    if named:
+        status = "partly_explained" if structure.left else "explained"
+    else:
+        status = "none" if structure.gap <= FLOORS_LEFT * structure.floor else "unknown"
+    return Verdict(status, named, doubtful, minor, structure)
+
+
+def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
+    """Call a gap without a named cause that of a robot that was not calibrated, where lawful small errors explain it.
+
+    Args:
+        verdict: The verdict.
+        before: What the nominal robot leaves on poses left out. [m]
+        after: What lawful small errors leave on them. [m]
+    """
+    least = max(FLOORS_LEFT * verdict.structure.floor, CALIBRATED_SHARE * before)
+    return replace(verdict, status=CALIBRATED) if verdict.status == "unknown" and after <= least else verdict
+
+
+def evaluate_claim(
+    fit: Fit, doubt: RevisedProbabilities, claim: Claim, checks: tuple[float, float, float], structure: Structure, *,
+    gear: bool = False,
+) -> Finding:  # fmt: skip
+    """Compare the model with the best ones that lack a claim, among errors that no effect makes.
+
+    Args:
+        fit: The fit.
+        doubt: Its claims among errors that no effect makes.
+        claim: The claim.
+        checks: Share of the halves of the campaign that tell it, too; probability that a cause without a name would be
+            explained as fully; likeness of what is left.
+        structure: What is left.
+        gear: Whether it is several waves of a gear.
+    """
+    values = doubt.model.posterior.values(doubt.search.ledger.p)
+    rivals = find_alternatives(fit, claim.signature, values[: fit.search.ledger.p])
+    alike = {r.place for r in rivals if r.alike}
+    margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
+    lawful = gear or is_lawful(fit, doubt, claim)
+    plain = margin
+    if claim in fit.model.claims:
+        plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
+    ledger = doubt.search.ledger
+    columns = ledger.columns(claim.signature)
+    signature = ledger.signatures[claim.signature]
+    explained = motion_of(fit, columns, values)
+    repeated, imitated, likeness = checks
+    evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
+                        structure.rms / max(structure.gap, 1e-12), imitated, likeness)  # fmt: skip
+    effect = signature.effect(values[columns] * signature.scale)
+    beyond = find_breach(fit, effect, explained, structure.gap)
+    return Finding(
+        effect=effect,
+        probability=calibrate_probability(evidence) if lawful and not beyond else SHAPELESS,
+        explained=explained,
+        margin=margin,
+        rivals=tuple(rivals) if lawful else (),
+        size=claim.size,
+        signature=claim.signature,
+        evidence=evidence,
+        beyond=beyond,
+    )
+
+
+def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
+    """Return the log posterior odds of a set of claims against the best set without one of them.
+
+    Noise and the sizes of all classes are held. A form that holds the claim as a special case (a law of deflection with
+    a linear part holds a joint's stiffness) is the same with more parameters and says nothing against it.
+    """
+    rest = search.without(claims, claim)
+    whole = search.model(claims, hyper, fit=False)
+    without = search.model(rest, hyper, fit=False)
+    scores = [without.score]
+    same = alike | {search.ledger.signatures[claim.signature].place}
+    wider = representable_forms(search.ledger, claim.signature)
+    gains = [g for g in search.gains(without) if g.signature not in wider]
+    gains = [g for g in gains if search.ledger.signatures[g.signature].place not in same]
+    for gain in distinct_places(search, gains, TRIED):
+        scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
+    best = float(np.logaddexp.reduce(scores))
+    return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
+
+
+def is_lawful(fit: Fit, doubt: RevisedProbabilities, claim: Claim) -> bool:
+    """Tell whether a claim is a law of its effect, or a law of its place explains most of what it does."""
+    search, hyper = doubt.search, doubt.model.posterior.hyper
+    signatures, own = search.ledger.signatures, search.ledger.signatures[claim.signature]
+    if is_law(fit, own):
+        return True
+    rest = search.model(search.without(doubt.model.claims, claim), hyper, fit=False)
+    forms = [g for g in search.gains(rest) if signatures[g.signature].place == own.place]
+    evidence = {g.signature: g.log_evidence - float(search.log_prior[g.signature]) for g in forms}
+    least = MOST_OF_IT * max(evidence.values(), default=0.0)
+    return any(is_law(fit, signatures[n]) and value >= least for n, value in evidence.items())
+
+
+def leave_shapeless(structure: Structure, findings: Sequence[Finding]) -> Structure:
+    """Return the structure with curves of no law among what no effect explains: errors that follow a joint's angle.
+
+    What claims of a size beyond all bounds explain is left as well.
+    """
+    found = [f for f in findings if f.probability == SHAPELESS]
+    if not found:
+        return structure
+    curves = [
+        replace(f, effect=Effect(UNMODELLED, f.effect.joint, "its own angle"), rivals=()) for f in found if not f.beyond
+    ]
+    every = sorted((*structure.dependences, *curves), key=lambda f: -rank_number(f.explained))
+    return replace(structure, left=True, dependences=tuple(every))
+
+
+def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) -> tuple[Finding, ...]:
+    """List claims of the fit that errors without a name explain as well."""
+    ledger = fit.search.ledger
+    values = fit.model.posterior.values(ledger.p)
+    kept = {ledger.signatures[c.signature].place for c in doubt.model.claims}
+    found = []
+    for claim in fit.model.claims:
+        signature, columns = ledger.signatures[claim.signature], ledger.columns(claim.signature)
+        explained = motion_of(fit, columns, values)
+        if signature.place not in kept and explained >= small:
+            effect = signature.effect(values[columns] * signature.scale)
+            rivals = tuple(find_alternatives(fit, claim.signature, values))
+            beyond = find_breach(fit, effect, explained, gap)
+            found.append(
+                Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond)
+            )
+    return tuple(found)
+
+
+def name_far_zero(finding: Finding) -> Finding:
+    """Name an offset that no adjustment could leave joint_coupling, a matter of counting; the offset is its rival."""
+    effect = finding.effect
+    size = abs(float(next(iter(effect.parameters.values())))) if effect.name == "joint_offset" else 0.0
+    # centimetres at the tool: counted wrongly, not adjusted badly
+    if size < NO_EFFECT:
+        return finding
+    key = "zero_m" if "offset_m" in effect.parameters else "zero_rad"
+    counted = Effect("joint_coupling", effect.joint, None, {key: next(iter(effect.parameters.values()))})
+    rivals = tuple(r for r in finding.rivals if r.place != counted.place)
+    return replace(finding, effect=counted, rivals=(AlternativeEffect(effect.place, 1.0, 0.0, 1), *rivals))
+
+
+def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:
+    """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
+    ledger = fit.search.ledger
+    columns = ledger.columns(finding.signature)
+    values = doubt.model.posterior.values(doubt.search.ledger.p)[columns]
+    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in ledger.designs]
+    return bool(moves[0] < ROUNDING and max(moves) ** 2 > BELOW_NOISE)
+
+
+def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
+    """Measure what claims and small errors leave, and what it follows."""
+    ledger, posterior, source = doubt.search.ledger, doubt.model.posterior, doubt.search.ledger.source[0]
+    values = posterior.values(ledger.p)
+    foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
+    values[foreign] = 0.0
+    left = (ledger.observed[0] - ledger.designs[0][..., np.flatnonzero(values)] @ values[values != 0]) * source.sigma
+    told = float(source.told.sum())
+    used = told - count_used(doubt, foreign)
+    rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, LEFT_TO_NOISE * told)))
+    floor = noise_floor(fit)
+    claimed = ledger.join_columns(doubt.model.signatures)
+    frames = ledger.columns_named(REGISTRATION)
+    small = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
+    beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
+    free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
+    gain = float(posterior.log_evidence - free.posterior.log_evidence)
+    plain = gain > beats_chance(len(doubt.classes)) and beyond > STRUCTURE_SIZE * floor
+    gap = float(np.sqrt(np.mean(np.sum((refit_frames(doubt) * source.sigma) ** 2, axis=1))))
+    structure = Structure(
+        gain, beyond, gap, motion_of(fit, small, values), 0.0,  # nothing is named yet
+        bool(rms > FLOORS_LEFT * floor or plain), floor,
+    )  # fmt: skip
+    return replace(structure, dependences=find_dependences(doubt, structure))
+
+
+def count_used(doubt: RevisedProbabilities, foreign: NDArray[np.int_]) -> float:
+    """Count the degrees of freedom that claims and small errors take: sum of 1 - posterior over prior variance."""
+    posterior, prior = doubt.model.posterior, doubt.search.prior_of(doubt.model.claims)
+    variance = prior.variance(posterior.hyper.log_tau)[posterior.columns]
+    share = 1.0 - np.diag(posterior.covariance) / np.maximum(variance, 1e-300)
+    return float(np.sum(share[~np.isin(posterior.columns, foreign)]))
+
+
+def refit_frames(doubt: RevisedProbabilities) -> Array:
+    """Return the gap without effects, in units of the noise: frames that are fitted anyway taken out."""
+    ledger = doubt.search.ledger
+    frames = ledger.columns_named(REGISTRATION)
+    observed = ledger.observed[0]
+    if not len(frames):
+        return observed
+    columns = ledger.designs[0][..., frames].reshape(-1, len(frames))
+    values = np.linalg.lstsq(columns, observed.reshape(-1), rcond=1e-9)[0]
+    return np.asarray(observed - ledger.designs[0][..., frames] @ values)
+
+
+def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
+    """Say what the errors without a name follow, where structure is left."""
+    if not structure.left:
+        return ()
+    ledger = doubt.search.ledger
+    values = doubt.model.posterior.values(ledger.p)
+    found = []
+    for driver in dict.fromkeys(doubt.classes):
+        columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
+        motion = motion_at(doubt, columns, values)
+        if motion < SPOKEN_OF * max(structure.rms, structure.floor):
+            continue
+        owners = [n for n, s in enumerate(ledger.signatures) if s.name == UNMODELLED]
+        owners = [n for n in owners if np.isin(ledger.columns(n), columns).all()]
+        moves = {n: motion_at(doubt, ledger.columns(n), values) for n in owners}
+        largest = ledger.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
+        effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
+        found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))
+    return tuple(sorted(found, key=lambda f: -rank_number(f.explained)))
+
+
+def noise_floor(fit: Fit) -> float:
+    """Return the rms 3D distance that a perfect model leaves of a row of the log. [m]"""
+    noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
+    factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
+    told = fit.search.ledger.source[0].told.mean()
+    # of pooled rows: what their means scatter by, and a row about its mean
+    return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
+
+
+def motion_at(doubt: RevisedProbabilities, columns: NDArray[np.int_], values: Array) -> float:
+    """Return the root mean square motion that some columns of a doubt's ledger explain. [m]"""
+    ledger = doubt.search.ledger
+    moved = ledger.designs[0][..., columns] @ values[columns] * ledger.source[0].sigma
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+
+
+def motion_of(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
+    """Return the root mean square motion that some columns explain, over all rows. [m]"""
+    if not len(columns):
+        return 0.0
+    ledger = fit.search.ledger
+    moved = ledger.designs[0][..., columns] @ values[columns] * ledger.source[0].sigma
+    return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))

@@ -1,0 +1,163 @@
+"""Where a gap lies: by place and by what it follows, from the posterior that the names come from, and over the rows.
+
+By place and factor: `shares`. By direction, run, time, load and region: how much of the sum of squares lies there,
+before and after. Intervals hold 95 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.shared import SAMPLE, SEED
+from compplan.diagnosis.results.delivery import CALIBRATED
+from compplan.diagnosis.results.gap_tables import GapTable, split_load, split_region, split_runs, split_time
+from compplan.diagnosis.results.shares import UNEXPLAINED, Share, Shares, divide_gap, draw_blocks
+from compplan.diagnosis.results.small_errors import SmallErrors, divide_small_errors
+from compplan.diagnosis.results.traces import Trace, trace_findings
+from compplan.measurement.campaign import Campaign
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
+
+if TYPE_CHECKING:
+    from compplan.diagnosis.results.result import Diagnosis
+
+
+
+@dataclass(frozen=True, eq=False)
+class Division:
+    """How a gap spreads over the rows.
+
+    Attributes:
+        rms: Deviation of the nominal model over the rows used, 3D. [m]
+        by_axis: Share along x, y, z of the base, and along the tool's z.
+        by_run: One entry a run: rows, rms before and after, share, mean deviation.
+        by_time: One entry a stretch of the log, in order.
+        by_load: One entry a level of external force.
+        by_region: One entry a region of the workspace.
+    """
+
+    rms: float
+    by_axis: dict[str, Share]
+    by_run: dict[str, dict[str, Any]]
+    by_time: list[dict[str, Any]]
+    by_load: list[dict[str, Any]]
+    by_region: list[dict[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Where a gap lies.
+
+    Attributes:
+        shares: Shares of places and factors.
+        spread: How the gap spreads over the rows.
+        by_approach: By joint: how far the point moves when the joint's last move turns round.
+        traces: Errors that the named joints make, over what they follow; for pictures.
+        small_errors: The gap divided among the errors of the robot that goes out, where that is a mixture.
+    """
+
+    shares: Shares
+    spread: Division
+    by_approach: dict[str, dict[str, float]]
+    traces: tuple[Trace, ...] = ()
+    small_errors: SmallErrors | None = None
+
+    @property
+    def by_joint(self) -> dict[str, Share]:
+        """Share of each place: joints, other parts of the cell, small errors everywhere, not explained."""
+        return self.shares.by_place
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what stands under `where` in diagnosis.json."""
+        shares, spread = self.shares, self.spread
+        calibrated = {} if self.small_errors is None else {"calibrated": self.small_errors.to_json()}
+        return {
+            **calibrated,
+            "rms_mm": 1e3 * spread.rms,
+            "carried_by": [carrier.to_json() for carrier in shares.carriers],
+            "by_joint": {name: share.to_json() for name, share in shares.by_place.items()},
+            "by_factor": {name: share.to_json() for name, share in shares.by_factor.items()},
+            "noise_share": shares.noise,
+            "unexplained_share": shares.by_place[UNEXPLAINED].share,
+            "by_axis": {name: share.to_json() for name, share in spread.by_axis.items()},
+            "by_run": spread.by_run,
+            "by_time": spread.by_time,
+            "by_load": spread.by_load,
+            "by_approach": self.by_approach,
+            "by_region": spread.by_region,
+        }
+
+
+def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
+    """Split the gap of a diagnosis: what its nominal robot leaves, outliers left out.
+
+    Args:
+        diagnosis: The diagnosis.
+        seed: Seed of the draws.
+    """
+    campaign = diagnosis.fit.problem.campaign
+    before, after = diagnosis.residual_before, diagnosis.residual_after
+    used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
+    used[diagnosis.outliers] = False
+    return Split(
+        divide_gap(diagnosis, seed),
+        spread_gap(diagnosis.robot, campaign, before, after, used, seed),
+        measure_play(diagnosis),
+        trace_findings(diagnosis),
+        divide_small_errors(diagnosis, seed) if diagnosis.deliveries[0].kind == CALIBRATED else None,
+    )
+
+
+def spread_gap(
+    robot: Robot, campaign: Campaign, before: Array, after: Array, used: NDArray[np.bool_], seed: int = SEED
+) -> Division:
+    """Spread a gap over direction, runs, time, load and region.
+
+    Args:
+        robot: The nominal robot.
+        campaign: The measurement log.
+        before: Measured minus expected by the nominal robot, base axes. Shape (n, 3). [m]
+        after: The same by the updated robot. Shape (n, 3). [m]
+        used: Rows that count. Shape (n,).
+        seed: Seed of the groups and draws.
+    """
+    rng = np.random.default_rng(seed)
+    rows = np.flatnonzero(used)
+    rows = rows[:: -(-len(rows) // SAMPLE)]
+    _, block = np.unique(draw_blocks(campaign, rng)[rows], return_inverse=True)
+    count = int(block.max(initial=0)) + 1
+    draws = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).astype(float)
+    table = GapTable(before[rows], after[rows], block, draws)
+    frames = locate_frames(build_chain(robot), campaign.q[rows])
+    by_axis = {axis: table.along(np.eye(3)[k]) for k, axis in enumerate("xyz")}
+    return Division(
+        rms=float(np.sqrt(table.size.mean())),
+        by_axis={**by_axis, "tool_z": table.along(frames.tcp_rotation[:, :, 2])},
+        by_run=split_runs(table, campaign.run[rows]),
+        by_time=split_time(table, campaign, rows),
+        by_load=split_load(table, campaign, rows),
+        by_region=split_region(table, frames.tcp_position),
+    )
+
+
+def measure_play(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Tell for each joint how far it stands apart when approached from either side, as the posterior holds it."""
+    ledger, posterior = diagnosis.doubt.search.ledger, diagnosis.doubt.model.posterior
+    found = {}
+    for number, signature in enumerate(ledger.signatures):
+        if signature.name != "backlash" or signature.joint is None:
+            continue
+        at = np.flatnonzero(posterior.columns == ledger.columns(number)[0])
+        if not len(at):
+            continue
+        unit = "lost_motion_mm" if signature.keys[0].endswith("_m") else "lost_motion_mrad"
+        size = 1e3 * float(signature.scale[0])
+        error = size * float(np.sqrt(posterior.covariance[at[0], at[0]]))
+        found[signature.joint] = {
+            unit: round(size * float(posterior.mean[at[0]]), 6), "standard_error": round(error, 6)
+        }  # fmt: skip
+    return found

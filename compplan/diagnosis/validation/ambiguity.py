@@ -1,0 +1,164 @@
+"""Ambiguity: which other effects would leave the same trace, found from the campaign's own geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.shared import NEGLIGIBLE, rank_number
+from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence_gain import combine_normal_equations
+from compplan.diagnosis.evidence.unmodelled import UNMODELLED
+from compplan.diagnosis.search.state import Fit
+from compplan.effects.linearization import Place
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+#: Two effects cannot be told apart if one explains this share of what the other does, frames fitted to both (assumed),
+ALIKE = 0.975
+#: or if what it leaves of the other is this small: sum of squares over the campaign, in units of the noise variance
+#: (theory: four standard deviations, log odds of 8).
+BELOW_NOISE = 16.0
+
+
+@dataclass(frozen=True)
+class AlternativeEffect:
+    """Another effect that explains a claim.
+
+    Attributes:
+        place: Name, joint and axis.
+        share: Share of the claim's trace that it explains, frames fitted to both.
+        difference: Sum of squares that it leaves of the claim's trace, in units of the noise variance.
+        parameters: Number of its parameters.
+    """
+
+    place: Place
+    share: float
+    difference: float
+    parameters: int
+
+    @property
+    def alike(self) -> bool:
+        """Tell whether the campaign cannot tell it from the claim."""
+        return self.share >= ALIKE or self.difference < BELOW_NOISE
+
+
+def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> list[AlternativeEffect]:
+    """Compare a claim's trace with what every other effect can explain, best first, ties in the order of the ledger.
+
+    The share is the squared cosine of the angle between the claim's trace and the other's space, after base and tool
+    frames have been taken out of both.
+
+    Args:
+        fit: The fit.
+        signature: Number of the claimed signature.
+        values: Values of all columns; those of the fit's model where left out. Shape (p,).
+    """
+    ledger = fit.search.ledger
+    columns = ledger.columns(signature)
+    values = (fit.model.posterior.values(ledger.p) if values is None else values)[columns]
+    free, energy = _measure_trace(fit, columns, values)
+    if energy <= 0:
+        return []
+    claim = ledger.signatures[signature]
+    best: dict[Place, AlternativeEffect] = {}
+    for number, other in enumerate(ledger.signatures):
+        if other.place == claim.place or not is_comparable(other):
+            continue
+        theirs = _all_columns(fit, number)
+        share = _share(free, columns, values, theirs, energy)
+        rival = AlternativeEffect(other.place, share, (1.0 - share) * energy, len(theirs))
+        if other.place not in best or rival.share > best[other.place].share:
+            best[other.place] = rival
+    return sorted(best.values(), key=lambda r: -rank_number(r.share))
+
+
+def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
+    """Let the effect of another place do what a claim does, frames fitted to both.
+
+    Args:
+        fit: The fit.
+        signature: Number of the claimed signature.
+        place: Name, joint and axis of the other.
+        values: Values of the claim's columns, in units of their scale. Shape (k,).
+
+    Returns:
+        Number of the other signature, the best of its forms; values of its columns, in units of their scale; sum of
+        squares that it leaves of the claim's trace, in units of the noise variance.
+    """
+    ledger = fit.search.ledger
+    columns = ledger.columns(signature)
+    free, energy = _measure_trace(fit, columns, values)
+    tries = []
+    for number, other in enumerate(ledger.signatures):
+        if other.place == place and is_comparable(other):
+            theirs = ledger.columns(number)
+            share = _share(free, columns, values, theirs, energy)
+            tries.append((share, -number, _solve_trace(free, columns, values, theirs)))
+    share, number, found = max(tries, key=lambda entry: (rank_number(entry[0]), entry[1]))
+    return -number, found, (1.0 - share) * energy
+
+
+def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[Array, float]:
+    """Return the products of all columns, frames taken out of them, and the squares of a claim's trace."""
+    gram, _, _, _ = combine_normal_equations(fit.search.ledger, fit.model.posterior.hyper)
+    whole = float(values @ gram[np.ix_(columns, columns)] @ values)
+    free = _without(gram, _frame_columns(fit))
+    energy = float(values @ free[np.ix_(columns, columns)] @ values)
+    # what frames explain nearly whole counts as it is
+    return (gram, whole) if energy < NEGLIGIBLE * whole else (free, energy)
+
+
+def _frame_columns(fit: Fit) -> NDArray[np.int_]:
+    return fit.search.ledger.columns_named("base_frame", "tool_frame", REGISTRATION)
+
+
+def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
+    """Return what an effect may explain at its place: a law of deflection hardens and softens, so both its shapes."""
+    ledger = fit.search.ledger
+    own = ledger.signatures[number]
+    if own.form not in ("quadratic", "cubic"):
+        return ledger.columns(number)
+    return ledger.join_columns(
+        n for n, s in enumerate(ledger.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
+    )
+
+
+def _without(gram: Array, nuisance: NDArray[np.int_]) -> Array:
+    """Return the products of all columns with the nuisance columns projected out."""
+    if not len(nuisance):
+        return gram
+    block = gram[np.ix_(nuisance, nuisance)]
+    block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
+    cross = gram[:, nuisance]
+    return np.asarray(gram - cross @ np.linalg.solve(block, cross.T))
+
+
+def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_], energy: float) -> float:
+    against = gram[np.ix_(other, columns)] @ values
+    return float(np.clip(against @ _solve_trace(gram, columns, values, other) / energy, 0.0, 1.0))
+
+
+def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_]) -> Array:
+    """Return the values of other columns that explain the most of a trace; zero where they move nothing."""
+    block = gram[np.ix_(other, other)]
+    trace = float(np.trace(block))
+    if trace <= 0:
+        return np.zeros(len(other))
+    against = gram[np.ix_(other, columns)] @ values
+    return np.asarray(np.linalg.solve(block + 1e-9 * trace / len(block) * np.eye(len(block)), against))
+
+
+def is_comparable(other: Signature) -> bool:
+    """Leave out forms that contain the claim trivially: a general curve contains the straight line."""
+    if other.name in (REGISTRATION, UNMODELLED) or other.tried > 1 or other.form == "spline":
+        return False
+    if other.name == "stiffness_nonlinearity":
+        return other.form in ("quadratic", "cubic")
+    if other.name == "transmission_error":
+        return len(other.keys) == 2
+    if other.name == "gravity_compensator":
+        return other.form == "sine"
+    return True

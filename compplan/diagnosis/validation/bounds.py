@@ -1,0 +1,172 @@
+"""Bounds: sizes of an effect that no robot of this kind can have, each with the reason that is said where it acts.
+
+A campaign that cannot tell an effect from others leaves its size open, and a fit then runs far beyond what weight,
+gears and data sheet allow. Such a claim is not named: what it explains has another cause.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.diagnosis.data.shared import ROUNDING
+from compplan.diagnosis.search.state import Fit
+from compplan.effects import Effect
+from compplan.effects.forward_model import payload_wrench
+from compplan.effects.gravity_compensator import shapes as shapes_of_balancer
+from compplan.effects.gravity_sag import JOINTS
+from compplan.effects.link_compliance import SHARE
+from compplan.effects.payload import carried_payload, payload_values
+from compplan.effects.stiffness_nonlinearity import shapes as shapes_of_law
+from compplan.robot import Array, Robot
+from compplan.robot.model import STANDARD_GRAVITY
+from compplan.robot.mounting import mounted_tool
+from compplan.robot.rating import read_rating
+from compplan.statics.chain import load_elements
+
+#: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
+#: (assumed).
+MOST_MOTION = 10.0
+#: Mass at the flange over the rated payload (assumed: arms carry a tenth more than they are sold for; where no data
+#: sheet is there, less than they weigh).
+OVER_RATING = 1.1
+#: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables). [m]
+BEHIND = 0.1
+#: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in hand).
+OVER_WEIGHT = 3.0
+#: Deflection that a bent law adds at the campaign's large load, over the straight one; in a soft zone, which is there
+#: for play and first contact of teeth, and elsewhere (assumed).
+OF_SOFT_ZONE, OF_LAW = 1.0, 2.0
+#: A joint, a link or the base plate turns by this at most under the arm's own weight and rated payload, stretched out
+#: (assumed: a fiftieth of the arm's length; the softest arms that are sold bend by less than a hundredth as a whole).
+#: [rad]
+MOST_BENT = 0.02
+#: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables of
+#: strain wave and cycloidal gears end at 200 to 250).
+LEAST_RATIO = 1.0 / 300.0
+
+
+def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
+    """Return why a robot cannot have an effect of this size; empty where it can.
+
+    Args:
+        fit: The fit.
+        effect: The effect, with its parameters.
+        explained: Root mean square motion of the target that it explains. [m]
+        gap: Root mean square gap of the model without effects. [m]
+    """
+    if explained > MOST_MOTION * gap:
+        return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
+    check = {
+        "payload": _check_payload, "gravity_compensator": _check_balancer, "stiffness_nonlinearity": _check_law,
+        "joint_coupling": _check_coupling, "link_compliance": _check_bending, "base_compliance": _check_bending,
+        "joint_stiffness": _check_bending, "gravity_sag": _check_bending,
+    }.get(effect.name)  # fmt: skip
+    return "" if check is None else check(fit, effect)
+
+
+def _check_payload(fit: Fit, effect: Effect) -> str:
+    robot, payload = fit.problem.robot, payload_values(effect)
+    carried, added = carried_payload(robot), float(payload[0])
+    whole, rating = added + carried[0], read_rating(robot)
+    if rating is not None and whole > OVER_RATING * rating.payload:
+        return f"{whole:.3g} kg on the flange, the arm is sold for {rating.payload:g} kg"
+    arm = float(sum(body.mass for body in robot.bodies)) - carried[0]
+    if rating is None and whole > arm:
+        return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
+    behind = -float(outward_axis(fit) @ payload[1:])
+    if added > 0.0 and behind > BEHIND * whole:
+        return f"{added:.3g} kg with their centre {1e3 * behind / added:.3g} mm behind the flange, inside the arm"
+    # what is taken off was there: what is left of the tool hangs before the flange, too
+    left = -float(outward_axis(fit) @ (payload + carried)[1:])
+    if added <= 0.0 and left > BEHIND * whole:
+        where = f"{1e3 * left / whole:.3g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
+        return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
+    return _check_torque(fit, payload)
+
+
+def _check_torque(fit: Fit, payload: Array) -> str:
+    """Hold joints against what their motors give, where those hold the arm itself at all."""
+    robot, attained, own = fit.problem.robot, fit.at.attained, fit.at.own_weight_load
+    chain = replace(attained.chain, gravity=np.zeros(3))
+    added = load_elements(chain, attained.frames, payload_wrench(robot, attained.frames, payload))
+    most = np.abs(own + added[:, chain.joint_elements]).max(axis=0, initial=0.0)
+    limit = robot.effort_limits
+    over = (most > OVER_RATING * limit) & (np.abs(own).max(axis=0, initial=0.0) <= limit)
+    if not over.any():
+        return ""
+    k = int(np.argmax(np.where(over, most / np.maximum(limit, ROUNDING), 0.0)))
+    return f"with it {robot.joint_names[k]} carries {most[k]:.3g} N m, its motor gives {limit[k]:.3g} N m"
+
+
+def _check_bending(fit: Fit, effect: Effect) -> str:
+    values = effect.parameters
+    for key, several in values.items():
+        if not key.startswith("compliance"):
+            continue
+        for joint, compliance in zip(values.get(JOINTS, [effect.joint]), np.atleast_1d(several), strict=True):
+            moment = stretched_moment(fit.problem.robot, joint)
+            turn = moment * float(compliance) / (SHARE["t"] if key.endswith("m_per_N") else 1.0)
+            if turn > MOST_BENT:
+                where = "the base" if joint is None else joint
+                return f"{where} would bend by {1e3 * turn:.3g} mrad under the stretched arm's {moment:.3g} N m"
+    return ""
+
+
+def stretched_moment(robot: Robot, joint: str | None) -> float:
+    """Return the moment of the arm's weight beyond a joint, and of its rated payload, with all of it stretched out.
+
+    Args:
+        robot: The robot.
+        joint: The joint; None for the base.
+
+    Returns:
+        g (sum_b m_b (l_b + |c_b|) + m_rated l_flange), l the length of chain from the joint to a link; 0 where neither
+        masses nor data sheet are known. [N m]
+    """
+    start = next((j.child for j in robot.joints if j.name == joint), robot.base)
+    length = {start: 0.0}
+    for j in robot.joints:
+        if j.parent in length:
+            length.setdefault(j.child, length[j.parent] + float(np.linalg.norm(j.placement[:3, 3])))
+    moment = sum(b.mass * (length[b.link] + float(np.linalg.norm(b.centre))) for b in robot.bodies if b.link in length)
+    rating = read_rating(robot)
+    carried = 0.0 if rating is None else rating.payload * length.get(robot.flange, 0.0)
+    return STANDARD_GRAVITY * (moment + carried)
+
+
+def outward_axis(fit: Fit) -> Array:
+    """Return the direction in which the flange looks, in its own frame: towards the tool, else its z. Shape (3,)."""
+    tip = mounted_tool(fit.problem.robot)[:3, 3]
+    length = float(np.linalg.norm(tip))
+    return np.asarray(tip / length) if length > ROUNDING else np.array([0.0, 0.0, 1.0])
+
+
+def _check_balancer(fit: Fit, effect: Effect) -> str:
+    values = {key: float(value) for key, value in effect.parameters.items()}
+    index = fit.at.robot.joint_names.index(str(effect.joint))
+    parts = shapes_of_balancer(np.nan_to_num(fit.problem.campaign.q[:, index]))
+    most = float(np.abs(sum(value * parts[key] for key, value in values.items() if key in parts)).max(initial=0.0))
+    load = float(np.maximum(np.abs(fit.at.own_load), np.abs(fit.at.own_weight_load))[:, index].max(initial=0.0))
+    if most > OVER_WEIGHT * load:
+        return f"it loads {effect.joint} with {most:.3g} N m, weight and forces with {load:.3g} N m at the most"
+    return ""
+
+
+def _check_law(fit: Fit, effect: Effect) -> str:
+    values = effect.parameters
+    reference, zone = float(values["reference_load"]), float(values["zone_load"])
+    parts = shapes_of_law(np.array([reference]), reference, zone)
+    for key, ratio in values.items():
+        added = float(abs(ratio) * parts[key][0] / reference) if key in parts else 0.0
+        if added > (OF_SOFT_ZONE if key == "soft_zone_ratio" else OF_LAW):
+            return f"{key} {float(ratio):.3g} bends {effect.joint} {1.0 + added:.2g} times as far as its straight law"
+    return ""
+
+
+def _check_coupling(fit: Fit, effect: Effect) -> str:
+    ratio = abs(float(effect.parameters.get("ratio", 1.0)))
+    if ratio < LEAST_RATIO:
+        return f"a ratio of {ratio:.2g} is that of no gear train (1/{1.0 / LEAST_RATIO:.0f} and more)"
+    return ""

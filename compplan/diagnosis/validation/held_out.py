@@ -1,0 +1,322 @@
+"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model.
+
+Frames that are registered belong to the campaign and not to the robot: a later campaign brings its own, fitted to its
+rows with everything else fixed. So they are fitted here, to the errors of all rows at once, each predicted by a robot
+that never saw it, and what they take of an error only because the poses are few is given back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, stdtrit
+
+from compplan.diagnosis.data.channels import block_index, group_poses, position_residual
+from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL
+from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Prior, find_posterior
+from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
+from compplan.diagnosis.search.polish import register_again
+from compplan.diagnosis.search.search import Claim, Search, search_models
+from compplan.diagnosis.search.state import Fit, FitState, advance_state, attain_state, stands
+from compplan.errors import ConvergenceError
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.registration import CONTACTS
+from compplan.robot import Array
+
+#: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
+#: drifts).
+FOLDS, RUN_OF_BLOCKS = 5, 3
+#: An error is not understated by more than this, but in one case of twenty (assumed: a quarter more than said is
+#: still borne).
+UNDERSTATED = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Residuals of rows that the model never saw.
+
+    Attributes:
+        rows: Rows of the campaign. Shape (r,).
+        residual: Measured minus predicted positions. Shape (r, 3). [m]
+    """
+
+    rows: NDArray[np.int_]
+    residual: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance. [m]"""
+        return float(np.sqrt(np.mean(np.sum(self.residual**2, axis=1)))) if len(self.rows) else 0.0
+
+    def of(self, seen: NDArray[np.bool_]) -> HeldOut:
+        """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
+        return HeldOut(self.rows[seen], self.residual[seen])
+
+    def nest_choice(self, options: Sequence[HeldOut], fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
+        """Return what the choice of the best of some options leaves of each fold, made on the other folds.
+
+        Args:
+            options: What each of them leaves of the same rows; this one is returned where there is no other.
+            fold: Fold of each row. Shape (r,).
+            seen: Rows that are no outliers. Shape (r,).
+        """
+        residual = self.residual.copy()
+        for number in np.unique(fold) if len(options) > 1 else ():
+            best = min(options, key=lambda option: option.of(seen & (fold != number)).rms)
+            residual[fold == number] = best.residual[fold == number]
+        return HeldOut(self.rows, residual)
+
+    def correct_for_selection(self, fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
+        """Return these residuals, larger where so few folds show them that they may be small by luck.
+
+        Logarithms of the folds' mean squares m_f are nearly normal, and the true one lies below its upper 95 % limit
+
+            exp(mean-square's log + t_{k-1} s sqrt(1 / k + 1 / (k - 1))),
+
+        s the deviation of log m_f over k folds; the fits of the folds share most of their rows, which adds the second
+        term [NadeauBengio2003]. What is stated is at least UNDERSTATED of that limit: the true error is more than
+        1 / UNDERSTATED of it in one case of twenty.
+
+        Args:
+            fold: Fold of each row. Shape (r,).
+            seen: Rows that are no outliers. Shape (r,).
+        """
+        folds = [self.of(seen & (fold == number)).rms for number in np.unique(fold[seen])]
+        count, logs = len(folds), 2.0 * np.log(np.maximum(folds, 1e-300))
+        if count < 2:
+            return self
+        above = float(stdtrit(count - 1, LEVEL)) * float(logs.std(ddof=1)) * np.sqrt(1.0 / count + 1.0 / (count - 1))
+        return replace(self, residual=max(1.0, UNDERSTATED * float(np.exp(0.5 * above))) * self.residual)
+
+    def selection_bonus(self, other: HeldOut, group: NDArray[np.int_]) -> float:
+        """Return the probability that luck alone lets another's mean square lie above this one by as much.
+
+        Were both as good, each group's gain would be as likely the other way round: the share of all signs of the gains
+        whose sum is no smaller [Fisher1935, section 21]. So many groups that not all signs can be counted have a sum
+        of signed gains that is nearly normal, of variance sum d_g^2.
+
+        Args:
+            other: Another prediction of the same rows.
+            group: Group of each row; rows of a group err alike. Shape (r,).
+        """
+        less = np.sum(other.residual**2 - self.residual**2, axis=1)
+        _, index = np.unique(group, return_inverse=True)
+        gain = np.bincount(index.reshape(-1), less)
+        total, spread = float(gain.sum()), float(np.linalg.norm(gain))
+        if len(gain) >= ENOUGH_ROWS:
+            return float(ndtr(-total / max(spread, 1e-300)))
+        sums = np.zeros(1)
+        for one in gain:
+            sums = np.concatenate([sums + one, sums - one])
+        return float(np.mean(sums >= total - 1e-9 * spread))
+
+
+def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
+    """Deal blocks of neighbouring stays to folds; the same pose is always in the same fold. Shape (n,).
+
+    So few blocks that all would be in one fold are dealt one by one, a single block by its halves.
+
+    Args:
+        campaign: The campaign.
+        folds: Number of folds.
+    """
+    block = block_index(campaign)
+    # a later campaign has no neighbours in this one, and of long ones blocks in a row are neighbours in place, too
+    run = max(RUN_OF_BLOCKS, len(np.unique(block)) // ENOUGH_ROWS)
+    fold = (block // run) % folds
+    if not fold.any():
+        fold = block % folds if block.any() else np.arange(len(block)) * 2 // max(len(block), 1)
+    static = ~campaign.on_path
+    _, first = np.unique(campaign.pose, return_index=True)
+    return np.where(static, fold[first[campaign.pose]], fold)
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """A fit and its campaign dealt to folds.
+
+    Attributes:
+        fit: The fit.
+        fold: Fold of each row. Shape (n,).
+    """
+
+    fit: Fit
+    fold: NDArray[np.int_]
+
+    @cached_property
+    def pose(self) -> NDArray[np.int_]:
+        """Pose, or block of a path, of each row that is predicted. Shape (r,)."""
+        return group_poses(self.fit.problem.campaign)[self.fit.search.ledger.source[0].rows]
+
+    @cached_property
+    def ledgers(self) -> list[tuple[int, NormalEquations]]:
+        """The fit's ledger without each fold."""
+        ledger, every = self.fit.search.ledger, np.arange(self.fit.search.ledger.p)
+        rows = ledger.source[0].rows
+        result = []
+        for number in np.unique(self.fold[rows]):
+            if all(channel.rows is not None for channel in ledger.channels):
+                rest = select_rows(ledger, self.fold != number, every)
+            else:
+                own = select_rows(ledger, self.fold == number, every)
+                rest = tuple(_take_away(whole, part) for whole, part in zip(ledger.channels, own, strict=True))
+            result.append((int(number), replace(ledger, channels=rest)))
+        return result
+
+    def hold_out(
+        self, claims: Sequence[Claim], *, background: bool = True,
+        decide: Callable[[NormalEquations], Sequence[Claim]] | None = None,
+    ) -> HeldOut:  # fmt: skip
+        """Predict every row by the exact model that the other folds lead to.
+
+        Args:
+            claims: Claims of the model.
+            background: Whether small errors everywhere are fitted and predicted with.
+            decide: Chooses the claims of each fold from its ledger instead: where the choice itself is in doubt, it is
+                part of what has to be judged.
+        """
+
+        def build(number: int, ledger: NormalEquations) -> tuple[Fit, FitState]:
+            own = claims if decide is None else decide(ledger)
+            fitted = with_claims(self.fit, own, background=background, ledger=ledger)
+            return fitted, advance_state(fitted)
+
+        return self.hold_out_states(build)
+
+    def hold_out_states(self, build: Callable[[int, NormalEquations], tuple[Fit, FitState]]) -> HeldOut:
+        """Predict every row by the exact model that a fit to the other folds leads to.
+
+        Args:
+            build: Makes a fit and its state from the number of a fold and the ledger without it.
+        """
+        fit, rows = self.fit, self.fit.search.ledger.source[0].rows
+        campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
+        for number, ledger in self.ledgers:
+            fitted, state = build(number, ledger)
+            if fit.problem.register and stands(fit.problem, state):
+                # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
+                # few rows of a contact may leave its place open without some of them, and all are fitted below anyway
+                own = CONTACTS in fit.problem.register
+                state = register_again(fitted, state, fit.state.use & (own | (self.fold != number)))
+            gap = predict_gap(fitted, state)
+            if gap is None:
+                gap = np.where(campaign.measured[:, None], campaign.position, np.inf)
+            test = self.fold == number
+            residual[test] = gap[test]
+        return HeldOut(rows, fit_frames(fit, residual[rows], len(np.unique(self.pose))))
+
+    def decide_again(
+        self, named: Sequence[Claim], candidates: Sequence[int] | None = None
+    ) -> Callable[[NormalEquations], Sequence[Claim]]:
+        """Return what chooses the claims beside the named ones anew from part of a campaign, noise held.
+
+        Args:
+            named: Claims that are not in doubt.
+            candidates: Signatures to choose from; all of the fit's where left out.
+        """
+        whole, hyper = self.fit.search, self.fit.model.posterior.hyper
+        chosen = whole.candidates if candidates is None else candidates
+
+        def decide(ledger: NormalEquations) -> Sequence[Claim]:
+            search = Search(ledger, whole.prior, whole.log_prior, chosen, hyper, rigid=whole.rigid)
+            return search_models(search, named, self.fit.state.most).claims
+
+        return decide
+
+    def hold_out_linear(self, claims: Sequence[Claim]) -> HeldOut:
+        """Predict every row to first order by claims alone; enough to rank candidates."""
+        whole = self.fit.search.ledger
+        rows, left = whole.source[0].rows, np.zeros_like(whole.observed[0])
+        for number, ledger in self.ledgers:
+            posterior = with_claims(self.fit, claims, background=False, ledger=ledger).model.posterior
+            test = self.fold[rows] == number
+            left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
+        return HeldOut(rows, left * whole.source[0].sigma)
+
+
+def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
+    """Return errors as a later campaign of many poses would show them, its own frames fitted to them. Shape (r, 3). [m]
+
+    Args:
+        fit: The fit.
+        residual: Errors of the rows of its ledger. Shape (r, 3). [m]
+        poses: Poses, or blocks of paths, that they are.
+    """
+    if not fit.problem.register:
+        return residual
+    ledger, sigma = fit.search.ledger, fit.search.ledger.source[0].sigma
+    frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
+    left = (residual / sigma).reshape(-1)
+    columns = frames.reshape(len(left), -1)
+    left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-9)[0]
+    return np.asarray(free_of_frames(fit, poses) * left.reshape(residual.shape) * sigma)
+
+
+def free_of_frames(fit: Fit, poses: int) -> float:
+    """Return by which factor errors were larger before frames were fitted to the campaign that shows them.
+
+    Frames of f values that are fitted to n poses take their part of whatever is there and leave sqrt(1 - f / 3 n) of
+    it on average; of a later campaign of many poses they take next to nothing.
+
+    Args:
+        fit: The fit.
+        poses: Poses, or blocks of paths, that the frames are fitted to.
+    """
+    if not fit.problem.register:
+        return 1.0
+    ledger = fit.search.ledger
+    values = ledger.source[0].told.mean() * poses
+    frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
+    taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
+    return float(np.sqrt(values / max(values - taken, 0.5 * values)))
+
+
+def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: NormalEquations | None = None) -> Fit:
+    """Return a fit with other claims, noise and sizes of classes held.
+
+    Args:
+        fit: The fit.
+        claims: The claims.
+        background: Whether small errors everywhere are fitted, too.
+        ledger: Products to fit to; the fit's own where left out.
+    """
+    prior = fit.search.prior
+    if not background:
+        prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
+    search = replace(fit.search, ledger=ledger or fit.search.ledger, prior=prior, cache={})
+    posterior = find_posterior(search.ledger, search.prior_of(claims), fit.model.posterior.hyper, fit=False)
+    return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
+
+
+def predict_gap(fit: Fit, state: FitState) -> Array | None:
+    """Return measured minus predicted positions of the exact model, or None without equilibrium. Shape (n, 3). [m]"""
+    try:
+        scene, attained = attain_state(fit.problem, state)
+    except ConvergenceError:
+        return None
+    gap = position_residual(fit.problem.campaign, scene, attained)
+    return gap if np.isfinite(gap[fit.problem.campaign.usable]).all() else None
+
+
+def _take_away(whole: ChannelProducts, part: ChannelProducts) -> ChannelProducts:
+    """Return the products of the rows that are left."""
+    total = _difference(whole.total, part.total)
+    means = {}
+    for size, products in whole.means.items():
+        if products is whole.total:
+            means[size] = total
+        else:
+            means[size] = _difference(products, part.means[size]) if size in part.means else products
+    return replace(whole, total=total, means=means, rows=None)
+
+
+def _difference(whole: Products, part: Products) -> Products:
+    return Products(
+        whole.count - part.count, whole.gram - part.gram, whole.against - part.against,
+        max(whole.square - part.square, 0.0),
+    )  # fmt: skip

@@ -1,0 +1,232 @@
+"""Options: the models that may have a part in the robot that goes out, each fitted without every fold of poses in turn.
+
+A plain calibration of everything that a calibration fits, small errors of every class, and the causes that are claimed,
+alone and beside these. Widths and noise are those that all rows say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.channels import block_index
+from compplan.diagnosis.data.shared import STEPS
+from compplan.diagnosis.evidence.background import CLASSES
+from compplan.diagnosis.evidence.evidence import Hyper, Posterior, Prior, find_posterior
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
+from compplan.diagnosis.search.search import Claim
+from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.held_out import Folds, fit_frames
+from compplan.effects import is_of_instrument
+from compplan.effects.signature import Signature
+from compplan.robot import Array
+
+#: Widths of a plain calibration, in units of the scale of each signature (assumed: zeros to 2 mrad and lengths to 2 mm
+#: and 2 mrad, as in the usual weak pull to the nominal robot; compliances to three times what is usual).
+WIDE = {
+    "joint_offset": ("zeros", 2.0),
+    "link_geometry": ("lengths", 4.0),
+    "tool_frame": ("lengths", 2.0),
+    "joint_stiffness": ("compliances", 3.0),
+    "gravity_sag": ("compliances", 3.0),
+}
+#: Classes of small errors that a plain calibration takes the place of, and those that may stand beside it.
+BESIDE = tuple(k for k, name in enumerate(CLASSES) if name not in ("zeros", "lengths", "compliances"))
+#: From this many stays on, the choice of a few claims adds little to what held-out poses show: ten among two hundred
+#: places are worth 2 * 10 * log(200) of 3 * 400 values, 5 % of the error (assumed; [FosterGeorge1994]).
+MANY_STAYS = 400
+Decide = Callable[[NormalEquations], Sequence[Claim]]
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """A model that may have a part in the robot that goes out.
+
+    Attributes:
+        name: What it is, in a few words.
+        claims: Its claims.
+        wide: Whether everything that a calibration fits is fitted with a wide prior.
+        small: Classes of small errors that are fitted.
+        decide: Chooses the claims from a ledger anew, where the choice itself is in doubt.
+    """
+
+    name: str
+    claims: tuple[Claim, ...] = ()
+    wide: bool = False
+    small: tuple[int, ...] = ()
+    decide: Decide | None = None
+
+    def prior(self, fit: Fit, claims: Sequence[Claim]) -> Prior:
+        """Return its prior with some claims."""
+        prior = fit.search.prior_of(claims)
+        background, slab, spread = prior.background.copy(), prior.slab.copy(), prior.spread.copy()
+        background[~np.isin(background, self.small)] = -1
+        if self.wide:
+            for columns, label, width in _wide_columns(fit.search.ledger):
+                own = columns[slab[columns] == 0.0]
+                spread[own], background[own] = width, label
+        return replace(prior, background=background, slab=slab, spread=spread)
+
+
+#: Everything that a calibration fits, and nothing else.
+PLAIN = Option("plain calibration", wide=True)
+
+
+def _wide_columns(ledger: NormalEquations) -> list[tuple[NDArray[np.int_], int, float]]:
+    """List columns, classes and widths of a plain calibration."""
+    return [
+        (ledger.columns(n), CLASSES.index(WIDE[s.name][0]), WIDE[s.name][1])
+        for n, s in enumerate(ledger.signatures) if in_calibration(s)
+    ]  # fmt: skip
+
+
+def in_calibration(signature: Signature) -> bool:
+    """Tell whether a plain calibration fits a signature: one form of each place, all axes."""
+    if signature.name == "link_geometry":
+        return signature.axis is not None
+    return signature.name in WIDE
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedOption:
+    """An option fitted to all rows and without each fold.
+
+    Attributes:
+        option: The option.
+        posterior: What all rows say.
+        variance: Prior variance of every column. Shape (p,).
+        values: Values without each fold. Shape (folds, p).
+        claimed: Signatures that are claimed without each fold.
+        chance: Factor by which errors of rows never seen are larger, since forms were looked for in all rows.
+        residual: Observed minus predicted of rows never seen, to first order, that factor in it. Shape (r, 3). [m]
+    """
+
+    option: Option
+    posterior: Posterior
+    variance: Array
+    values: Array
+    claimed: tuple[tuple[int, ...], ...]
+    chance: float
+    residual: Array
+
+
+def solve_option(folds: Folds, option: Option) -> SolvedOption:
+    """Fit an option to all rows, noise and small errors as large as these say, and without each fold."""
+    fit = folds.fit
+    ledger = fit.search.ledger
+    prior = option.prior(fit, option.claims)
+    found = fit.model.posterior.hyper
+    # what claims have explained left the classes of small errors nothing: without them they begin as usual
+    hyper = find_posterior(ledger, prior, replace(found, log_tau=np.zeros_like(found.log_tau)), steps=STEPS).hyper
+    prior, posterior = _solve(ledger, prior, hyper)
+    values, claimed = [], []
+    for _, part in folds.ledgers:
+        claims = option.claims if option.decide is None else option.decide(part)
+        claimed.append(tuple(claim.signature for claim in claims))
+        values.append(_solve(part, option.prior(fit, claims), hyper)[1].values(ledger.p))
+    chance = rate_chance(folds, option.claims)
+    left = chance * predict_folds(folds, values)
+    variance = prior.variance(hyper.log_tau)
+    return SolvedOption(option, posterior, variance, np.array(values), tuple(claimed), chance, left)
+
+
+def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
+    """Return by which factor errors of rows never seen are larger than they seem, for forms looked for in all rows.
+
+    The best of t forms is better by chance by 2 log t squares of the noise [FosterGeorge1994], in every fold.
+
+    Args:
+        folds: The fit, dealt to folds.
+        claims: The claims.
+    """
+    signatures = folds.fit.search.ledger.signatures
+    squares = 2.0 * sum(math.log(signatures[claim.signature].tried) for claim in claims)
+    told = folds.fit.search.ledger.source[0].told.mean()
+    return float(np.sqrt(1.0 + squares / (told * len(np.unique(folds.pose)))))
+
+
+def _solve(ledger: NormalEquations, prior: Prior, hyper: Hyper) -> tuple[Prior, Posterior]:
+    """Return the posterior with parameters of which none can be negative at zero where they would be."""
+    one_sided = np.zeros(ledger.p, bool)
+    for number, signature in enumerate(ledger.signatures):
+        if signature.positive:
+            one_sided[ledger.columns(number)] = True
+    posterior = find_posterior(ledger, prior, hyper, fit=False)
+    while True:
+        wrong = one_sided & (posterior.values(ledger.p) < 0)
+        if not wrong.any():
+            break
+        background, slab = np.where(wrong, -1, prior.background), np.where(wrong, 0.0, prior.slab)
+        prior = replace(prior, background=background, slab=slab)
+        posterior = find_posterior(ledger, prior, hyper, fit=False)
+    return prior, posterior
+
+
+def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
+    """Return what values without each fold leave of it, to first order, frames fitted to all rows. Shape (r, 3). [m]"""
+    fit = folds.fit
+    ledger, source = fit.search.ledger, fit.search.ledger.source[0]
+    left = np.zeros_like(ledger.observed[0])
+    for (number, _), own in zip(folds.ledgers, values, strict=True):
+        test, used = folds.fold[source.rows] == number, np.flatnonzero(own)
+        left[test] = ledger.observed[0][test] - ledger.designs[0][test][..., used] @ own[used]
+    return fit_frames(fit, left * source.sigma, len(np.unique(folds.pose)))
+
+
+def list_options(sure: Sequence[Claim], possible: Sequence[Claim], decide: Decide | None) -> list[Option]:
+    """List the models that may have a part in the robot that goes out.
+
+    Args:
+        sure: Claims that are not in doubt.
+        possible: These and others that may be delivered.
+        decide: Chooses such claims from a ledger anew, or None where that is not needed.
+    """
+    every = tuple(range(len(CLASSES)))
+    options = [
+        Option("nominal"),
+        Option("small errors", small=every),
+        PLAIN,
+        Option("plain calibration and small errors", wide=True, small=BESIDE),
+    ]
+    chosen: list[tuple[str, tuple[Claim, ...], Decide | None]] = []
+    if sure:
+        chosen.append(("sure causes", tuple(sure), None))
+    if len(possible) > len(sure):
+        chosen.append(("causes", tuple(possible), decide))
+    for name, claims, again in chosen:
+        options += [
+            Option(name, claims, decide=again),
+            Option(f"{name} and small errors", claims, small=every, decide=again),
+            Option(f"{name} and plain calibration", claims, wide=True, decide=again),
+        ]
+    return options
+
+
+def decide_once(folds: Folds, claims: Sequence[Claim]) -> Decide | None:
+    """Return what weighs claims anew in a part of the campaign, asked once for each part: it leaves out and exchanges.
+
+    None where so many poses are there that the choice of a few claims counts for little.
+
+    Args:
+        folds: The fit, dealt to folds.
+        claims: Claims that may be delivered.
+    """
+    fit = folds.fit
+    if len(np.unique(block_index(fit.problem.campaign))) >= MANY_STAYS:
+        return None
+    signatures = fit.search.ledger.signatures
+    named = {claim.signature for claim in claims}
+    allowed = [n for n in fit.search.candidates if n in named or not is_of_instrument(signatures[n].name)]
+    decide = folds.decide_again(claims, allowed)
+    made: dict[int, Sequence[Claim]] = {}
+
+    def once(ledger: NormalEquations) -> Sequence[Claim]:
+        if id(ledger) not in made:
+            made[id(ledger)] = decide(ledger)
+        return made[id(ledger)]
+
+    return once

@@ -1,0 +1,170 @@
+"""Doubt: every claim weighed once more where the campaign may also follow causes that no effect makes.
+
+An unknown cause leaves a smooth error all the same: over the place of the target, time, load, other joints' angles,
+direction of approach, the past. Such errors enter the model as classes of a background, each of a size that the
+campaign decides (half-Cauchy, one noise floor). A claim that only imitates an unknown cause loses its evidence to them;
+a claim beside an unknown cause keeps it. What they carry is the structure that no effect explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.diagnosis.data.shared import STEPS, rank_evidence
+from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Hyper, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence_gain import Gain
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, representable_forms
+from compplan.diagnosis.evidence.unmodelled import unmodelled_signatures
+from compplan.diagnosis.search.search import WORTHWHILE, Claim, Model, Search, add_claim
+from compplan.diagnosis.search.state import Fit
+from compplan.effects.signature import Signature
+
+Indices = NDArray[np.int_]
+#: One form explains a campaign as well as another within so much log evidence (assumed: odds of seven).
+AS_WELL = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class RevisedProbabilities:
+    """A fit among errors that no effect makes.
+
+    Attributes:
+        search: The search whose prior holds them.
+        model: The claims that stand, with the posterior of everything.
+        classes: What each loose class follows, in the order of the posterior's last `log_tau`.
+        members: Columns of each loose class.
+    """
+
+    search: Search
+    model: Model
+    classes: tuple[str, ...]
+    members: tuple[Indices, ...]
+
+
+def foreign_signatures(fit: Fit) -> list[Signature]:
+    """List what an unknown cause may follow; forms that others contain are left out."""
+    found = []
+    for signature in unmodelled_signatures(fit.at):
+        form, driver = signature.form, str(signature.axis)
+        inside = form in ("degree 1", "degree 2", "frame", "joints", "link")
+        inside |= form == "linear" and driver.startswith("an unknown force")
+        # links that bend about the axis of their load are an effect of the vocabulary, unless it is left out
+        inside |= form == "bending" and "link_compliance" not in fit.problem.without
+        if not inside:
+            found.append(signature)
+    return found
+
+
+def class_of(signature: Signature) -> tuple[str, str]:
+    """Return what a class follows, and which of several of that kind: joints that err alike in kind share a class."""
+    driver = str(signature.axis)
+    if driver.startswith("the angle of"):
+        driver = "the angles of other joints"
+    if driver.startswith("the load on"):
+        driver = "the load on other joints"
+    return driver, "scale" if signature.form == "scale" else ""
+
+
+def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
+    """Weigh the claims of a fit among errors that no effect makes.
+
+    Args:
+        fit: The fit.
+        progress: Told what is being done.
+    """
+    fresh = foreign_signatures(fit)
+    old = fit.search.ledger
+    ledger = extend_normal_equations(old, fresh)
+    kinds = list(dict.fromkeys(class_of(s) for s in fresh))
+    numbers = range(len(old.signatures), len(ledger.signatures))
+    members = tuple(
+        ledger.join_columns(n for n in numbers if class_of(ledger.signatures[n]) == kind) for kind in kinds
+    )
+    prior = _loosen(fit, ledger, members)
+    hyper = fit.model.posterior.hyper
+    hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
+    odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
+    search = Search(ledger, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
+    model = _settle(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    if model.claims:
+        # several claims together may imitate one cause that has no name: the other way round, from none of them
+        # classes are given the size of a noise floor first
+        grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
+        other = _settle(search, search.model([], grown, steps=FIRST_STEPS))
+        model = other if other.score > model.score + WORTHWHILE else model
+    return RevisedProbabilities(search, _simplify(search, model), tuple(driver for driver, _ in kinds), members)
+
+
+def _loosen(fit: Fit, ledger: NormalEquations, members: Sequence[Indices]) -> Prior:
+    """Extend a prior by loose classes, in units of the noise floor."""
+    old = fit.search.prior
+    count, classes = ledger.p - len(old.slab), len(fit.model.posterior.hyper.log_tau)
+    background = np.concatenate([old.background, np.full(count, -1)])
+    floor = np.sqrt(3.0) * fit.noises["position"].sigma
+    spread = np.concatenate([old.spread, np.full(count, floor)])
+    for number, columns in enumerate(members):
+        background[columns] = classes + number
+    free = np.concatenate([old.free, np.zeros(count, bool)])
+    loose = np.arange(classes + len(members)) >= classes
+    return Prior(background, spread, free, np.zeros(ledger.p), loose)
+
+
+def _settle(search: Search, model: Model) -> Model:
+    """Leave out claims that errors without a name explain as well, and take up what those have set free."""
+    while True:
+        here = search.model(model.claims, model.posterior.hyper, fit=False)
+        best = _leave_out(search, here)
+        if best.score <= here.score:
+            best = add_claim(search, model)
+            if best.score < model.score + WORTHWHILE:
+                return model
+        fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
+        if fitted.score <= model.score:
+            return model
+        model = fitted
+
+
+def _simplify(search: Search, model: Model) -> Model:
+    """Claim the special case instead of what holds it, where it explains the campaign as well.
+
+    A law of deflection with a straight part holds a joint's compliance: that it is bent has to show.
+    """
+    signatures, hyper = search.ledger.signatures, model.posterior.hyper
+    for claim in model.claims:
+        own = signatures[claim.signature]
+        rest = search.without(model.claims, claim)
+        gains = search.gains(search.model(rest, hyper, fit=False))
+        whole = max((g.log_evidence for g in gains if signatures[g.signature].place == own.place), default=np.inf)
+        special = next((g for g in gains if g.log_evidence >= whole - AS_WELL and _is_held(search, own, g)), None)
+        if special is not None:
+            simple = search.model([*rest, Claim(special.signature, special.size)], hyper, steps=STEPS)
+            model = simple if np.isfinite(simple.score) else model
+    return model
+
+
+def _is_held(search: Search, own: Signature, gain: Gain) -> bool:
+    """Tell whether a form at the place of a claim holds another signature of its joint as a special case."""
+    signatures = search.ledger.signatures
+    special = signatures[gain.signature]
+    if special.joint != own.joint or special.place == own.place:
+        return False
+    return any(signatures[n].place == own.place for n in representable_forms(search.ledger, gain.signature))
+
+
+def _leave_out(search: Search, model: Model) -> Model:
+    """Return the best model with one claim less, errors without a name given the chance to take its place."""
+    loose = search.prior.loose
+    hyper = model.posterior.hyper
+    grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))
+    best = replace(model, score=-np.inf)
+    for out in model.claims:
+        rest = search.without(model.claims, out)
+        held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
+        posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=STEPS)
+        score = start.score - start.posterior.log_evidence + posterior.log_evidence
+        best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: rank_evidence(m.score))
+    return best

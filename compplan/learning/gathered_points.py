@@ -1,0 +1,102 @@
+"""Measured points gathered at rows of the path: their means, the directions that count, and what makes them err."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.learning.measured_path import MeasuredPath
+from compplan.learning.plausibility import rigid_columns
+from compplan.robot import Array
+
+#: Points within this distance along the path count for a row of it. [m]
+NEAR = 2e-3
+#: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
+ALONE = 10.0
+#: Share of what was measured that is said to be a motion of the whole part, and how far it stands out of the noise
+#: (assumed).
+WHOLE, CLEAR = 0.6, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """Measured points gathered at rows of the path; b rows.
+
+    Attributes:
+        row: Row of `Slopes` that each stands at. Shape (b,).
+        deviation: Mean deviation in the directions that count. Shape (b, 3). [m]
+        counts: Projector on those. Shape (b, 3, 3).
+        variance: Variance of the mean per axis. Shape (b,). [m^2]
+        points: Points of each. Shape (b,).
+    """
+
+    row: NDArray[np.int_]
+    deviation: Array
+    counts: Array
+    variance: Array
+    points: NDArray[np.int_]
+
+    def take(self, rows: NDArray[np.bool_]) -> Gathered:
+        """Take some rows."""
+        parts: dict[str, Any] = {f.name: getattr(self, f.name)[rows] for f in fields(self)}
+        return replace(self, **parts)
+
+
+def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath:
+    """Take some of the points."""
+    parts = {name: getattr(measured, name)[rows] for name in ("length", "deviation", "counts", "sigma")}
+    return replace(measured, **parts)
+
+
+def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
+    """Gather measured points at the nearest rows of the path; those far from any row do not count.
+
+    Args:
+        measured: The points.
+        length: Length of the path at its rows. Shape (k,). [m]
+    """
+    middle = 0.5 * (length[1:] + length[:-1])
+    row = np.searchsorted(middle, measured.length)
+    window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
+    near = np.abs(measured.length - length[row]) <= window
+    measured, row = take_points(measured, near), row[near]
+    rows, index, count = np.unique(row, return_inverse=True, return_counts=True)
+    index = index.reshape(-1)
+    projector = np.zeros((len(rows), 3, 3))
+    np.add.at(projector, index, measured.counts)
+    # points of one row look the same way, but for corners: the mean projector, its eigenvalues rounded
+    value, vector = np.linalg.eigh(projector / count[:, None, None])
+    counts = np.einsum("bik,bk,bjk->bij", vector, np.round(value), vector)
+    total, inverse = np.zeros((len(rows), 3)), np.zeros(len(rows))
+    weight = 1.0 / measured.sigma**2
+    np.add.at(total, index, weight[:, None] * measured.seen)
+    np.add.at(inverse, index, weight)
+    deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
+    variance = 1.0 / inverse * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)
+    return Gathered(rows, deviation, counts, variance, count)
+
+
+def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
+    """Say how far a part is off as a whole, where that is most of what was measured; "" elsewhere.
+
+    Args:
+        gathered: The measurements.
+        tip: Where the tip goes at the rows of the path. Shape (k, 3). [m]
+        R_base_part: Part axes seen from the base. Shape (3, 3).
+    """
+    size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
+    columns = gathered.counts @ rigid_columns(tip)[gathered.row] / np.repeat([1.0, size], 3)
+    matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
+    motion = np.linalg.lstsq(matrix, seen, rcond=1e-3)[0]
+    left, noise = seen - matrix @ motion, float(gathered.variance.sum())
+    taken = 1.0 - float(left @ left) / max(float(seen @ seen), 1e-300)
+    if taken < WHOLE or seen @ seen < CLEAR**2 * noise:
+        return ""
+    where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
+    return (
+        f"{taken:.0%} of what was measured is a shift of the whole part by [{where}] mm (its middle, part axes) and a"
+        f" turn of {np.degrees(np.linalg.norm(motion[3:])) / size:.2g} deg"
+    )

@@ -1,0 +1,391 @@
+"""What a cut part teaches: the robot's parameters where physics explains its deviations, the path itself where not.
+
+The deviation of a point at length s of the path is, to first order,
+
+    d(s) = J(s) p + F(s) f + r(s) + G(s) g + o + noise,
+    p ~ N(0, S), f ~ N(0, 1), r ~ GP(0, a^2 s_u^2 / 3), g ~ N(0, 1), o ~ N(0, s_r^2)
+
+with parameters p, force f, a residual r that is smooth over the place, and what this very part has of its own and the
+next one does not repeat: its own force and clamping g, the offset o of its run. The size a of the residual is the one
+under which the part is most probable. The next program takes the posterior mean of p, f and r off. It is written only
+where the part, dealt to stretches, says that this helps on stretches that were not used. The band after it counts the
+next part's own g and o.
+
+Robot and force trade places on a path: each stays uncertain where their sum is known well. So a lesson leaves the path
+the covariance of its tip, and the next part on it starts from that (`path`), not from robot and force apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.distance import cdist
+from scipy.special import chdtri
+
+from compplan.learning.gathered_points import Gathered
+from compplan.measurement.distance import band_radius
+from compplan.robot import Array
+from compplan.robot.uncertainty import Uncertainty
+from compplan.uncertainty.band import Slopes
+
+#: Sizes of the residual that are tried, in widths of the folder; and the least width. [m]
+SIZES, LEAST = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0), 2e-5
+#: Distances over which the residual forgets itself that are tried, in scales of the folder.
+SCALES = (0.1, 0.3, 1.0)
+#: Parts that a cut part is dealt to, and neighbouring rows of the path that stay together.
+PARTS, STRETCH = 5, 2
+#: Directions at most in which a lesson keeps what it leaves open.
+KEPT = 12
+#: Passes about what was found: compliance and force multiply.
+PASSES = 2
+#: A part whose deviations noise alone explains once in twenty teaches nothing.
+BY_CHANCE = 0.95
+
+
+#: Motion of the tip along the path, (k, 3) [m], by values of the parameters, (p,), and shares of the force, (4,).
+Exact = Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class ModelUpdate:
+    """What a part teaches; k rows along the path, p parameters.
+
+    Attributes:
+        taken: Whether a corrected program is written.
+        reason: Why, or why not.
+        values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
+        force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
+        force_covariance: Their posterior covariance. Shape (4, 4).
+        cross: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
+        own: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
+        own_spread: Posterior standard deviation of its sum with the level, in those of the level.
+        open: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
+        physics: What the parameters move along the path. Shape (k, 3). [m]
+        pushed: What the force moves beyond them. Shape (k, 3). [m]
+        residual: What is left for the path itself. Shape (k, 3). [m]
+        weight: Weights of the kernel that make it. Shape (k, 3). [1/m]
+        covariance: Posterior covariance of the parameters. Shape (p, p).
+        band_before: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
+        band_after: The same for the next part. Shape (k,). [m]
+        band_seen: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
+        size: Standard deviation of the residual per axis that the part asks for. [m]
+        scale: Distance over which it forgets itself. [m]
+        gathered: The measurements.
+        rms: Root mean square of the measured deviation. [m]
+        held_out: The same after correction, on stretches that were not used. [m]
+        expected: Root mean square deviation that is expected of the next part. [m]
+        model: The model that it was learned with.
+    """
+
+    taken: bool
+    reason: str
+    values: Array
+    force: Array
+    force_covariance: Array
+    cross: Array
+    own: Array
+    own_spread: float
+    open: Array
+    physics: Array
+    pushed: Array
+    residual: Array
+    weight: Array
+    covariance: Array
+    band_before: Array
+    band_after: Array
+    band_seen: tuple[Array, Array]
+    size: float
+    scale: float
+    gathered: Gathered
+    rms: float
+    held_out: float
+    expected: float
+    model: UpdateModel
+
+    def residual_at(self, place: Array, tip: Array) -> Array:
+        """Return what is left for the path at other places. Shape (n, 3). [m]
+
+        Args:
+            place: Places, base frame. Shape (n, 3). [m]
+            tip: Where the tip went at the rows of the path. Shape (k, 3). [m]
+        """
+        shape = np.exp(-0.5 * (cdist(place, tip) / self.scale) ** 2)
+        return np.asarray(self.size**2 * shape @ self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Own:
+    """What a part has of its own along the path, as columns of one standard deviation; k rows.
+
+    Attributes:
+        part: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
+        following: Of the next one. Shape (k, 3, n). [m]
+        ratio: Its force's column over that of the level that all parts share.
+    """
+
+    part: Array
+    following: Array
+    ratio: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class UpdateModel:
+    """Prior covariances at the rows of the path, flattened to 3 k.
+
+    `path` is what an earlier part left open of the tip, as columns, (3 k, r) [m]; it stands for robot and force.
+    """
+
+    slopes: Slopes
+    known: Uncertainty
+    own: Own
+    size: float
+    scale: float
+    path: Array | None = None
+
+    def repeats(self) -> tuple[Array, Array, Array]:
+        """Return what the next part repeats: parameters, force apart from them (columns), residual (covariance)."""
+        k = len(self.slopes.rows)
+        columns, force = (part.reshape(3 * k, -1) for part in self.slopes.columns(self.known))
+        apart = cdist(self.slopes.tip, self.slopes.tip) / self.scale
+        field = np.kron(self.size**2 * np.exp(-0.5 * apart**2), np.eye(3))
+        if self.path is not None:
+            return np.zeros_like(columns), np.zeros_like(force), field + self.path @ self.path.T
+        local = self.slopes.local[:, :, 0]
+        for row in range(k):
+            field[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] += np.outer(local[row], local[row])
+        return columns, force, field
+
+
+def possible_band(
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, own: Own, path: Array | None = None, size: float = LEAST
+) -> Array:
+    """Return how far folder, force, clamping and instrument let the points be off, with 95 %. Shape (b,). [m]"""
+    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
+    model = UpdateModel(slopes, known, own, max(size, known.smooth), known.scale, path)
+    blocks = _with_run(model, _blocks(prior_of(model), len(slopes.rows)), own.part)[gathered.row]
+    blocks = blocks + gathered.variance[:, None, None] * np.eye(3)
+    return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
+
+
+def learn_part(
+    slopes: Slopes, known: Uncertainty, gathered: Gathered, exact: Exact, own: Own, least_size: float | None = None,
+    path: Array | None = None,
+) -> ModelUpdate:  # fmt: skip
+    """Learn from a cut part: to first order, then again about what was found, exactly.
+
+    Args:
+        slopes: The path to first order, as it was cut.
+        known: What is known of the robot.
+        gathered: The measured deviations.
+        exact: Motion of the tip by values of parameters and force, exactly.
+        own: What this part and the next one have of their own.
+        least_size: Standard deviation per axis that an earlier lesson left of the residual, or None. [m]
+        path: What an earlier lesson left open of this path (`ModelUpdate.open`), or None. Shape (k, 3, r). [m]
+    """
+    path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
+    width = max(known.smooth, LEAST) if least_size is None else least_size
+    _, model = choose_model(UpdateModel(slopes, known, own, width, known.scale, path), gathered)
+    seen = np.sqrt(np.mean(np.sum(gathered.deviation**2, axis=1)))
+    plain, state = gathered, condition(model, gathered)
+    for _ in range(PASSES if path is None else 0):
+        share = state.force + own.ratio * np.eye(len(state.force))[0] * state.own[0]
+        own_push = own.part[:, :, 0] * state.own[0]
+        curved = exact(state.values, share) - (state.physics + state.pushed).reshape(-1, 3) - own_push
+        shifted = plain.deviation - np.einsum("bij,bj->bi", plain.counts, curved[plain.row])
+        gathered = replace(plain, deviation=shifted)
+        state = condition(model, gathered)
+    held = _hold_out(model, gathered)
+    taken, reason = _decide(model, plain, float(seen), held)
+    k = len(slopes.rows)
+    prior = prior_of(model)
+    before = band_radius(_with_run(model, _blocks(prior, k), own.following))
+    after = band_radius(_with_run(model, _blocks(state.tip, k), own.following))
+    seen_before, seen_after = (_band_seen(model, covariance, gathered) for covariance in (prior, state.tip))
+    return ModelUpdate(
+        taken=taken, reason=reason, values=state.values, force=state.force,
+        force_covariance=state.force_covariance, cross=state.cross, own=state.own, own_spread=state.own_spread,
+        physics=state.physics.reshape(k, 3), pushed=state.pushed.reshape(k, 3),
+        residual=state.residual.reshape(k, 3), weight=state.weight.reshape(k, 3),
+        covariance=state.covariance if taken else known.covariance,
+        open=_reduce_covariance(state.tip if taken else prior).reshape(k, 3, -1),
+        band_before=before, band_after=after if taken else before,
+        band_seen=(seen_before, seen_after if taken else seen_before), size=model.size, scale=model.scale,
+        gathered=plain, rms=float(seen), held_out=held,
+        expected=float(np.sqrt(np.mean(np.trace(_with_run(model, _blocks(state.tip, k), own.following), axis1=1,
+                                                axis2=2)))),
+        model=model,
+    )  # fmt: skip
+
+
+def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateModel]:
+    """Return the model whose residual has the size and scale under which a part is most probable, and its logarithm.
+
+    Args:
+        model: Its size is the width that sizes are tried in, its scale that of the folder.
+        gathered: The measurements.
+    """
+    tries = [
+        replace(model, size=size * model.size, scale=scale * model.scale) for scale in SCALES for size in SIZES
+    ]
+    scores = [_log_evidence(one, gathered) for one in tries]
+    best = int(np.argmax(scores))
+    return scores[best], tries[best]
+
+
+@dataclass(frozen=True, eq=False)
+class UpdateState:
+    """What a part leaves known, see `ModelUpdate`; tip: covariance of what repeats, (3 k, 3 k) [m^2]."""
+
+    values: Array
+    force: Array
+    force_covariance: Array
+    cross: Array
+    own: Array
+    own_spread: float
+    covariance: Array
+    physics: Array
+    pushed: Array
+    residual: Array
+    weight: Array
+    tip: Array
+
+
+def _observe(model: UpdateModel, gathered: Gathered) -> tuple[Array, Array, Array]:
+    """Return observations, the rows of the state that they see (o, 3 k), and their own covariance."""
+    k, rank = len(model.slopes.rows), np.round(np.trace(gathered.counts, axis1=1, axis2=2)).astype(int)
+    _, vector = np.linalg.eigh(gathered.counts)
+    seen, values, noise, offset = [], [], [], []
+    for number, row in enumerate(gathered.row):
+        for axis in range(3 - rank[number], 3):
+            line = np.zeros(3 * k)
+            line[3 * row : 3 * row + 3] = vector[number, :, axis]
+            seen.append(line)
+            values.append(float(vector[number, :, axis] @ gathered.deviation[number]))
+            noise.append(gathered.variance[number])
+            offset.append(vector[number, :, axis])
+    scatter = (model.known.repeatability or 0.0) ** 2
+    H, loose = np.array(seen), model.own.part.reshape(3 * k, -1)
+    own = np.diag(noise) + scatter * np.array(offset) @ np.array(offset).T + H @ loose @ (H @ loose).T
+    return np.array(values), H, own
+
+
+def prior_of(model: UpdateModel) -> Array:
+    """Return the covariance of what the next part repeats. Shape (3 k, 3 k). [m^2]"""
+    columns, force, field = model.repeats()
+    return np.asarray(columns @ columns.T + force @ force.T + field)
+
+
+def condition(model: UpdateModel, gathered: Gathered) -> UpdateState:
+    """Condition parameters, force and residual on the observations."""
+    columns, force, field = model.repeats()
+    y, H, own = _observe(model, gathered)
+    prior = columns @ columns.T + force @ force.T + field
+    factor = cho_factor(H @ prior @ H.T + own + 1e-18 * np.eye(len(y)))
+    weight = H.T @ cho_solve(factor, y)
+    own_columns = model.own.part.reshape(len(weight), -1)
+    # one normal state: parameters, force apart from them, and the part's own force
+    every = np.hstack([columns, force, own_columns[:, :1]])
+    left = np.eye(every.shape[1]) - every.T @ H.T @ cho_solve(factor, H @ every)
+    root, p = model.known.spread, columns.shape[1]
+    tied, apart = model.slopes.tie or (np.zeros((force.shape[1], p)), np.eye(force.shape[1]))
+    shares = np.hstack([tied, apart, np.zeros((len(apart), 1))])
+    whole = shares[0] + np.r_[np.zeros(every.shape[1] - 1), model.own.ratio]
+    values, share = root @ columns.T @ weight, shares @ every.T @ weight
+    return UpdateState(
+        values=values,
+        force=share,
+        force_covariance=shares @ left @ shares.T,
+        cross=root @ (left @ shares.T)[:p],
+        own=own_columns.T @ weight,
+        own_spread=float(np.sqrt(max(whole @ left @ whole, 0.0))),
+        covariance=root @ left[:p, :p] @ root.T,
+        physics=model.slopes.model.reshape(len(weight), -1) @ values,
+        pushed=model.slopes.shared.reshape(len(weight), -1) @ share,
+        residual=field @ weight,
+        weight=weight,
+        tip=prior - prior @ H.T @ cho_solve(factor, H @ prior),
+    )
+
+
+def _reduce_covariance(covariance: Array) -> Array:
+    """Return the few columns that make a covariance, (3 k, 3 k) to (3 k, r), its diagonal kept in every row."""
+    value, vector = np.linalg.eigh(covariance)
+    columns = vector[:, -KEPT:] * np.sqrt(np.maximum(value[-KEPT:], 0.0))
+    kept, whole = (columns**2).sum(axis=1), np.maximum(np.diag(covariance), 0.0)
+    columns = columns * np.sqrt(whole / np.maximum(kept, 1e-300))[:, None]
+    return np.pad(columns, ((0, 0), (0, KEPT - columns.shape[1])))
+
+
+def _log_evidence(model: UpdateModel, gathered: Gathered) -> float:
+    y, H, own = _observe(model, gathered)
+    total = H @ prior_of(model) @ H.T + own + 1e-18 * np.eye(len(y))
+    try:
+        factor = cho_factor(total)
+    except np.linalg.LinAlgError:
+        return -np.inf
+    return float(-0.5 * y @ cho_solve(factor, y) - np.log(np.diag(factor[0])).sum())
+
+
+def _hold_out(model: UpdateModel, gathered: Gathered) -> float:
+    """Return the rms that correction leaves on stretches of the path that were not used. [m]"""
+    stretch = np.arange(len(gathered.row)) // STRETCH % PARTS
+    left = np.zeros_like(gathered.deviation)
+    for number in np.unique(stretch):
+        test = stretch == number
+        if test.all():
+            return float("inf")
+        state = condition(model, gathered.take(~test))
+        moved = (state.physics + state.pushed + state.residual).reshape(-1, 3)[gathered.row[test]]
+        left[test] = gathered.deviation[test] - np.einsum("bij,bj->bi", gathered.counts[test], moved)
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def _decide(model: UpdateModel, gathered: Gathered, rms: float, held: float) -> tuple[bool, str]:
+    """Decide whether the step is supported, and say why."""
+    if _is_chance(model, gathered):
+        return False, (
+            f"the measured deviation of {rms * 1e3:.3g} mm rms is no more than instrument, repeatability, clamping and"
+            " the force of each part by itself make by chance: the program stays as it is"
+        )
+    if held >= rms:
+        return False, (
+            f"on stretches that were left out in turn the correction leaves {held * 1e3:.3g} mm rms where"
+            f" {rms * 1e3:.3g} mm were measured: the part does not support the step, the program stays as it is"
+        )
+    return True, (
+        f"on stretches that were left out in turn the correction leaves {held * 1e3:.3g} mm of the"
+        f" {rms * 1e3:.3g} mm rms that were measured"
+    )
+
+
+def _is_chance(model: UpdateModel, gathered: Gathered) -> bool:
+    """Tell whether instrument, repeatability and what a part has of its own alone make what was measured.
+
+    Asked are the directions in which the tip may be off by more than they make, all together and each alone: a part
+    that is off as a whole would drown among all numbers of a scan. Each question has half the chance of a false yes.
+    """
+    y, H, own = _observe(model, gathered)
+    white = np.linalg.inv(np.linalg.cholesky(own + 1e-18 * np.eye(len(y))))
+    value, vector = np.linalg.eigh(white @ H @ prior_of(model) @ H.T @ white.T)
+    square = np.r_[vector[:, value > 1.0].T @ white @ y, 0.0] ** 2
+    share, n = 0.5 * (1.0 - BY_CHANCE), max(len(square) - 1, 1)
+    return bool(square.sum() <= chdtri(n, share) and square.max() <= chdtri(1, share / n))
+
+
+def _blocks(matrix: Array, k: int) -> Array:
+    """Return the 3x3 blocks on the diagonal. Shape (k, 3, 3)."""
+    return np.asarray(matrix.reshape(k, 3, k, 3)[np.arange(k), :, np.arange(k), :])
+
+
+def _band_seen(model: UpdateModel, covariance: Array, gathered: Gathered) -> Array:
+    """Return the band in the directions that the points tell. Shape (b,). [m]"""
+    blocks = _with_run(model, _blocks(covariance, len(model.slopes.rows)), model.own.following)[gathered.row]
+    return np.asarray(band_radius(gathered.counts @ blocks @ gathered.counts))
+
+
+def _with_run(model: UpdateModel, covariance: Array, own: Array) -> Array:
+    """Add what a part has of its own, columns (k, 3, m) [m], and its run. Shape (k, 3, 3). [m^2]"""
+    return covariance + own @ np.swapaxes(own, 1, 2) + (model.known.repeatability or 0.0) ** 2 * np.eye(3)

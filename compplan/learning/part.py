@@ -1,0 +1,404 @@
+"""A cut part, from measured points to the next program: the plan that was cut, the lesson, the plan that follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.effects.forward_model import ForwardModel
+from compplan.io.display import Curve, Curves, Shown
+from compplan.io.quantities import format_length
+from compplan.io.tables import Table
+from compplan.job.job import Job
+from compplan.learning.gathered_points import Gathered, describe_whole, gather_points
+from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
+from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
+from compplan.learning.plausibility import POSSIBLE, explain_points, rigid_columns
+from compplan.learning.representable import Learned, list_learned
+from compplan.learning.residual import Residual, read_residual, residual_file
+from compplan.learning.surface import Surface
+from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
+from compplan.measurement.distance import band_radius
+from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
+from compplan.plan.result import Plan
+from compplan.plan.task import PlanTask
+from compplan.posture.kept_posture import read_lock, turn_about_axis
+from compplan.posture.trace import reach_tip_and_axis
+from compplan.process.learned_force import LearnedForce, read_learned_force
+from compplan.robot import Array, Robot, load_robot
+from compplan.robot.pose import fit_displacement, see_position
+from compplan.robot.uncertainty import Uncertainty
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.toolpath.toolpath import Toolpath, interpolate
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import Slopes, linearise_path
+from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.perturbation import vary_model
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    apply_wrench_to_model,
+    build_path_model,
+    pick_rows,
+    read_force_spread,
+    tip_of,
+)
+from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
+
+#: Places along the path that a lesson is kept at, at most; waypoints nearer to the path than this are reached. [m, rad]
+MOST_PLACES, REACHED = 5000, 1e-6
+#: How far a part that was fitted may have stood off, per axis: as good as not known. [m]
+FITTED = 0.01
+#: What to do about a part that is off as a whole: nobody can tell its clamping from the robot.
+WHOLE_PART = (
+    "--align best_fit takes that off, [noise] part_frame_mm of the job allows for how parts are clamped, --align datum"
+    " learns it as the robot's"
+)
+#: Moves longer than this are corrected at their ends only. [m]
+LONG_MOVE = 0.02
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LearnedPart(Shown):
+    """A lesson with the plans before and after it.
+
+    Attributes:
+        job: The job.
+        robot: The robot of the folder before.
+        taught: The robot of the folder after.
+        lesson: What the part teaches.
+        measured: The measured points.
+        path: The wanted path, base frame.
+        slopes: The path to first order, as it was cut.
+        length: Length of the path at its rows. Shape (k,). [m]
+        before: The plan that was cut.
+        after: The plan that follows.
+        residual: What the next program takes off beside the robot's model.
+        learned: Parameters that moved most for their width.
+        notes: What a user has to know, one sentence each.
+        travel: What other paths are told.
+        force: What is known of the force of the process, or None.
+    """
+
+    job: Job
+    robot: Robot
+    taught: Robot
+    lesson: ModelUpdate
+    measured: MeasuredPath
+    path: Toolpath
+    slopes: Slopes
+    length: Array
+    before: Plan
+    after: Plan
+    residual: Residual
+    learned: tuple[Learned, ...]
+    notes: tuple[str, ...]
+    travel: Transfer
+    force: LearnedForce | None
+
+    @property
+    def wanted(self) -> Array:
+        """Where the path wants the tip at the waypoints of the next program, nothing taken off. Shape (n, 3). [m]."""
+        task = self.after.task
+        length = np.interp(task.origin, np.arange(len(self.path)), self.path.arc_length)
+        return np.asarray(task.position + self.residual.at(length))
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return what the part taught, and what the next one may be expected to be."""
+        lesson, name = self.lesson, self.job.name or self.job.file.stem
+        rows = [
+            ("measured", f"rms {format_length(lesson.rms)} at {len(self.measured)} points"),
+            ("reason", lesson.reason),
+        ]
+        if lesson.taken:
+            rows += [
+                ("expected next", f"rms {format_length(lesson.expected)}"),
+                ("95 % band", f"{format_length(float(lesson.band_after.max()))} at its widest, before "
+                              f"{format_length(float(lesson.band_before.max()))}"),
+            ]  # fmt: skip
+        taken = "corrected program" if lesson.taken else "no correction"
+        return [("measured part", f"{name}: {taken}, {self.robot.name}"), *rows]
+
+    def curves(self) -> Curves:
+        """Return the measured deviation along the path and what stays by the model. [mm]."""
+        order = np.argsort(self.measured.length)
+        measured = np.linalg.norm(self.measured.seen, axis=1)[order] * 1e3
+        explained = np.linalg.norm(self.lesson.physics + self.lesson.pushed + self.lesson.residual, axis=1) * 1e3
+        repeats = Curve("what repeats", self.length * 1e3, explained, "after")
+        lines = (Curve("measured", self.measured.length[order] * 1e3, measured, "before"), repeats)
+        return Curves(self.job.name or self.job.file.stem, "along the path [mm]", "deviation of the part [mm]", lines)
+
+
+@dataclass(frozen=True, eq=False)
+class CutPath:
+    """A path as it was cut.
+
+    Attributes:
+        scene: The robot on it.
+        known: What is known of the robot.
+        force: How surely the force is known, as far as all parts share it.
+        slopes: The path to first order, k rows.
+        length: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape
+            (n,). [m]
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
+    """
+
+    scene: ForwardModel
+    known: Uncertainty
+    force: ForceSpread
+    slopes: Slopes
+    length: Array
+    touched: TouchedPart | None = None
+
+    def with_values(self, values: Array, force: Array) -> ForwardModel:
+        """Return the scene with values of the robot's parameters, shape (p,), and shares of the force, shape (4,)."""
+        return apply_wrench_to_model(vary_model(self.scene, self.known.unknowns, values), force, self.force)
+
+    def exact(self, values: Array, force: Array) -> Array:
+        """Return the motion of the tip by values of parameters and force. Shape (k, 3). [m]"""
+        return self.tip(values, force, self.slopes.rows) - self.slopes.tip
+
+    def tip(self, values: Array, force: Array, rows: NDArray[np.int_]) -> Array:
+        """Return the tip with values of parameters and force, relative to the part frame found. Shape (k, 3). [m]"""
+        position = tip_of(self.with_values(values, force), rows)
+        if self.touched is None:
+            return position
+        touch = stage_touch(self.touched)
+        every = np.arange(len(self.touched.q))
+        moved = tip_of(vary_model(touch, self.known.unknowns, values * is_lasting(self.known.unknowns)), every)
+        return see_position(position, fit_displacement(tip_of(touch, every), moved))
+
+
+def linearise_cut(before: Plan, wanted: Toolpath, force: ForceSpread) -> CutPath:
+    """Linearise a path as it was cut, by its plan; the wanted path stands in the base frame."""
+    known, task = robot_uncertainty(before.robot), before.task
+    scene = build_path_model(before.robot, before.q, task.wrench, task.step_time)
+    length = np.interp(task.origin, np.arange(len(wanted)), wanted.arc_length)
+    slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
+    return CutPath(scene, known, force, slopes, length, task.touched)
+
+
+def learn_from_part(
+    job: Job, robot_name: str | Path | Robot, measured: Any, *, in_base: bool = False, align: str | None = None,
+    sigma: float | None = None, sure: bool = False, surface: Surface | None = None,
+    announce: Callable[[str], None] = lambda words: None,
+) -> LearnedPart:  # fmt: skip
+    """Learn from a cut part and plan the next one.
+
+    Args:
+        job: The job.
+        robot_name: The robot folder that the program was planned with; what it learned on this path lies in it.
+        measured: The measured points: a file, or its columns.
+        in_base: Whether they are in the base frame; otherwise in the part frame.
+        align: "datum": the points stand where their frame says; "best_fit": a rigid motion is fitted and taken off;
+            None: as "datum", but asked about where most of what was measured is such a motion.
+        sigma: Standard deviation of points whose file states none; assumed if left out. [m]
+        sure: Whether points that cannot be are meant as they are.
+        surface: The nominal surface of the part in the frame of the points, or None.
+        announce: Told what is being done.
+
+    Raises:
+        InputError: If a file is not what it has to be.
+    """
+    points = read_measured_points(measured)
+    robot = robot_name if isinstance(robot_name, Robot) else load_robot(robot_name)
+    old = read_residual(residual_file(robot, job), robot)
+    job = job.with_force(read_learned_force(robot.folder, job.process))
+    announce("the plan that was cut")
+    wanted, before = plan_learned(job, robot, old)
+    matched = match_points(
+        points, wanted, job.T_base_part, in_base=in_base, align=align or "datum", sigma=sigma, sure=sure,
+        surface=surface,
+    )  # fmt: skip
+    announce("what the part teaches")
+    whole = read_force_spread(job)
+    cut = linearise_cut(before, wanted, whole.of_all())
+    slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
+    gathered, own = gather_points(matched, length), own_of(job, slopes, whole, matched)
+    left_open = None if old is None else interpolate(length, old.length, old.open)
+    if not sure:
+        band = possible_band(slopes, known, gathered, own, left_open)
+        ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
+    allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
+    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, asked=align is None and not sure)
+    learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
+    lesson = learn(left_open)
+    # what the path left open stands for robot and force there: other paths are told what these say alone
+    wide = lesson if old is None else learn()
+    told = lesson.taken
+    others = (
+        transfer_to_paths(job, robot, before.task, wide, known, whole) if told else transfer_nothing(job, robot, wide)
+    )
+    residual = add_residual(old, lesson, cut, before.task, others) if told else old
+    announce("the plan that follows")
+    job = job.with_force(others.force)
+    after = plan_learned(job, others.robot, residual)[1] if told else before
+    after = with_band(after, lesson, slopes, known) if residual is not None else after
+    return LearnedPart(
+        job, robot, others.robot, lesson, matched, wanted, slopes, length, before, after,
+        residual or leave_path(length, lesson, before.task.q_start[slopes.rows]),
+        tuple(list_learned(known, wide.values, others.held)),
+        _list_notes(lesson, others.travel, matched, wanted, stood), others.travel, others.force,
+    )  # fmt: skip
+
+
+def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
+    """Return what stays with the path where nothing is taken off it: nothing, and how open the lesson leaves it.
+
+    Args:
+        length: Length of the path at the rows of the lesson. Shape (k,). [m]
+        lesson: The lesson.
+        q: Joint positions there. Shape (k, nq). [rad or m]
+    """
+    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
+
+
+def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
+    """State what the measured part and the next one have of their own, as far as the job or the force says it."""
+    placed, tip = read_placement(job.noise), slopes.tip
+    columns = rigid_columns(tip)
+    free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
+    clamped = None if placed is None else shift_part(tip, job.T_base_part[:3, 3], placed)
+    warm = job.noise.temperature_K * job.noise.expansion_per_K if "temperature_K" in job.noise.model_fields_set else 0.0
+    fitted = None if matched.motion is None else columns * np.repeat(free, 3)
+    return state_own(tip, slopes.shared[:, :, 0], spread, clamped, fitted, warm)
+
+
+def _list_notes(
+    lesson: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
+) -> tuple[str, ...]:
+    """Return why the lesson is taken or left, and what to know of the points and of long moves."""
+    longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
+    coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
+    told = (travel.reason, *([f"{stood}: it is learned as the robot's"] if stood else [])) if lesson.taken else ()
+    return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
+
+
+def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, *, asked: bool) -> str:
+    """Say how the part stood off as a whole, "" where it did not.
+
+    Raises:
+        InputError: If it did, and that is asked about.
+    """
+    stood = describe_whole(gathered, tip, job.T_base_part[:3, :3])
+    if stood and asked:
+        raise points.error(f"{stood}; did the part stand so? {WHOLE_PART}")
+    return stood
+
+
+def ask_possible(
+    points: Table, gathered: Gathered, band: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool
+) -> None:
+    """Ask about points that are farther off than folder, force, clamping and instrument let a part be.
+
+    Raises:
+        InputError: If the typical point is.
+    """
+    size = np.linalg.norm(gathered.deviation, axis=1)
+    if float(np.median(size / np.maximum(band, 1e-12))) <= POSSIBLE:
+        return
+    said = (
+        f"the points are {float(np.median(size)) * 1e3:.3g} mm off (median), {np.median(size / band):.2g} times the"
+        f" {float(np.median(band)) * 1e3:.3g} mm that robot folder, force and instrument allow with 95 %"
+    )
+    other = explain_points(points.stack(["x", "y", "z"]), nominal, T_base_part, in_base=in_base, whole=whole)
+    raise points.error(
+        f"{said}{other}; is it this part, and did it stand where the job says? --align best_fit takes a shift of the"
+        " whole part off, --assume-ok learns it as it is"
+    )
+
+
+def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, Plan]:
+    """Plan a job with a robot of one's own; also return the wanted path before the residual is taken off."""
+    nominal, task, options = build_learned(job, robot, residual)
+    # the judge of a job reads the job's own robot and path: here both have learned, and the task's own force acts
+    name = job.name or job.file.stem
+    plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
+    if residual is not None:
+        most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
+        said = f"the path is shifted by up to {most:.3g} mm for what cut parts taught; deviations count from there"
+        plan = replace(plan, notes=(said, *plan.notes))
+    return nominal, plan
+
+
+def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Toolpath, PlanTask, PlanOptions]:
+    """Prepare the task of a job with a robot of one's own; also return the wanted path, and what the plan may do.
+
+    A path that has learned keeps the posture in which it learned, another one that of the job's own robot.
+    """
+    _, nominal, options = prepare_job(job)
+    mounted = robot if job.tool is None else job.tool.mount(robot)
+    options = replace(options, lock=options.lock or read_lock(job, mounted))
+    aimed = nominal
+    if residual is not None:
+        aimed = replace(nominal, position=nominal.position - residual.at(nominal.arc_length))
+    task = build_task(mounted, aimed, options, file=job.file)
+    if residual is not None:
+        task = keep_posture(task, residual, np.interp(task.origin, np.arange(len(nominal)), nominal.arc_length))
+    return nominal, task, options
+
+
+def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
+    """Return a task whose start stands as the arm stood when the path was learned.
+
+    Args:
+        task: The task, its posture chosen anew.
+        residual: What was learned, with the posture.
+        length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
+    """
+    near = interpolate(length, residual.length, residual.q)
+    if task.robot.nq < 6:
+        arm, wanted = build_arm(task.robot), (task.position, task.rotation)
+        q, reached = reach_tip_and_axis(arm, near, *wanted, spin_free=task.spin_free)
+        return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
+    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation, task.nominal.axis)
+    arm = build_arm(task.robot)
+    q = refine_ik(arm, near, task.position, rotation)
+    missed = np.abs(pose_error(arm.chain, q, task.position, rotation)).max(axis=1) > REACHED
+    return replace(task, q_start=q, rotation=rotation, missed=missed)
+
+
+def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others) -> Residual:
+    """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
+
+    Args:
+        old: What was learned before, or None.
+        lesson: The lesson.
+        cut: The path as it was cut.
+        task: Its task.
+        others: What robot folder and process say now.
+    """
+    rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
+    length, at = cut.length[rows], cut.length[slopes.rows]
+    if old is not None:
+        moved = tip_of(cut.scene, rows) + old.at(length)
+        moved = moved + interpolate(length, at, lesson.residual)
+    else:
+        moved = cut.tip(lesson.values, lesson.force, rows)
+        moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
+    moved = moved - cut.tip(others.held, others.shares, rows)
+    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
+    return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
+
+
+def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
+    """Give a plan the promise of the lesson: this path is known better than the robot is elsewhere."""
+    promise = plan.promise
+    if promise is None:
+        return plan
+    n = len(plan.task)
+    rows = slopes.rows * (n - 1) / max(len(promise.cut) - 1, 1)
+    radius = np.interp(np.arange(n), rows, lesson.band_after)
+    own = lesson.model.own.following
+    force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
+    parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n)}
+    parts["force"] = np.interp(np.arange(n), rows, force)
+    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, narrowings=())
+    whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
+    return replace(plan, learned=replace(better, whole=whole))

@@ -1,0 +1,162 @@
+"""What a robot folder can hold of a lesson: parameters that URDF and springs can say, and how surely all are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from compplan.effects import EFFECTS, Effect
+from compplan.effects.checks import check_effect
+from compplan.effects.signature import pack_parameters
+from compplan.errors import CompplanError
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty, Unknown, split_unknowns
+from compplan.uncertainty.assumed import LINK_ELASTICITY
+from compplan.uncertainty.perturbation import vary_robot
+
+#: Effects that are one spring.
+SPRINGS = ("joint_stiffness", "link_compliance", "base_compliance")
+#: Beginnings of the parameters by which effects of one place and form add up.
+ADDS = {"backlash": ("width",), "transmission_error": ("sine", "cosine", "height", "spline")}
+
+
+class Learned(NamedTuple):
+    """A parameter that a part told something of.
+
+    Attributes:
+        name: Its name for people.
+        key: Its key; the unit is its end.
+        value: What it moved by. [SI]
+        width: Its standard deviation before. [SI]
+        kept: Whether the robot folder holds it, nine tenths of it at least.
+    """
+
+    name: str
+    key: str
+    value: float
+    width: float
+    kept: bool
+
+
+def apply_update(
+    robot: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
+) -> tuple[Robot, Array]:
+    """Put what was learned into a robot folder, counterparts together, and how surely all of it is known.
+
+    What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
+    below zero) stays with the path; its mean counts as not known, m m^T.
+
+    Args:
+        robot: The robot of the folder.
+        known: What was known; its unknowns order the values.
+        values: Posterior means about the folder. Shape (p,). [SI]
+        covariance: Posterior covariance. Shape (p, p).
+        own_tool: Whether the tool is the folder's, not the job's.
+
+    Returns:
+        The robot, and how much of each value it holds now. Shape (p,). [SI]
+    """
+    held: list[Array] = []
+    for unknown, own in split_unknowns(known.unknowns, values):
+        holds_tool = own_tool or unknown.effect != "tool_frame"
+        robot, part = fit_representable(robot, unknown, own) if holds_tool else (robot, np.zeros(len(own)))
+        held.append(part)
+    holds = np.concatenate(held) if held else np.zeros(0)
+    missing = values - holds
+    after = known.with_covariance(covariance + np.outer(missing, missing))
+    folder = after.select(own_tool or u.effect != "tool_frame" for u in after.unknowns)
+    return replace(robot, uncertainty=replace(folder, grade=known.grade)), holds
+
+
+def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot, Array]:
+    """Put values of one unknown into a robot folder; also return how much of them it holds. own: shape (k,). [SI]
+
+    A spring bends with its load: of a compliance that would come out below zero the folder holds what takes it to zero.
+    """
+    if unknown.effect == LINK_ELASTICITY:
+        return vary_robot(robot, unknown, own)[0], own
+    joints = {joint.name for joint in robot.joints}
+    if unknown.joint is not None and unknown.joint not in joints:
+        return robot, np.zeros(len(own))
+    effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, own, unknown.fixed))
+    folded = EFFECTS[unknown.effect].fold(robot, effect)
+    if folded is None:
+        return add_effect(robot, effect, own)
+    if unknown.effect in SPRINGS:
+        own = np.array([_sum_springs(folded) - _sum_springs(robot)])
+    return folded, own
+
+
+def add_effect(robot: Robot, effect: Effect, own: Array) -> tuple[Robot, Array]:
+    """Add an effect to those of a folder, to one of its own kind and place where there is one.
+
+    Args:
+        robot: The robot of the folder.
+        effect: The effect.
+        own: Its unknown values. [SI]
+
+    Returns:
+        The robot, and how much of the values it holds: nothing where the effect's file cannot say them.
+    """
+    if effect.name == "backlash":  # lost motion below zero is none: a command cannot lead it
+        same = [one for one in robot.effects if (one["effect"], one.get("joint")) == (effect.name, effect.joint)]
+        own = np.maximum(own, -max(sum(map(_width, same)), 0.0))
+        effect = replace(effect, parameters={key: float(own[0]) for key in effect.parameters})
+    if not np.any(own):
+        return robot, own
+    table, tables = effect.to_table(), [dict(one) for one in robot.effects]
+    for number, one in enumerate(tables):
+        if (merged := _merge(one, table)) is not None:
+            tables[number] = merged
+            break
+    else:
+        tables.append(table)
+    try:
+        check_effect(table, robot, None, "effect")
+    except CompplanError:
+        return robot, np.zeros(len(own))
+    return replace(robot, effects=tuple(tables)), own
+
+
+def _width(table: Mapping[str, Any]) -> float:
+    """Return the width of a lost motion. [rad or m]"""
+    values = table["parameters"]
+    return float(values.get("width_rad", values.get("width_m", 0.0)))
+
+
+def _merge(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Add two tables of one effect whose sizes add up; None where they are not of one kind, place and form."""
+    if any(one.get(key) != other.get(key) for key in ("effect", "joint", "axis")):
+        return None
+    old, new = one["parameters"], other["parameters"]
+    sizes = ADDS.get(str(one["effect"]), ())
+    if not sizes or set(old) != set(new) or any(old[key] != new[key] for key in old if not key.startswith(sizes)):
+        return None
+    summed: dict[str, Any] = {}
+    for key in old:
+        if not key.startswith(sizes):
+            summed[key] = old[key]
+        elif isinstance(old[key], list):
+            summed[key] = [a + b for a, b in zip(old[key], new[key], strict=True)]
+        else:
+            summed[key] = old[key] + new[key]
+    return {**one, "parameters": summed}
+
+
+def _sum_springs(robot: Robot) -> float:
+    return float(sum(spring.compliance for spring in robot.springs))
+
+
+def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10) -> list[Learned]:
+    """List the parameters that moved most for their width."""
+    kept = np.abs(values - held) <= 0.1 * np.abs(values)
+    width = known.width
+    share = np.abs(values) / np.maximum(width, 1e-300)
+    names, keys = known.names, [key for unknown in known.unknowns for key in unknown.keys]
+    return [
+        Learned(names[k], keys[k], float(values[k]), float(width[k]), bool(kept[k]))
+        for k in np.argsort(-share)[:most]
+    ]

@@ -1,0 +1,222 @@
+"""What of a lesson travels to other paths: the force of the process, and the robot whole or not at all.
+
+A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
+alone and force and robot together have to leave less on the stretch that they did not see. Then the taught robot is
+tried on paths that the part did not see at all (`compplan.learning.generalisation`).
+"""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.job.job import Job
+from compplan.job.loading import find_learned_force
+from compplan.learning.gathered_points import Gathered
+from compplan.learning.generalisation import check_generalisation
+from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
+from compplan.learning.representable import apply_update
+from compplan.plan.task import PlanTask
+from compplan.process.learned_force import LearnedForce, LearnedPartTable, add_part, find_axes
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
+from compplan.uncertainty.sensitivities import ForceSpread
+from compplan.uncertainty.shrinkage import shrink_alike
+
+#: Stretches that a part is dealt to.
+STRETCHES = 4
+#: What a step has to leave, at most, of what is left without it (assumed: less is no lesson for another path).
+FORCE, ROBOT = 0.97, 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """What travels.
+
+    Attributes:
+        force: Whether the force does.
+        robot: Whether the robot does.
+        reason: What the stretches say.
+        left: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
+    """
+
+    force: bool
+    robot: bool
+    reason: str
+    left: tuple[float, float, float]
+
+    def without_robot(self, why: str) -> Transfer:
+        """Return what travels where the robot does not: the force, if it helps alone."""
+        force = bool(self.left[1] < FORCE * self.left[0])
+        return replace(self, force=force, robot=False, reason=f"{self.reason}; the robot is not told: {why}")
+
+
+def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
+    """Ask stretches of a part that were left out what may be told to other paths."""
+    part = np.minimum(STRETCHES * np.arange(len(gathered.row)) // max(len(gathered.row), 1), STRETCHES - 1)
+    left = np.zeros((3, *gathered.deviation.shape))
+    for number in np.unique(part):
+        test = part == number
+        if test.all():
+            return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
+        state, rows = condition(model, gathered.take(~test)), gathered.row[test]
+        own = model.own.part[rows] @ state.own
+        force, robot = (moved.reshape(-1, 3)[rows] for moved in (state.pushed, state.physics))
+        for k, moved in enumerate((0.0 * own, own + force, own + force + robot)):
+            seen = np.einsum("bij,bj->bi", gathered.counts[test], moved)
+            left[k, test] = gathered.deviation[test] - seen
+    rms = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
+    pushes = bool(np.any(model.slopes.shared[:, :, 0]))
+    force = pushes and bool(rms[1] < FORCE * rms[0])
+    robot = bool(rms[2] < ROBOT * min(rms[0], rms[1]))
+    names = ("nothing", "the force", "both")
+    said = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
+    told = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
+    reason = f"other paths are told {told}: stretches of the part that were left out stay off by {said}"
+    return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
+
+
+def state_own(
+    tip: Array, level: Array, spread: ForceSpread, clamped: Array | None, fitted: Array | None, warm: float
+) -> Own:
+    """State what a part has of its own: its force, how it is clamped, how warm the arm is.
+
+    Args:
+        tip: Where the tip goes. Shape (k, 3). [m]
+        level: Motion of the tip by the level that all parts share, one standard deviation. Shape (k, 3). [m]
+        spread: How surely the force is known.
+        clamped: Motion of the part by how it is clamped, columns of one standard deviation. Shape (k, 3, c). [m]
+        fitted: The same of the measured part where a best fit took its motion off.
+        warm: Growth of the arm from part to part, one standard deviation, relative.
+    """
+    ratio = spread.scatter / spread.common if spread.common > 0.0 else 0.0
+    force = ratio * level[:, :, None]
+    clamped = np.zeros((len(tip), 3, 0)) if clamped is None else clamped
+    heat = warm * tip[:, :, None] if warm > 0.0 else np.zeros((len(tip), 3, 0))
+    part = [force, clamped if fitted is None else fitted, heat]
+    return Own(np.concatenate(part, axis=2), np.concatenate([force, clamped, heat], axis=2), ratio)
+
+
+def learn_force(
+    lesson: ModelUpdate,
+    spread: ForceSpread,
+    old: LearnedForce | None,
+    process: object,
+    R_base_part: Array,
+    job: str,
+    kept: NDArray[np.bool_],
+) -> tuple[LearnedForce, Array]:
+    """Turn a lesson into what other paths are told of the force; also return its shares that they are told, (4,).
+
+    Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path.
+
+    Args:
+        lesson: The lesson.
+        spread: How surely the force was known.
+        old: What was known of it, or None.
+        process: The [process] of the job.
+        R_base_part: Part axes seen from the base. Shape (3, 3).
+        job: Name of the job.
+        kept: Parameters that the robot folder is told, too; none where it is told nothing. Shape (p,).
+    """
+    axes, told = find_axes(process), lesson.force.copy()
+    scale = 1.0 if old is None else old.level
+    common, width = spread.common, np.sqrt(np.maximum(np.diag(lesson.force_covariance), 0.0))
+    level = scale * (1.0 + common * float(told[0]))
+    turn = spread.direction * told[1:]
+    if not axes:
+        told[1:] = 0.0
+    sigma = float(spread.direction * np.sqrt(np.mean(width[1:] ** 2))) if axes else None
+    before = np.zeros(3) if old is None else old.turn
+    axis = R_base_part if axes == "part" else np.eye(3)
+    local = axis.T @ turn
+    own = scale * (1.0 + common * float(told[0] + lesson.model.own.ratio * lesson.own[0]))
+    part = LearnedPartTable(
+        date=datetime.datetime.now(tz=datetime.UTC).date(), job=job, level=max(own, 1e-3),
+        sigma=scale * common * lesson.own_spread,
+    )  # fmt: skip
+    parts = () if old is None or not old.same else old.parts
+    cross = lesson.cross[kept]
+    robot = np.hstack([scale * common * cross[:, :1], spread.direction * bool(axes) * cross[:, 1:] @ axis])
+    known = LearnedForce(
+        max(level, 1e-3), scale * common * float(width[0]), before + local if axes else np.zeros(3), sigma,
+        spread.scatter, parts, axes, robot=robot,
+    )  # fmt: skip
+    known = add_part(known, part)
+    told[0] = (known.level / scale - 1.0) / common if common > 0.0 else 0.0
+    return known, told
+
+
+class Others(NamedTuple):
+    """What other paths are told: what travels, the robot, how much of each parameter it holds, the force, its shares.
+
+    `held` has shape (p,) [SI], `shares` (4,).
+    """
+
+    travel: Transfer
+    robot: Robot
+    held: Array
+    force: LearnedForce | None
+    shares: Array
+
+
+def transfer_nothing(job: Job, robot: Robot, lesson: ModelUpdate) -> Others:
+    """Tell other paths nothing."""
+    travel = Transfer(False, False, "other paths are told nothing", (np.inf,) * 3)
+    return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
+
+
+def transfer_to_paths(
+    job: Job, robot: Robot, task: PlanTask, lesson: ModelUpdate, known: Uncertainty, spread: ForceSpread
+) -> Others:
+    """Tell other paths what stretches of the part that were left out support: the force, and the robot as a whole.
+
+    The robot is tried on paths that the part did not see; where it fails there it is not told.
+    """
+    travel = choose_transfer(lesson.model, lesson.gathered)
+    told = _tell(job, robot, task, lesson, known, spread, travel)
+    if not travel.robot:
+        return told
+    taught = told.robot if job.tool is None else job.tool.mount(told.robot)
+    fits, said = check_generalisation(task, taught, known, told.shares, spread.of_all())
+    if fits:
+        return told._replace(travel=replace(travel, reason="; ".join(filter(None, (travel.reason, said)))))
+    return _tell(job, robot, task, lesson, known, spread, travel.without_robot(said))
+
+
+def _tell(
+    job: Job,
+    robot: Robot,
+    task: PlanTask,
+    lesson: ModelUpdate,
+    known: Uncertainty,
+    spread: ForceSpread,
+    travel: Transfer,
+) -> Others:
+    """Tell other paths what may travel."""
+    told = transfer_nothing(job, robot, lesson)._replace(travel=travel)
+    own_tool = job.tool is None
+    if told.travel.force:
+        name, turn = job.name or job.file.stem, job.T_base_part[:3, :3]
+        keep = [(own_tool or u.effect != "tool_frame") and told.travel.robot for u in known.unknowns for _ in u.keys]
+        force, shares = learn_force(lesson, spread, told.force, job.process, turn, name, np.array(keep, bool))
+        told = told._replace(force=force, shares=shares)
+    if told.travel.robot:
+        taught, held = plan_updated(robot, task.robot, known, lesson.values, lesson.covariance, own_tool=own_tool)
+        told = told._replace(robot=taught, held=held)
+    return told
+
+
+def plan_updated(
+    robot: Robot, planned: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
+) -> tuple[Robot, Array]:
+    """Teach a robot folder what a part says about the robot that was planned with; see `apply_update`.
+
+    What of its parts in doubt had faded there stays out, and the rest no longer fades: the lesson counts on it.
+    """
+    alike = replace(shrink_alike(robot, planned), visited=None)
+    return apply_update(alike, known, values, covariance, own_tool=own_tool)

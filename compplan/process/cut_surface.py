@@ -1,0 +1,318 @@
+"""What is left of the stock: which move last lowered each column, and how low it went there exactly.
+
+A coarse map keeps for each column the lowest move so far. A question about a place looks up the moves of its four
+columns and works out from their geometry how low they went at the place itself, so that walls stand where the cutter
+left them, not where the grid has its lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.io.tables import Array
+from compplan.process.cutter import Cutter
+from compplan.process.stock import expand_boxes
+
+#: Cells of the map at most, and cells across a cutter's radius.
+MOST_CELLS, CELLS_A_RADIUS = 12_000_000, 8.0
+#: Moves that are longer than this are entered in pieces, in radii.
+LONGEST_PIECE = 4.0
+#: Of two moves that are equally low at a column the one that passes nearer owns it. The floor is that of the lowest
+#: move, but for rounding; walls are those of moves that pass near, also where they stand higher by some hundredths of a
+#: millimetre than others of their pass, as those of a tool that gives way do.
+LEVEL_LEAN, WALL_LEAN = 1e-6, 0.02
+#: Moves with this much of the path between them belong to different passes, in radii.
+PASS = 1.5
+#: Material that is thinner than this is none. [m]
+NOTHING = 1e-9
+#: Moves of a tool that leans are entered in pieces of this length, in radii.
+LEANING_PIECE = 0.5
+#: Places along a sloped move at which a rounded cutter is looked at.
+STATIONS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+
+
+def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: float = 0.0) -> Array:
+    """Return how low the cutter goes at places in a move; infinite where it does not pass.
+
+    At a place c the cutter at p(t) = start + t (end - start) stands at z(t) + h(|c - p(t)|), h its profile. Exact for
+    level moves, plunges, flat and ball end mills; a rounded corner on a slope is taken at five t across the place.
+
+    Args:
+        cutter: The cutter, its axis along z.
+        place: Shape (..., 2). [m]
+        start: Tip where the move begins. Shape (..., 3). [m]
+        end: Tip where it ends. Shape (..., 3). [m]
+        lean: What each metre from the axis counts as height, to rank moves that are equally low. [1]
+
+    Returns:
+        Shape (...). [m]
+
+    """
+    way_x, way_y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
+    off_x, off_y = place[..., 0] - start[..., 0], place[..., 1] - start[..., 1]
+    square = way_x * way_x + way_y * way_y
+    still = square < 1e-18
+    along = (off_x * way_x + off_y * way_y) / np.where(still, 1.0, square)
+    rise = end[..., 2] - start[..., 2]
+    if not (np.abs(rise) > 1e-12).any():
+        t = np.minimum(np.maximum(along, 0.0), 1.0)
+        distance = np.hypot(off_x - t * way_x, off_y - t * way_y)
+        return np.asarray(start[..., 2] + cutter.height(distance) + lean * distance)
+    aside = off_x * off_x + off_y * off_y - along * along * square
+    run = np.sqrt(np.where(still, 1.0, square))
+    room = np.sqrt(np.maximum(cutter.radius**2 - aside, 0.0)) / run
+    if cutter.round:
+        slope = rise / run
+        stations: tuple[Array | float, ...] = (-slope / np.sqrt(1.0 + slope * slope),)
+    else:
+        stations = (-1.0, 1.0) if cutter.even else STATIONS
+    lowest = np.full(np.shape(along), np.inf)
+    for station in stations:
+        t = np.minimum(np.maximum(along + station * room * (1.0 - 1e-12), 0.0), 1.0)
+        t = np.where(still, rise < 0.0, t)
+        distance = np.hypot(off_x - t * way_x, off_y - t * way_y)
+        lowest = np.minimum(lowest, start[..., 2] + t * rise + cutter.height(distance) + lean * distance)
+    return lowest
+
+
+@dataclass(frozen=True)
+class Claims:
+    """Which move stands for each column of a map.
+
+    Args:
+        lean: What each metre from the axis of a move counts as height. [1]
+        height: How low the column was cut, the lean counted in. Shape (a, b). [m]
+        owner: The move that did it, -1 for none. Shape (a, b).
+        before: The last one of another pass that stood for it, -1 for none. Shape (a, b).
+
+    """
+
+    lean: float
+    height: Array
+    owner: NDArray[np.int32]
+    before: NDArray[np.int32]
+
+    def enter(self, flat: NDArray[np.int_], z: Array, moves: NDArray[np.int_], way: Array, apart: float) -> None:
+        """Let moves take the columns that they cut lower.
+
+        Args:
+            flat: Number of the column. Shape (c,).
+            z: How low it is cut, the lean counted in. Shape (c,). [m]
+            moves: The move that does it. Shape (c,).
+            way: Length of the path up to each move. Shape (m,). [m]
+            apart: Moves with more of the path between them belong to different passes. [m]
+
+        """
+        height, owner, before = (grid.reshape(-1) for grid in (self.height, self.owner, self.before))
+        better = z < height[flat]
+        flat, z, moves = flat[better], z[better], moves[better]
+        former = owner[flat]
+        np.minimum.at(height, flat, z)
+        won = z <= height[flat]
+        other = won & (former >= 0) & (way[moves] - way[former] > apart)
+        before[flat[other]] = former[other]
+        owner[flat[won]] = moves[won]
+
+
+@dataclass(frozen=True)
+class CutSurface:
+    """The map of what was cut; `cut` enters moves, `lowest` asks for places.
+
+    Args:
+        cutter: The cutter.
+        start: Tips where moves begin. Shape (m, 3). [m]
+        end: Tips where they end. Shape (m, 3). [m]
+        origin: Place of the first column. Shape (2,). [m]
+        cell: Distance of columns. [m]
+        floor: The lowest move at each column.
+        wall: The one that passes nearest, of those that are about as low: it reaches the walls around.
+        tilt: Axes of the tool at the end of each move as columns, None where it stands upright. Shape (m, 3, 3).
+
+    """
+
+    cutter: Cutter
+    start: Array
+    end: Array
+    origin: Array
+    cell: float
+    floor: Claims
+    wall: Claims
+    tilt: Array | None = None
+
+    @cached_property
+    def way(self) -> Array:
+        """Length of the path up to the end of each move. Shape (m,). [m]"""
+        return np.asarray(np.cumsum(np.linalg.norm(self.end - self.start, axis=1)))
+
+    def cut(self, moves: NDArray[np.int_]) -> None:
+        """Enter moves into the map."""
+        if not len(moves):
+            return
+        start, end = self.start[moves], self.end[moves]
+        length = np.linalg.norm(end[:, :2] - start[:, :2], axis=1)
+        round_or_upright = self.tilt is None or self.cutter.round
+        piece = (LONGEST_PIECE if round_or_upright else LEANING_PIECE) * self.cutter.radius
+        pieces = np.maximum(np.ceil(length / piece), 1.0).astype(int)
+        item = np.repeat(np.arange(len(moves)), pieces)
+        number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        a, b = (_between(start, end, item, (number + i) / pieces[item]) for i in (0, 1))
+        leans: list[Array] = []
+        if self.tilt is not None:
+            first, last = self.tilt[np.maximum(moves - 1, 0), :, 2], self.tilt[moves, :, 2]
+            leans = [_between(first, last, item, (number + i) / pieces[item]) for i in (0, 1)]
+            if self.cutter.round:  # the ball is where its centre is
+                up = np.array([0.0, 0.0, 1.0])
+                a, b, leans = a + self.cutter.corner * (leans[0] - up), b + self.cutter.corner * (leans[1] - up), []
+        reach = self._margin(leans)
+        low = np.minimum(a, b)[:, :2] - reach - self.origin
+        high = np.maximum(a, b)[:, :2] + reach - self.origin
+        shape = np.array(self.floor.height.shape)
+        first_cell = np.clip(np.ceil(low / self.cell).astype(int), 0, shape)
+        after = np.clip(np.floor(high / self.cell).astype(int) + 1, 0, shape)
+        box, cells = expand_boxes(first_cell, after)
+        if not len(box):
+            return
+        place, flat = self.origin + cells * self.cell, cells[:, 0] * shape[1] + cells[:, 1]
+        for claims in (self.floor, self.wall):
+            if not leans:
+                z = lowest_reach(self.cutter, place, a[box], b[box], claims.lean)
+            else:
+                ends = ((a, leans[0]), (b, leans[1]))
+                z = np.minimum(*(leaning_reach(self.cutter, place, p[box], v[box], claims.lean) for p, v in ends))
+            claims.enter(flat, z, moves[item[box]], self.way, PASS * self.cutter.radius)
+
+    def _margin(self, axes: list[Array]) -> float:
+        """Return how far a leaning tool reaches from its tip. [m]"""
+        sideways = max((float(np.abs(v[:, :2]).max()) for v in axes), default=0.0)
+        return self.cutter.radius + self.cutter.flute * sideways
+
+    def uncut(self, point: Array, before: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Tell which points no move took away so far, of those before a number. Shapes (s, 3) and (s,), to (s,)."""
+        left = np.ones(len(point), dtype=bool)
+        near = np.rint((point[:, :2] - self.origin) / self.cell).astype(int)
+        near = np.clip(near, 0, np.array(self.floor.owner.shape) - 1)
+        first = self.floor.owner[near[:, 0], near[:, 1]]  # what cut the nearest column lowest settles most points
+        asked = np.flatnonzero((first >= 0) & (first < before))
+        left[asked] = self.gap(point[asked], first[asked].astype(int)) >= NOTHING
+        others = np.flatnonzero(left)
+        owner = self._owners(point[others, :2])
+        fresh = (owner >= 0) & (owner < before[others]) & (owner != first[others])
+        fresh[1:] &= owner[1:] != owner[:-1]
+        k, sample = np.nonzero(fresh)
+        cut = self.gap(point[others[sample]], owner[k, sample].astype(int)) < NOTHING
+        left[others[sample[cut]]] = False
+        return left
+
+    def gap(self, point: Array, moves: NDArray[np.int_]) -> Array:
+        """Return how far above points moves went, along the tool axis. Shapes (s, 3) and (s,), to (s,). [m]
+
+        Seen from a tool that moves and turns little, a point goes on a straight line.
+        """
+        start, end = self.start[moves], self.end[moves]
+        if self.tilt is None:
+            return lowest_reach(self.cutter, point[:, :2], start, end) - point[:, 2]
+        begin = np.einsum("sij,si->sj", self.tilt[np.maximum(moves - 1, 0)], start - point)
+        stop = np.einsum("sij,si->sj", self.tilt[moves], end - point)
+        return lowest_reach(self.cutter, np.zeros((len(point), 2)), begin, stop)
+
+    def lowest(self, place: Array) -> Array:
+        """Return how low the cutter went so far at places; infinite where it never was. Shape (...) from (..., 2)."""
+        owner = self._owners(place.reshape(-1, 2))
+        fresh = owner >= 0
+        fresh[1:] &= owner[1:] != owner[:-1]
+        k, sample = np.nonzero(fresh)
+        moves, z = owner[k, sample], np.full(owner.shape, np.inf)
+        z[k, sample] = lowest_reach(self.cutter, place.reshape(-1, 2)[sample], self.start[moves], self.end[moves])
+        return np.asarray(z.min(axis=0).reshape(place.shape[:-1]))
+
+    def _owners(self, place: Array) -> NDArray[np.int32]:
+        """Return the moves that stand for the columns around places, in order. Shape (o, s) from (s, 2)."""
+        columns = self.floor.owner.shape[1]
+        first = np.floor((place - self.origin) / self.cell).astype(int)
+        first = np.clip(first, 0, np.array(self.floor.owner.shape) - 2)
+        corner = (first[:, 0] * columns + first[:, 1]) + np.array([[0], [1], [columns], [columns + 1]])
+        grids = (self.floor.owner, self.wall.owner, self.wall.before)
+        return np.sort(np.concatenate([grid.reshape(-1)[corner] for grid in grids]), axis=0)
+
+
+def _between(first: Array, last: Array, item: NDArray[np.int_], share: Array) -> Array:
+    return np.asarray(first[item] + share[:, None] * (last - first)[item])
+
+
+def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, lean: float) -> Array:
+    """Return how low a leaning cutter stands at places, nearly; infinite where it does not.
+
+    Args:
+        cutter: The cutter.
+        place: Shape (s, 2). [m]
+        tip: Shape (s, 3). [m]
+        axis: Shape (s, 3).
+        lean: What each metre from the axis counts as height. [1]
+
+    Returns:
+        Shape (s,). [m]
+
+    """
+    off = place - tip[:, :2]
+    along, up = np.einsum("si,si->s", off, axis[:, :2]), np.maximum(axis[:, 2], 0.02)
+    square, tilt = np.einsum("si,si->s", off, off) - along**2, np.maximum(1.0 - up**2, 1e-12)
+    root = np.sqrt(np.maximum((along * up) ** 2 - tilt * (square - cutter.radius**2), 0.0))
+    low, high = (along * up - root) / tilt, (along * up + root) / tilt
+    z = np.maximum(low, -along / up)
+    passes = z <= high
+    aside = _stand_off(z, along, up, square, tilt)
+    for _ in range(0 if cutter.even else 2):
+        z = z + np.maximum(cutter.height(np.minimum(aside, cutter.radius)) - along - up * z, 0.0) / up
+        aside = _stand_off(z, along, up, square, tilt)
+    passes &= aside <= cutter.radius * (1.0 + 1e-6)
+    return np.asarray(np.where(passes, tip[:, 2] + z + lean * aside, np.inf))
+
+
+def _stand_off(z: Array, along: Array, up: Array, square: Array, tilt: Array) -> Array:
+    """Return the distance from a leaning axis at heights above its tip. Shape (s,). [m]"""
+    return np.asarray(np.sqrt(np.maximum(tilt * z**2 - 2.0 * along * up * z + square, 0.0)))
+
+
+def tilt_axes(axis: Array) -> Array:
+    """Return axes, as columns, that follow from those of the frame by the shortest turn of the third. (n, 3, 3)."""
+    x, y, z = axis.T
+    share = 1.0 / np.maximum(1.0 + z, 1e-9)
+    return np.stack([
+        np.stack([1.0 - x * x * share, -x * y * share, x], axis=1),
+        np.stack([-x * y * share, 1.0 - y * y * share, y], axis=1),
+        np.stack([-x, -y, z], axis=1),
+    ], axis=1)  # fmt: skip
+
+
+def build_cut_surface(
+    cutter: Cutter, start: Array, end: Array, stock: Array, axis: Array | None = None
+) -> CutSurface | None:
+    """Return an empty map of the stock as far as the path reaches, None where it does not reach any.
+
+    Args:
+        cutter: The cutter.
+        start: Tips where moves begin. Shape (m, 3). [m]
+        end: Tips where they end. Shape (m, 3). [m]
+        stock: Box around the stock. Shape (2, 2). [m]
+        axis: Tool axis at the end of each move, None where it stands upright. Shape (m, 3).
+
+    """
+    tilt = None if axis is None else tilt_axes(axis)
+    sideways = 0.0 if axis is None else float(np.abs(axis[:, :2]).max())
+    margin = 1.5 * cutter.radius + cutter.flute * sideways
+    bounds = np.stack([np.maximum(stock[0], end[:, :2].min(axis=0) - margin),
+                       np.minimum(stock[1], end[:, :2].max(axis=0) + margin)])  # fmt: skip
+    if (bounds[1] <= bounds[0]).any():
+        return None
+    size = np.maximum(bounds[1] - bounds[0], 1e-6)
+    cell = max(cutter.radius / CELLS_A_RADIUS, float(np.sqrt(np.prod(size) / MOST_CELLS)))
+    shape = tuple((np.ceil(size / cell).astype(int) + 2).tolist())
+    floor, wall = (
+        Claims(lean, np.full(shape, np.inf), np.full(shape, -1, np.int32), np.full(shape, -1, np.int32))
+        for lean in (LEVEL_LEAN, WALL_LEAN)
+    )
+    return CutSurface(cutter, start, end, bounds[0] - 0.5 * cell, cell, floor, wall, tilt)

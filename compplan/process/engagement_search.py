@@ -1,0 +1,378 @@
+"""Find where a cutter meets its stock: its surface is held against what was left before the move.
+
+A flat end mill whose axis stands is asked how high the material reaches at each angle. Every other cutter, and every
+axis that turns, is asked at points of its edge whether they stand in material; where the answer changes between two
+points the place is sought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.io.tables import Array
+from compplan.process.cut_surface import NOTHING, build_cut_surface, lowest_reach
+from compplan.process.cutter import Cutter
+from compplan.process.edge import SLIDES, EdgeSolver
+from compplan.process.engagement import Engagement, lower_speed, middle_angles, outward_span
+from compplan.process.stock import StockColumns
+from compplan.process.stock_table import UPRIGHT
+from compplan.toolpath.contact import last_set
+
+#: Angles round the axis, a multiple of 4. The force of a bin acts at its middle, so that one at the end of an arc, half
+#: engaged, turns by a quarter of a bin, 1.9 degrees: 3 % of a bin's force.
+ANGLES = 48
+#: Moves that are computed together, of flat cutters and of others.
+CHUNK, EDGE_CHUNK = 16, 48
+#: Halvings that find the end of an arc, of flat cutters and of others.
+BISECTIONS, ARC_HALVINGS = 9, 5
+#: Greatest error of where the engaged part of a slice ends, in radii; its halvings follow from the longest slice.
+END_ERROR = 2e-3
+#: Angles within a bin of a lower surface that is engaged in part.
+STRIPS = 2
+#: A bin that is engaged by less than this share of its neighbour's stands beyond the end of an arc: a film that a tool
+#: takes off a floor is no part of the cut at a wall.
+THIN = 0.25
+#: Cosine of the angle between moves from which on they lie on one straight line.
+STRAIGHT = 1.0 - 1e-12
+#: Moves since which the path turned by less than this cannot have cut what stands ahead of the cutter. [rad]
+SAME_WAY = float(np.radians(15.0))
+#: Slices of a side that is looked at by points, in radii, and how many at most.
+SIDE_SLICE, MOST_SIDE_SLICES = 0.25, 24
+
+
+def find_engagement(
+    cutter: Cutter,
+    position: Array,
+    cutting: NDArray[np.bool_],
+    stock: StockColumns,
+    axis: Array | None = None,
+) -> Engagement:
+    """Find the engagement at every waypoint of a path that cuts its way through stock.
+
+    Args:
+        cutter: The cutter.
+        position: Tips; the third axis of the frame is that of the stock's columns. Shape (n, 3). [m]
+        cutting: Whether the move that ends here removes material (rapid moves do not). Shape (n,).
+        stock: The stock before the first move, same frame.
+        axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
+
+    Returns:
+        The engagement; rapid moves meet nothing.
+
+    """
+    n = len(position)
+    axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis
+    start = np.vstack([position[:1], position[:-1]])
+    step, moving = _list_steps(position)
+    way = _list_steps(position)[0]
+    frame, travel = _frame_path(way, axis)
+    turning = None if axis is None else _turn_axis(way, axis, frame, cutter)
+    by_points = axis is not None or not cutter.even
+    cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
+    level = position[:, 2] - position[:, 2].min()
+    depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
+    wake = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
+    if wake is None:
+        return Engagement(cutter, depth, travel, level, turning)
+    run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
+    kind = _PointEdge if by_points else _FlatEdge
+    solver = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
+    removing = cutting & moving
+    removing[0] = False
+    chunk = EDGE_CHUNK if by_points else CHUNK
+    for first in range(0, n, chunk):
+        rows = np.arange(first, min(first + chunk, n))
+        moves = rows[removing[rows]]
+        near = rows[solver.may_touch(rows)]
+        if len(near):
+            solver.fill(near[cutting[near]], moves, depth)
+        wake.cut(moves)
+    return Engagement(cutter, depth, travel, level, turning)
+
+
+def _list_steps(position: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the move that ends at each waypoint, that before it where the tool rests, and whether it moves."""
+    step = np.diff(position, axis=0, prepend=position[:1])
+    step[0] = step[1] if len(position) > 1 else [1.0, 0.0, 0.0]
+    moves = np.linalg.norm(step, axis=1) > 0.0
+    return step[last_set(moves)], moves  # a tool that rests is engaged as it came
+
+
+def _frame_path(step: Array, axis: Array | None) -> tuple[Array, Array]:
+    """Return axes of the path as columns, (n, 3, 3), and the travel as (across, along) the tool axis, (n, 2).
+
+    The first axis is the travel across the tool axis, kept in plunges; the third is the tool axis.
+    """
+    up = np.tile([0.0, 0.0, 1.0], (len(step), 1)) if axis is None else axis
+    unit = step / np.maximum(np.linalg.norm(step, axis=1), 1e-300)[:, None]
+    along = np.einsum("ni,ni->n", unit, up)
+    across = unit - along[:, None] * up
+    size = np.linalg.norm(across, axis=1)
+    clear = size > 1e-6
+    x = across[last_set(clear)] if clear.any() else np.tile([1.0, 0.0, 0.0], (len(step), 1))
+    x = x - np.einsum("ni,ni->n", x, up)[:, None] * up
+    x /= np.maximum(np.linalg.norm(x, axis=1), 1e-12)[:, None]
+    return np.stack([x, np.cross(up, x), up], axis=2), np.column_stack([size, along])
+
+
+def _turn_axis(step: Array, axis: Array, frame: Array, cutter: Cutter) -> Array:
+    """Return how the axis turns a length of travel, along it and to its left; at most once a radius. Shape (n, 2)."""
+    turn = np.diff(axis, axis=0, prepend=axis[:1]) / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
+    turn *= np.minimum(1.0 / np.maximum(cutter.radius * np.linalg.norm(turn, axis=1), 1e-12), 1.0)[:, None]
+    return np.einsum("ni,nij->nj", turn, frame[:, :, :2])
+
+
+def _cut_side(
+    cutter: Cutter, position: Array, cutting: NDArray[np.bool_], stock: StockColumns, axis: Array | None
+) -> Cutter:
+    """Return the cutter with its side divided, up to where the stock ends."""
+    room = stock.bounds()[1, 2] - position[cutting, 2]
+    if axis is not None:
+        rise = np.clip(axis[cutting, 2], 0.05, 1.0)
+        room = np.maximum(room, 0.0) / rise + cutter.radius * np.sqrt(1.0 - rise**2) / rise
+    reach = float(np.clip(1.001 * room.max(initial=0.0), cutter.end, max(cutter.flute, cutter.end)))
+    pieces = int(np.clip(np.ceil((reach - cutter.end) / (SIDE_SLICE * cutter.radius)), 1, MOST_SIDE_SLICES))
+    return replace(cutter, flute=reach, pieces=pieces)
+
+
+class _FlatEdge(EdgeSolver):
+    """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
+
+    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
+        """Write the engaged shares of some waypoints, the moves of the same chunk taken in their order."""
+        angles = middle_angles(ANGLES)
+        out = self._outward(rows, angles)
+        n, k, m = np.nonzero(out)
+        share = self._share(rows[n], k, angles[m], moves)
+        found = np.zeros(out.shape, dtype=np.float32)
+        found[n, k, m] = share
+        turn, steady = 2.0 * np.pi / ANGLES, found.copy()
+        # the ends of arcs: between a bin and one that could be engaged but is less than THIN so, the step is sought
+        for way in (1, -1):
+            other = np.roll(steady, -way, axis=2)
+            n, k, m = np.nonzero((steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2))
+            if not len(n):
+                continue
+            more, less = steady[n, k, m], other[n, k, m]
+            middle_share = np.where(less > 0.0, 0.5 * (more + less), 0.0)
+            low, high = np.zeros(len(n)), np.ones(len(n))
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (low + high)
+                hit = self._share(rows[n], k, angles[m] + way * turn * middle, moves) > middle_share
+                low, high = np.where(hit, middle, low), np.where(hit, high, middle)
+            reach = (0.5 * (low + high) - 0.5).astype(np.float32)  # in bins, from the boundary of the engaged bin
+            np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
+            np.add.at(found, (n, k, (m + way) % ANGLES), np.maximum(reach, 0.0) * (more - less))
+        depth[rows] = np.clip(found, 0.0, 1.0)
+
+    def _share(self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, moves: NDArray[np.int_]) -> Array:
+        """Return the engaged share of slices at angles. Shape (s,)."""
+        edge, share = self.cutter.slices, np.zeros(len(row))
+        along, across = np.cos(angle) * edge.radius[k], np.sin(angle) * edge.radius[k]
+        tip, side = self.position[row], self.frame[row, :2, 0]
+        place = np.stack([tip[:, 0] + along * side[:, 0] - across * side[:, 1],
+                          tip[:, 1] + along * side[:, 1] + across * side[:, 0]], axis=1)  # fmt: skip
+        bottom, top = self.stock.interval(place)
+        low = tip[:, 2] + edge.low[k]
+        live = np.flatnonzero(top - NOTHING > low)
+        if not len(live):
+            return share
+        place, bottom, low, k, row = place[live], bottom[live], low[live], k[live], row[live]
+        rise, swept = edge.rise[k], self.wake.lowest(place)
+        top = np.minimum(top[live], swept)
+        self._cut_in_chunk(row, place, low, top, moves)
+        flat = rise < NOTHING
+        part = np.minimum(top, low + rise) - np.maximum(bottom, low)
+        side_share = np.where(part > NOTHING, np.clip(part / np.where(flat, 1.0, rise), 0.0, 1.0), 0.0)
+        share[live] = np.where(flat, (top > low + NOTHING) & (bottom <= low), side_share)
+        return share
+
+    def _cut_in_chunk(
+        self, row: NDArray[np.int_], place: Array, low: Array, top: Array, moves: NDArray[np.int_]
+    ) -> None:
+        """Lower the tops by moves of the chunk that came before; those on the same straight line lie behind."""
+        if not len(moves):
+            return
+        sample, move = self._list_before(row, moves, top - NOTHING > low)
+        if len(sample):
+            reach = lowest_reach(self.cutter, place[sample], self.start[move], self.position[move])
+            np.minimum.at(top, sample, reach)
+
+
+class _PointEdge(EdgeSolver):
+    """By points of the edge, for every other cutter and for axes that turn."""
+
+    def _count_halvings(self, k: NDArray[np.int_]) -> int:
+        """Return after how many halvings the end of what is engaged of slices is known to `END_ERROR`."""
+        longest = float(self.cutter.slices.length[k].max(initial=0.0)) / self.cutter.radius
+        return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
+
+    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
+        """Write the engaged shares of some waypoints, see `EdgeSolver`."""
+        angles = middle_angles(ANGLES)
+        out = self._outward(rows, angles)
+        lower = self.cutter.lower
+        if lower.any():  # a slice moves outwards where one of its ends does
+            speeds = self._lower_speeds(rows, angles)
+            out[:, lower] = np.maximum(*speeds) > SLIDES
+        asked = np.zeros((len(rows), out.shape[1] + 1, len(angles)), dtype=bool)
+        asked[:, :-1] |= out
+        asked[:, 1:] |= out
+        place = self._place_knots(rows, angles)
+        asked &= place[..., 2] < self.stock.crest(place[..., :2])  # what stands above the stock is not asked for
+        n, j, m = np.nonzero(asked)
+        asked[n, j, m] = self._uncut(place[n, j, m], rows[n], moves)
+        low, high = asked[:, :-1] & out, asked[:, 1:] & out
+        found = (low & high).astype(np.float32)
+        straight = ~lower[:, None]
+        n, k, m = np.nonzero((low ^ high) & straight)
+        up = low[n, k, m]
+
+        def hit(share: Array) -> NDArray[np.bool_]:
+            return self._solid(rows[n], k, np.where(up, share, 1.0 - share), angles[m], moves)
+
+        found[n, k, m] = _halve(hit, len(n), self._count_halvings(k))
+        self._end_arcs(found, (rows, moves, angles), out & straight, low | ~high)
+        if lower.any():
+            whole = low & high
+            whole[:, lower] &= np.minimum(*speeds) > 0.0
+            self._fill_lower(found, (rows, moves, angles), whole, low | high)
+        depth[rows] = np.clip(found, 0.0, 1.0)
+
+    def _lower_speeds(self, rows: NDArray[np.int_], angles: Array) -> tuple[Array, Array]:
+        turning = None if self.turning is None else self.turning[rows]
+        return lower_speed(self.cutter, self.travel[rows], angles, turning)
+
+    def _fill_lower(
+        self,
+        found: NDArray[np.float32],
+        where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
+        whole: NDArray[np.bool_],
+        some: NDArray[np.bool_],
+    ) -> None:
+        """Write the shares of bins of the lower surface that are engaged in part, the mean of `STRIPS` angles in each.
+
+        Both ends of a strip are sought: where it begins to move outwards, and where material ends. What is left as an
+        error is the curvature of these ends within a strip.
+        """
+        rows, moves, angles = where
+        nearby = (some | np.roll(some, 1, axis=2) | np.roll(some, -1, axis=2)) & self.cutter.lower[:, None]
+        steady = whole & np.roll(whole, 1, axis=2) & np.roll(whole, -1, axis=2)
+        n, k, m = np.nonzero(nearby & ~steady)
+        first = int(np.argmax(self.cutter.lower))
+        total = np.zeros(len(n))
+        for strip in range(STRIPS):
+            off = ((strip + 0.5) / STRIPS - 0.5) * 2.0 * np.pi / len(angles)
+            low, high = (speed[n, k - first, m] for speed in self._lower_speeds(rows, angles + off))
+            begin, end = outward_span(low, high)
+            live = np.flatnonzero(end > begin)
+            at, slices, angle = rows[n[live]], k[live], angles[m[live]] + off
+            span = end[live] - begin[live]
+            ends = [self._solid(at, slices, side[live], angle, moves) for side in (begin, end)]
+            share = np.where(ends[0] & ends[1], span, 0.0)
+            part = np.flatnonzero(ends[0] ^ ends[1])
+            fix, sign = np.where(ends[0], begin[live], end[live])[part], np.where(ends[0], 1.0, -1.0)[part]
+            reach = partial(self._solid_from, at[part], slices[part], angle[part], (fix, sign * span[part]), moves)
+            share[part] = span[part] * _halve(reach, len(part), self._count_halvings(slices[part]))
+            total[live] += share
+        found[n, k, m] = total / STRIPS
+
+    def _solid_from(
+        self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, line: tuple[Array, Array],
+        moves: NDArray[np.int_], share: Array,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Tell which points of slices stand in material, a share of a line of the slice from where it begins."""
+        return self._solid(row, k, line[0] + share * line[1], angle, moves)
+
+    def _end_arcs(
+        self,
+        found: NDArray[np.float32],
+        where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
+        out: NDArray[np.bool_],
+        from_low: NDArray[np.bool_],
+    ) -> None:
+        """Seek the ends of arcs beside bins that are engaged on all their slice, or on a side.
+
+        Elsewhere the boundary runs obliquely, and the bins' middles stand for it.
+        """
+        rows, moves, angles = where
+        steady, turn = found.copy(), 2.0 * np.pi / len(angles)
+        upright = np.abs(self.cutter.slices.normal[:, 1:]) < 1e-9
+        for way in (1, -1):
+            other = np.roll(steady, -way, axis=2)
+            ends = (steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2)
+            n, k, m = np.nonzero(ends & (upright | (steady == 1.0)))
+            more, less = steady[n, k, m], other[n, k, m]
+            middle = np.where(from_low[n, k, m], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
+
+            at, angle, step = (rows[n], k, middle), angles[m], way * turn
+            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), ARC_HALVINGS) - 0.5).astype("f4")
+            np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
+            np.add.at(found, (n, k, (m + way) % len(angles)), np.maximum(reach, 0.0) * (more - less))
+
+    def _turn_on(
+        self, at: tuple[NDArray[np.int_], NDArray[np.int_], Array], angle: Array, step: float,
+        moves: NDArray[np.int_], share: Array,
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Tell which points stand in material, turned on by a share of a step."""
+        row, k, middle = at
+        return self._solid(row, k, middle, angle + step * share, moves)
+
+    def _solid(
+        self, row: NDArray[np.int_], k: NDArray[np.int_], share: Array, angle: Array, moves: NDArray[np.int_]
+    ) -> NDArray[np.bool_]:
+        """Tell which points of the edge stand in material. Shape (s,)."""
+        rho, height = self.cutter.edge_point(k, share)
+        local = np.stack([rho * np.cos(angle), rho * np.sin(angle), height], axis=1)
+        return self._uncut(self.position[row] + np.einsum("sij,sj->si", self.frame[row], local), row, moves)
+
+    def _place_knots(self, rows: NDArray[np.int_], angles: Array) -> Array:
+        """Return where the ends of the slices stand at angles. Shape (r, k + 1, m, 3). [m]"""
+        rho, height = self.cutter.slices.knots.T[:, :, None]
+        ring = np.stack([rho * np.cos(angles), rho * np.sin(angles), np.broadcast_to(height, (len(rho), len(angles)))])
+        place = self.frame[rows] @ ring.reshape(3, -1) + self.position[rows][:, :, None]
+        return np.moveaxis(place, 1, -1).reshape(len(rows), *ring.shape[1:], 3)
+
+    def _uncut(self, point: Array, row: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Tell which points stand in what moves before those of rows left of the stock. Shape (s,)."""
+        solid = self._in_stock(point)
+        solid[solid] = self.wake.uncut(point[solid], self.run_from[row[solid]])
+        if len(moves):
+            sample, move = self._list_before(row, moves, solid)
+            if len(sample):
+                solid[sample[self.wake.gap(point[sample], move) < NOTHING]] = False
+        return np.asarray(solid)
+
+
+def _halve(hit: Callable[[Array], NDArray[np.bool_]], count: int, times: int) -> Array:
+    """Return where between 0, a hit, and 1, none, the answers change. Shape (count,)."""
+    low, high = np.zeros(count), np.ones(count)
+    for _ in range(times if count else 0):
+        middle = 0.5 * (low + high)
+        found = hit(middle)
+        low, high = np.where(found, middle, low), np.where(found, high, middle)
+    return 0.5 * (low + high)
+
+
+def _find_runs(step: Array, axis: Array | None) -> NDArray[np.int_]:
+    """Return the first of the moves up to each since which neither travel nor axis turned far. Shape (n,)."""
+    turned = np.zeros(len(step))
+    for way in (step, axis):
+        if way is not None:
+            unit = way / np.maximum(np.linalg.norm(way, axis=1), 1e-300)[:, None]
+            turned[1:] += np.arccos(np.clip(np.einsum("ni,ni->n", unit[1:], unit[:-1]), -1.0, 1.0))
+    total = np.cumsum(turned)
+    return np.asarray(np.searchsorted(total, total - SAME_WAY))
+
+
+def _straight_from(step: Array, size: Array) -> NDArray[np.int_]:
+    """Return the first move of the straight line that each move goes on with. Shape (n,)."""
+    unit = step / np.maximum(size, 1e-300)[:, None]
+    turns = np.ones(len(step), dtype=bool)
+    turns[1:] = np.einsum("ni,ni->n", unit[1:], unit[:-1]) < STRAIGHT
+    return np.maximum.accumulate(np.where(turns, np.arange(len(step)), 0))

@@ -1,0 +1,189 @@
+"""The first screen of a plan, and its setup sheet: what the person at the machine needs, on one A4."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
+from compplan.controllers.writers.joint_convention import load_controller
+from compplan.controllers.writers.pendant import locate_pendant
+from compplan.io.notes import list_stops
+from compplan.plan.frame_notes import describe_part_frame
+from compplan.plan.slow import mark_slow
+from compplan.process.cutting import CuttingTable
+from compplan.reporting.curve_chart import draw_curves
+from compplan.reporting.page import Block, Chart, Column, KeyFigure, PageTable, Row, Section, Summary, TableCell
+from compplan.reporting.provenance import GRADE_MEANING
+from compplan.reporting.style import (
+    format_length,
+    format_mm,
+    format_mm_change,
+    format_number,
+    format_percent,
+    format_set_length,
+)
+from compplan.robot import Array, Joint
+from compplan.robot.mounting import mounted_tool
+
+if TYPE_CHECKING:
+    from compplan.plan.plan import Plan
+
+#: What the verdict looks like.
+TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}
+#: Files of a result that are no program.
+NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"}
+#: Tables of a result that are no program.
+NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
+
+
+def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
+    """Return the first screen of a plan.
+
+    Args:
+        plan: The plan.
+        folder: Folder that its programs are written to already, for their checksums; None where there are none.
+    """
+    verdict = plan.verdict
+    sentence = first_sentence(verdict.sentence)
+    band = "not known" if verdict.band is None else format_mm(verdict.band)
+    change = format_mm_change(plan.before.max_deviation, plan.after.max_deviation)
+    figures = [
+        KeyFigure(band, "95 % band: the true tip stays that close to the path; "
+                  f"the tolerance is {format_set_length(verdict.tolerance)}",
+                  TONES[verdict.word] if verdict.word != "not_known" else ""),
+        KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
+        KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
+                  f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
+    ]  # fmt: skip
+    if verdict.beyond_share:
+        figures[2] = KeyFigure(format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
+    told = "Distance of the tool tip from the path. The 95 % band has to stay below the tolerance."
+    picture = Chart(draw_curves(plan.curves()), told, 340)
+    step = verdict.change if plan.job is None else verdict.change.replace(" JOB", f" {plan.job.file.name}")
+    todo = step or "Run the program without a part at reduced override, then cut and measure one part."
+    stops = list_stops(plan.notes)
+    return Summary(sentence, TONES[verdict.word], figures, picture, todo, stops, write_sheet(plan, folder))
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of a text."""
+    return re.split(r"(?<=[.!?])\s+(?=[A-Z])", text.strip(), maxsplit=1)[0]
+
+
+def write_sheet(plan: Plan, folder: Path | None) -> Section:
+    """Return the setup sheet: part, frames, tool, start, band, and the checksums of the programs."""
+    rows: list[Row] = [
+        [TableCell(name, "strong"), words] for name, words in (*_describe_frames(plan), *_describe_run(plan))
+    ]
+    rows[:0] = [[TableCell("Job", "strong"), plan.name], [TableCell("Verdict", "strong"), plan.verdict.sentence]]
+    rows += [[TableCell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
+    blocks: list[Block] = [PageTable([Column("Setup"), Column("")], rows)]
+    blocks.append("Set up by ______________________   Checked by ______________________   Date ______________")
+    programs = [] if folder is None else list_programs(folder)
+    if programs:
+        cells: list[Row] = [list(program) for program in programs]
+        blocks.append(PageTable([Column("Program"), Column("lines"), Column("SHA-256, first 16 digits")], cells,
+                                "The file on the controller is this one if its checksum is the same."))  # fmt: skip
+    return Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", open=True)
+
+
+def list_programs(folder: Path) -> list[tuple[str, int, str]]:
+    """List program files in a folder: name, lines, and the first digits of their checksum."""
+    files = sorted(file for file in folder.rglob("*") if file.suffix not in NO_PROGRAM and file.is_file())
+    files = [file for file in files if file.name not in NO_PROGRAM_NAMES]
+    found = []
+    for file in files:
+        content = file.read_bytes()
+        digest = hashlib.sha256(content).hexdigest()[:16]
+        found.append((str(file.relative_to(folder)), content.count(b"\n"), digest))
+    return found
+
+
+def describe_pose(pose: Array) -> str:
+    """Write a pose as pendants take it: millimetres, and angles by the names of the common forms. Shape (4, 4). [m]."""
+    x, y, z, a, b, c = place_numbers(pose, "ZYX", 3)
+    turn = np.degrees(rotation_vectors(pose[None])[0]).round(3) + 0.0
+    place = f"X {x:g}  Y {y:g}  Z {z:g} mm"
+    if not np.any(turn):
+        return f"{place}, not turned"
+    vector = ", ".join(f"{value:g}" for value in turn)
+    return f"{place}; A {a:g}  B {b:g}  C {c:g} deg (z, y', x''); rotation vector {vector} deg"
+
+
+def _say_range(joint: Joint, low: float, high: float) -> str:
+    """Say over which positions [rad or m] a joint that carries the part goes."""
+    size, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
+    return f"{joint.name} stands at {size * low:.5g} {unit}" if high - low < 1e-9 else (
+        f"{joint.name} goes from {size * low:.5g} to {size * high:.5g} {unit}")  # fmt: skip
+
+
+def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
+    """Return robot, part and tool in words."""
+    robot, job = plan.robot, plan.job
+    controller = load_controller(robot)
+    rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}"),
+            ("Robot model", GRADE_MEANING[robot.grade])]  # fmt: skip
+    if job is not None:
+        where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
+        rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))
+        rows.append(("Part frame found by", describe_part_frame(job).removeprefix("part frame: ")))
+    if robot.ground:
+        low, high = plan.q.min(axis=0), plan.q.max(axis=0)
+        said = [_say_range(robot.actuated[k], low[k], high[k]) for k in np.flatnonzero(robot.carriers).tolist()]
+        rows.append(("Positioner", "; ".join(said)))
+    tool = None if job is None else job.tool
+    if tool is None:
+        rows.append(("Tool", f"the robot model's own ({robot.tcp} from {robot.flange})"))
+    else:
+        mass = "weight not known" if tool.mass_kg is None else f"{tool.mass_kg:g} kg"
+        rows.append(("Tool", f"as in the job; {mass}"))
+    seen = np.linalg.inv(flange_turn(robot)) @ mounted_tool(robot)
+    frame = "the URDF's flange" if locate_pendant(robot) is None else "the pendant's flange frame"
+    rows.append((f"Tool centre point, in {frame}", describe_pose(seen)))
+    source = Path(plan.task.nominal.source).name or "in memory"
+    return [*rows, ("Toolpath", f"{source}; {len(plan.task)} waypoints")]
+
+
+def _describe_run(plan: Plan) -> list[tuple[str, str]]:
+    """Return start, feed, clearance and band in words."""
+    robot, verdict = plan.robot, plan.verdict
+    first = plan.approach.key_q[0] if len(plan.approach.key_q) else plan.q[0]
+    joints = ", ".join(f"{name.split('_')[0]} {round(float(values[0]), 2) + 0.0:.2f} {name.split('_')[1]}"
+                       for name, values in robot.joint_columns(first[None]).items())  # fmt: skip
+    wanted = 1e3 * plan.task.nominal.feed[plan.task.cut & ~plan.task.nominal.rapid]
+    slow, speed = mark_slow(plan.task, plan.timing), "not known"
+    if len(wanted):
+        ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
+        speed = f"programmed {' to '.join(ends)} mm/s"
+        speed += f", lowered to {1e3 * plan.timing.feed[slow].min():.3g} mm/s" if slow.any() else ""
+    margins = plan.margins
+    rows = [
+        ("First joint position", joints),
+        ("Feed of the cut", f"{speed}; {plan.timing.time[-1]:.4g} s in all"),
+        ("Nearest joint limit", f"{robot.joint_names[margins.joint]}: {np.degrees(margins.position):.3g} deg"),
+    ]
+    if plan.clearance is not None:
+        near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
+        if np.isfinite(near.distance) and near.first:
+            rows.append(("Least clearance", f"{format_length(near.distance)}: {near.first} to {near.second}"))
+    band = "not known" if verdict.band is None else format_mm(verdict.band)
+    rows.append(("Tolerance and 95 % band", f"{format_set_length(verdict.tolerance)}; band {band}"))
+    force = float(np.linalg.norm(plan.task.wrench[:, :3], axis=1).max(initial=0.0))
+    return [*rows, ("Greatest predicted force", f"{force:.4g} N" if force else "none predicted"), *_describe_cut(plan)]
+
+
+def _describe_cut(plan: Plan) -> list[tuple[str, str]]:
+    """Return cutter, material and spindle in words, where a cutter's engagement predicts the force."""
+    process = None if plan.job is None else plan.job.process
+    if not isinstance(process, CuttingTable):
+        return []
+    spindle, material = process.spindle(), process.material or "coefficients of the job"
+    cutter = f"{process.model} {2e3 * process.cutter().radius:g} mm, {spindle.teeth} teeth, {process.spindle_rpm:g} rpm"
+    moment = np.abs(np.einsum("ni,ni->n", plan.task.wrench[:, 3:], plan.task.rotation[:, :, 2])).max(initial=0.0)
+    power = 2.0 * np.pi * spindle.speed * moment
+    return [("Cutter", f"{cutter}, in {material}"), ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]

@@ -1,0 +1,289 @@
+"""The judge: exact loaded equilibrium computed by Pinocchio, which shares no kinematics with the planner.
+
+Springs become joints of a Pinocchio model; the equilibrium is solved pose by pose with Pinocchio's Jacobians and its
+generalised gravity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from compplan.errors import ConvergenceError
+from compplan.robot import Array, Robot
+
+MAX_ITERATIONS = 60
+#: Rotational inertia of a mass about its own centre; small, none is known. [kg m^2]
+INERTIA = 1e-6
+#: Masses whose sum is less than this share of their sizes count as none.
+LEAST_SHARE = 1e-3
+#: Poses nearer than this start from where the last three lead. [rad or m]
+NEIGHBOUR = 0.02
+
+
+@dataclass(frozen=True)
+class ExactRobot:
+    """A robot as a Pinocchio model with its springs as joints.
+
+    Attributes:
+        model: Pinocchio model; its configuration holds commanded and elastic coordinates in chain order.
+        tcp: Frame id of the TCP.
+        commanded: Row of Q per model coordinate: coordinate = select @ q + shift. Shape (n_coordinates, nq).
+        shift: Shape (n_coordinates,).
+        elastic: Model coordinates that are elastic, in chain order. Shape (s,).
+        compliance: Compliance of the elastic coordinates. Shape (s, s).
+        weighs: Whether gravity loads the springs.
+        lifts: Joints whose masses are together none or less, as where a tool is lighter than the one that the springs
+            were identified with: joint, mass [kg] and first moment in its frame, shape (3,) [kg m]. Pinocchio's bodies
+            have masses above 0.
+        ground: Frame in whose axes gravity counts, where a positioner carries the part; 0 where that is the base.
+        gravity: Gravity in its axes. Shape (3,). [m/s^2]
+    """
+
+    model: pin.Model
+    tcp: int
+    commanded: Array
+    shift: Array
+    elastic: np.ndarray
+    compliance: Array
+    weighs: bool
+    lifts: tuple[tuple[int, float, Array], ...] = ()
+    ground: int = 0
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+
+    def turn_gravity(self, data: pin.Data, coordinates: Array) -> None:
+        """Let gravity point where it does at a posture, seen from the link that carries the part."""
+        if self.ground:
+            pin.forwardKinematics(self.model, data, coordinates)
+            turn = pin.updateFramePlacement(self.model, data, self.ground).rotation
+            self.model.gravity = pin.Motion(np.r_[turn @ self.gravity, np.zeros(3)])
+
+    def weigh(self, data: pin.Data, coordinates: Array) -> Array:
+        """Return the torque that holds the weights at every model coordinate. Shape (n_coordinates,). [N m or N]."""
+        torque = np.array(pin.computeGeneralizedGravity(self.model, data, coordinates))
+        if self.lifts:
+            pin.computeJointJacobians(self.model, data, coordinates)
+            gravity = self.model.gravity.linear
+            for joint, mass, moment in self.lifts:
+                columns = pin.getJointJacobian(self.model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+                load = np.r_[mass * gravity, np.cross(data.oMi[joint].rotation @ moment, gravity)]
+                torque -= columns.T @ load
+        return torque
+
+
+class ExactRobotBuilder:
+    """Put a Pinocchio model together, from the base outwards."""
+
+    def __init__(self, commanded: Sequence[str], gravity: Array) -> None:
+        self.names, self.model, self.ground, self.gravity = list(commanded), pin.Model(), 0, gravity
+        self.model.gravity = pin.Motion(np.r_[gravity, np.zeros(3)])
+        self.weighs = bool(np.any(gravity))
+        self.parent, self.pending = 0, pin.SE3.Identity()
+        self.rows: list[tuple[Array, float]] = []
+        self.elastic: list[int] = []
+        self.blocks: list[Array] = []
+        self.hung: dict[int, list[tuple[float, Array, Array]]] = {}
+
+    def stand(self) -> None:
+        """Let gravity count in the axes of the frame that has been reached."""
+        frame = pin.Frame("ground", self.parent, 0, self.pending, pin.FrameType.OP_FRAME)
+        self.ground = self.model.addFrame(frame)
+
+    def move(self, placement: pin.SE3) -> None:
+        """Go on to another frame of the same body."""
+        self.pending = self.pending * placement
+
+    def drive(self, name: str, axis: Array, slides: bool, driver: str, factor: float, offset: float) -> None:
+        """Add a joint that a commanded one drives."""
+        row = np.zeros(len(self.names))
+        row[self.names.index(driver)] = factor
+        self._append(name, axis, slides, row, offset)
+
+    def spring(self, axis: Array, slides: bool, compliance: float, offset: Array) -> None:
+        """Add an elastic coordinate whose origin lies at an offset."""
+        shift = pin.SE3(np.eye(3), np.asarray(offset, float))
+        self.move(shift)
+        self._append(f"spring {len(self.blocks)}", axis, slides, None, 0.0)
+        self.blocks.append(np.array([[compliance]], float))
+        self.move(shift.inverse())
+
+    def elastic_link(self, far: pin.SE3, compliance: Array) -> None:
+        """Add the six elastic coordinates of a link at its far end."""
+        self.move(far)
+        for k in range(6):
+            self._append(f"link {len(self.blocks)}.{k}", np.eye(3)[k % 3], k < 3, None, 0.0)
+        self.blocks.append(np.asarray(compliance, float))
+        self.move(far.inverse())
+
+    def hang(self, masses: Iterable[tuple[str, float, Array, Array]], link: str) -> None:
+        """Hang the masses of a link (its name, mass, centre and inertia about it in its frame) here."""
+        for name, mass, centre, inertia in masses:
+            if name == link:
+                where = np.asarray(self.pending.act(np.asarray(centre, float)))
+                turned = self.pending.rotation @ inertia @ self.pending.rotation.T
+                self.hung.setdefault(self.parent, []).append((mass, where, turned))
+
+    def finish(self, tip: pin.SE3) -> ExactRobot:
+        """Put the TCP here and return the judge."""
+        tcp = self.model.addFrame(pin.Frame("tcp", self.parent, 0, self.pending * tip, pin.FrameType.OP_FRAME))
+        size = sum(len(block) for block in self.blocks)
+        compliance, start = np.zeros((size, size)), 0
+        for matrix in self.blocks:
+            compliance[start : start + len(matrix), start : start + len(matrix)] = matrix
+            start += len(matrix)
+        select, shifts = np.array([row for row, _ in self.rows]), np.array([value for _, value in self.rows])
+        lifts = self._settle_masses()
+        elastic = np.array(self.elastic, int)
+        return ExactRobot(
+            self.model, tcp, select, shifts, elastic, compliance, self.weighs, lifts, self.ground, self.gravity
+        )
+
+    def _settle_masses(self) -> tuple[tuple[int, float, Array], ...]:
+        """Give every joint its masses, and return those that are together none or less."""
+        lifts = []
+        for joint, masses in self.hung.items():
+            total, moment = sum(mass for mass, _, _ in masses), sum((mass * at for mass, at, _ in masses), np.zeros(3))
+            if total > LEAST_SHARE * sum(abs(mass) for mass, _, _ in masses):
+                spread = INERTIA * np.eye(3)
+                for mass, at, inertia in masses:
+                    arm = at - moment / total
+                    spread += inertia + max(mass, 0.0) * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+                if np.linalg.eigvalsh(spread).min() <= 0:  # no physical inertia in the file
+                    spread = INERTIA * np.eye(3)
+                self.model.appendBodyToJoint(joint, pin.Inertia(total, moment / total, spread), pin.SE3.Identity())
+            elif joint:
+                lifts.append((joint, total, moment))
+        return tuple(lifts)
+
+    def _append(self, name: str, axis: Array, slides: bool, row: Array | None, shift: float) -> None:
+        kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+        self.parent = self.model.addJoint(self.parent, kind(*(float(v) for v in axis)), self.pending, name)
+        self.pending = pin.SE3.Identity()
+        if row is None:
+            self.elastic.append(len(self.rows))
+        self.rows.append((np.zeros(len(self.names)) if row is None else row, shift))
+
+
+def build_exact_robot(robot: Robot, *, standing: bool = False) -> ExactRobot:
+    """Build the Pinocchio model of a robot in memory with every spring as a joint; `read_exact_robot` reads a folder.
+
+    Args:
+        robot: The robot.
+        standing: Whether it is seen from the ground, where accelerations count, whatever carries the part.
+
+    """
+    names, robot = robot.joint_names, robot.alone if standing else robot
+    down = robot.loading_gravity
+    builder = ExactRobotBuilder(names, np.zeros(3) if down is None else down)
+    masses = [(body.link, body.mass, body.centre, body.inertia) for body in robot.loading_bodies]
+    builder.hang(masses, robot.base)
+    for count, joint in enumerate(robot.joints):
+        builder.move(pin.SE3(joint.placement))
+        slides = joint.kind == "prismatic"
+        if joint.kind != "fixed":
+            driver = (joint.name, 1.0, 0.0)
+            if joint.mimic is not None:
+                driver = (joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+            builder.drive(joint.name, joint.axis, slides, *driver)
+        for spring in robot.springs:
+            if spring.joint == joint.name:
+                own = spring.axis == "own"
+                axis = joint.axis if own else np.eye(3)["xyz".index(spring.axis[1])]
+                builder.spring(axis, slides if own else spring.axis[0] == "t", spring.compliance, spring.offset)
+        builder.hang(masses, joint.child)
+        if joint.child == robot.ground:
+            builder.stand()
+        far = pin.SE3(robot.joints[count + 1].placement) if count + 1 < len(robot.joints) else pin.SE3.Identity()
+        for block in robot.link_elasticities:
+            if block.link == joint.child:
+                builder.elastic_link(far, block.compliance)
+    return builder.finish(pin.SE3.Identity())
+
+
+def solve_exact_pose(
+    judge: ExactRobot, q: Array, wrench: Array | None = None, tolerance: float = 1e-13, bias: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Solve the exact loaded equilibrium at every pose.
+
+    Args:
+        judge: The judge.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
+        bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
+
+    Returns:
+        TCP position (n, 3) [m], orientation (n, 3, 3), both in the base frame, elastic coordinates (n, s) [rad or m].
+
+    Raises:
+        ConvergenceError: If a pose does not settle.
+    """
+    q = np.atleast_2d(q)
+    load = np.zeros((len(q), 6)) if wrench is None else np.broadcast_to(wrench, (len(q), 6))
+    data = judge.model.createData()
+    position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    thetas = np.zeros((len(q), len(judge.elastic)))
+    more = np.zeros((len(q), len(judge.elastic))) if bias is None else bias
+    theta = before = earlier = np.zeros(len(judge.elastic))
+    rigid = q @ judge.commanded.T + judge.shift
+    near = np.r_[False, np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) < NEIGHBOUR].tolist()
+    for i in range(len(q)):
+        start = theta
+        if near[i]:
+            start = 3.0 * (theta - before) + earlier if i > 2 and near[i - 1] and near[i - 2] else 2.0 * theta - before
+        try:
+            earlier, before, theta = before, theta, _settle(judge, data, rigid[i], load[i], more[i], start, tolerance)
+        except ConvergenceError as error:
+            message = f"{error} at waypoint {i} under {np.linalg.norm(load[i, :3]):.3g} N"
+            raise ConvergenceError(
+                f"{message}; the load is near or beyond buckling: check forces, and compliances of the robot",
+                residual=error.residual,
+            ) from None
+        placement = data.oMf[judge.tcp]
+        position[i], rotation[i], thetas[i] = placement.translation, placement.rotation, theta
+    return position, rotation, thetas
+
+
+def tip_compliance(judge: ExactRobot, q: Array) -> Array:
+    """Return how far the tip of the unloaded arm gives way to a force, J C J^T, base axes. Shape (n, 3, 3). [m/N]
+
+    Args:
+        judge: The judge.
+        q: Joint positions. Shape (n, nq). [rad or m]
+
+    """
+    model, data, found = judge.model, judge.model.createData(), np.empty((len(q), 3, 3))
+    rigid, world = q @ judge.commanded.T + judge.shift, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    for i in range(len(q)):
+        columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, world)[:3, judge.elastic]
+        found[i] = columns @ judge.compliance @ columns.T
+    return found
+
+
+def _settle(
+    judge: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
+) -> Array:
+    """Iterate theta <- C tau(theta) until the step vanishes."""
+    model, configuration, elastic = judge.model, rigid.copy(), judge.elastic
+    step, world, straight = np.inf, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, rigid[elastic]
+    if judge.weighs:
+        judge.turn_gravity(data, configuration)
+    for _ in range(MAX_ITERATIONS):
+        configuration[elastic] = straight + theta
+        torque = (wrench @ pin.computeFrameJacobian(model, data, configuration, judge.tcp, world))[elastic] + bias
+        if judge.weighs:
+            torque -= judge.weigh(data, configuration)[elastic]
+        update = judge.compliance @ torque
+        change = update - theta
+        step = math.sqrt(change @ change)
+        theta = update
+        if step < tolerance:
+            configuration[elastic] = straight + theta
+            pin.forwardKinematics(model, data, configuration)
+            pin.updateFramePlacement(model, data, judge.tcp)
+            return theta
+    raise ConvergenceError(f"equilibrium did not settle, last step {step:.3g} rad", residual=step)

@@ -1,0 +1,192 @@
+"""How the loaded tip moves with every unknown parameter and with the force: columns of a Jacobian along a path.
+
+Secants of the exact equilibrium over one standard deviation. What a memory decides (lost motion) is staged over the
+whole path; the equilibrium is solved at a few of its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.effects import command_campaign, solve_model_poses
+from compplan.effects.batch import attain_positions
+from compplan.effects.forward_model import Attained, ForwardModel
+from compplan.job.job import Job
+from compplan.job.loading import find_learned_force
+from compplan.job.noise import NoiseTable
+from compplan.process.learned_force import SCATTER
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.uncertainty.perturbation import build_varied_model, vary_model
+
+#: Rows of a path at which the equilibrium is differentiated.
+ROWS = 200
+#: Share of a stated spread of the level that differs from part to part at most (assumed: half of the variance).
+SHARED = 0.7
+#: Steps where a deviation is zero, and of the force.
+TINY, SHARE = 1e-9, 1e-3
+#: Variance that every parameter has apart, of its own: what goes with the force is told from rounding by it.
+APART = 1e-6
+#: To what elastic coordinates are settled in scenes that are compared with one another. [rad or m]
+REFINED = 1e-12
+_BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "tool_twist", "encoder")
+
+
+@dataclass(frozen=True, eq=False)
+class ForceSpread:
+    """How surely the wrench on the tool is known; relative standard deviations.
+
+    Attributes:
+        level: Of its size, alike along the path, what differs from part to part included.
+        direction: Of its direction, alike along the path. [rad]
+        path: Of its size, from place to place.
+        source: Where it comes from.
+        scatter: Of its size from part to part, at most `level`.
+        robot: Covariance of its size and of turns about the base axes [rad] with parameters of the robot. Shape (p, 4).
+    """
+
+    level: float
+    direction: float
+    path: float
+    source: str
+    scatter: float = 0.0
+    robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
+
+    @property
+    def common(self) -> float:
+        """Of its size, what all parts share."""
+        return float(np.sqrt(max(self.level**2 - self.scatter**2, 0.0)))
+
+    def of_all(self) -> ForceSpread:
+        """Return what all parts share, without what differs from part to part."""
+        return replace(self, level=self.common)
+
+
+def read_force_spread(job: Job | None) -> ForceSpread:
+    """Return what measured parts and a job's [noise] say of the force, its assumed defaults where there is no job."""
+    table = NoiseTable() if job is None else job.noise
+    learned = None if job is None else find_learned_force(job)
+    if learned is not None:
+        direction = float(np.radians(table.wrench_direction_deg))
+        direction = direction if learned.turn_sigma is None else learned.turn_sigma
+        turn = np.eye(3) if job is None or learned.axes != "part" else job.T_base_part[:3, :3]
+        robot = np.hstack([learned.robot[:, :1] / learned.level, learned.robot[:, 1:] @ turn.T])
+        return ForceSpread(learned.spread, direction, table.wrench_path, learned.source, learned.scatter, robot)
+    stated = {"wrench_level", "wrench_direction_deg", "wrench_path"} & table.model_fields_set
+    said = "[noise] of the job" if stated else "assumed: force models of milling and forming err by 10 to 20 %"
+    scatter = min(SCATTER, SHARED * table.wrench_level)
+    return ForceSpread(
+        table.wrench_level, float(np.radians(table.wrench_direction_deg)), table.wrench_path, said, scatter
+    )
+
+
+def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
+    """Split level and turns of the force into what goes with the robot's parameters and what is apart from them.
+
+    With parameters p = S z and shares f in standard deviations, f = B z + L e; z and e are independent and normal.
+
+    Args:
+        known: What is known of the robot; the first parameters are those that `spread` names.
+        spread: How surely the force is known.
+
+    Returns:
+        B, shape (4, r), and L, shape (4, 4).
+    """
+    factor, count = known.factor, len(spread.robot)
+    size = np.array([spread.level, *[spread.direction] * 3])
+    if not count or count > len(factor) or not (size > 0.0).all():
+        return np.zeros((4, factor.shape[1])), np.eye(4)
+    width = np.maximum(known.width, 1e-300)
+    joint = np.pad(spread.robot, ((0, len(factor) - count), (0, 0))).T / size[:, None] / width
+    tied = joint @ np.linalg.solve(factor @ factor.T + APART * np.eye(len(factor)), factor)
+    value, vector = np.linalg.eigh(tied @ tied.T)
+    # parameters and force were rounded: what goes with the robot is at most all of it
+    tied = vector @ np.diag(1.0 / np.sqrt(np.maximum(value, 1.0))) @ vector.T @ tied
+    return tied, vector @ np.diag(np.sqrt(np.maximum(1.0 - value, 0.0))) @ vector.T
+
+
+def pick_rows(cut: NDArray[np.bool_], most: int = ROWS) -> NDArray[np.int_]:
+    """Pick rows of the cut, evenly, the first and the last included."""
+    rows = np.flatnonzero(cut)
+    return rows if len(rows) <= most else rows[np.unique(np.linspace(0, len(rows) - 1, most).astype(int))]
+
+
+def build_path_model(robot: Robot, q: Array, wrench: Array, step_time: Array | None = None) -> ForwardModel:
+    """Stage a robot at the rows of a commanded path, with the effects of its folder."""
+    time = None if step_time is None else np.r_[0.0, np.cumsum(step_time)]
+    return build_varied_model(robot, command_campaign(q, wrench, time=time))
+
+
+def select_model_rows(scene: ForwardModel, rows: NDArray[np.int_]) -> ForwardModel:
+    """Take some rows of a scene; what the others have left behind in it stays."""
+    parts = {name: getattr(scene, name)[rows] for name in _BY_ROW}
+    return replace(scene, campaign=scene.campaign.take(rows), **parts)
+
+
+def unload_model(scene: ForwardModel, rows: NDArray[np.int_]) -> Attained:
+    """Return what some rows of a scene come to, settled so far that others are compared with it."""
+    return solve_model_poses(select_model_rows(scene, rows), tolerance=REFINED)
+
+
+def measure_slopes(
+    scene: ForwardModel, unknowns: Sequence[Unknown], rows: NDArray[np.int_], rest: Attained | None = None
+) -> Array:
+    """Return the motion of the target per unit of every parameter. Shape (k, 3, p). [m per SI unit]
+
+    Args:
+        scene: The robot at all rows of the path.
+        unknowns: The parameters; p in all.
+        rows: Rows to differentiate at. Shape (k,).
+        rest: What `unload_model` says of them, where it is known.
+    """
+    rest = rest or unload_model(scene, rows)
+    varied, steps = [], []
+    for unknown in unknowns:
+        for k, deviation in enumerate(unknown.deviation):
+            steps.append(float(deviation) if deviation > 0 else TINY)
+            values = np.zeros(len(unknown.keys))
+            values[k] = steps[-1]
+            varied.append(select_model_rows(vary_model(scene, [unknown], values), rows))
+    moved = attain_positions(varied, tolerance=REFINED, theta=rest.theta)
+    columns = [(position - rest.position) / step for position, step in zip(moved, steps, strict=True)]
+    return np.stack(columns, axis=-1) if columns else np.zeros((len(rows), 3, 0))
+
+
+def measure_force_slopes(
+    scene: ForwardModel, rows: NDArray[np.int_], spread: ForceSpread, rest: Attained | None = None
+) -> tuple[Array, Array]:
+    """Return the motion of the tip by one standard deviation of the force: shared (k, 3, 4) and local (k, 3, 1). [m]
+
+    The shared ones hold all along the path: its level, and a turn about each base axis.
+    """
+    here = select_model_rows(scene, rows)
+    if not here.wrench.any():
+        return np.zeros((len(rows), 3, 4)), np.zeros((len(rows), 3, 1))
+    rest = rest or unload_model(scene, rows)
+    turns = [turn_wrench(here.wrench, Rotation.from_rotvec(SHARE * axis)) for axis in np.eye(3)]
+    pushed = [replace(here, wrench=wrench) for wrench in (here.wrench * (1.0 + SHARE), *turns)]
+    moved = attain_positions(pushed, tolerance=REFINED, theta=rest.theta)
+    level, *turned = [(position - rest.position) / SHARE for position in moved]
+    shared = np.stack([spread.level * level, *(spread.direction * column for column in turned)], axis=-1)
+    return shared, spread.path * level[:, :, None]
+
+
+def apply_wrench_to_model(scene: ForwardModel, force: Array, spread: ForceSpread) -> ForwardModel:
+    """Put shares of the force's spread into a scene: its level, and a turn about each base axis. force: shape (4,)."""
+    turn = Rotation.from_rotvec(spread.direction * np.asarray(force[1:]))
+    return replace(scene, wrench=turn_wrench(scene.wrench * (1.0 + spread.level * float(force[0])), turn))
+
+
+def turn_wrench(wrench: Array, turn: Rotation) -> Array:
+    """Turn forces and moments alike. Shape (k, 6). [N, N m]."""
+    return np.concatenate([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])], axis=1)
+
+
+def tip_of(scene: ForwardModel, rows: NDArray[np.int_]) -> Array:
+    """Return where the loaded tip of a scene goes at some rows. Shape (k, 3). [m]."""
+    return solve_model_poses(select_model_rows(scene, rows)).position

@@ -1,0 +1,115 @@
+"""Lines of the language itself around a program, such as what starts the spindle; programs from arrays alone."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+from golden_cell import write_job
+from program_readers import read_krl
+from script_readers import read_urscript
+
+import compplan as cp
+from compplan.controllers.writers.krl import _fold_lines
+from compplan.controllers.writers.text import read_code
+from compplan.errors import InputError
+from tests.controllers.test_golden_programs import FORMS, make_program, read_form
+
+#: What makes the first move of each form, in the file that runs first.
+MOVES = {
+    "krl": r"^two_[JL]1\(\)", "val3": r"call part1", "fanuc_ls": r"^ *\d+:[JL] P\[1\]", "rapid": r"run_two(_L)?_1;",
+    "urscript": r"^  move[jl]", "sinumerik": r"^N\d+ G[01] X", "inform": r"^MOV[JL] C00000",
+    "kawasaki_as": r"^  CALL two",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", [form for form in FORMS if not form.startswith("csv")])
+def test_header_lines_stand_before_the_first_move_and_footer_lines_after_the_last(form: str, tmp_path: Path) -> None:
+    language = form.split()[0]
+    program = make_program(tmp_path / "cell", language)
+    cp.write_program(replace(program, header=("SPINDLE_ON",), footer=("SPINDLE_OFF",)), language, tmp_path / "out")
+    upper = language in ("fanuc_ls", "inform", "sinumerik")
+    file = tmp_path / "out" / FORMS[form][0].format("TWO" if upper else "two")
+    text = (file / "start.pgx" if file.is_dir() else file).read_text()
+    moves = [match.start() for match in re.finditer(MOVES[language], text, re.M)]
+    assert text.count("SPINDLE_ON") == text.count("SPINDLE_OFF") == 1
+    assert text.index("SPINDLE_ON") < moves[0] <= moves[-1] < text.index("SPINDLE_OFF")
+    assert "not started here" not in text
+
+
+def test_a_program_without_header_lines_says_that_it_starts_no_spindle(tmp_path: Path) -> None:
+    cp.write_program(make_program(tmp_path / "cell", "krl"), "krl", tmp_path)
+    assert "; no header lines: spindle and coolant are not started here" in (tmp_path / "two_L.src").read_text()
+
+
+def test_a_job_names_the_files_of_its_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, "krl")
+    job.write_text(job.read_text() + 'header = { krl = "on.txt" }\n')
+    (tmp_path / "on.txt").write_text("$OUT[3]=TRUE\nWAIT SEC 5.0\n")
+    assert run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys).status == 0
+    assert re.search(
+        r"^\$OUT\[3\]=TRUE\nWAIT SEC 5.0\ngolden_L1\(\)", (tmp_path / "out" / "golden_L.src").read_text(), re.M
+    )
+    (tmp_path / "on.txt").write_text("$OUT[3]=TRUE\nWAIT \u2028")
+    answer = run_command(["plan", job, "--out", tmp_path / "bad"], monkeypatch, capsys)
+    assert answer.status == 2 and not (tmp_path / "bad").exists()
+    assert "on.txt:2: has letters that no program takes" in answer.err
+
+
+@pytest.mark.parametrize("robot", ["kuka_kr270", "ur10"])
+def test_the_tool_stands_where_a_cut_begins_that_the_plan_approaches(
+    robot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    language, name, x = {"kuka_kr270": ("krl", "c_L.src", 1700), "ur10": ("urscript", "c_L.script", -700)}[robot]
+    job = tmp_path / "c.toml"
+    job.write_text(
+        f'schema = 1\nrobot = "{robot}"\n[toolpath]\ngenerator = "circle"\nradius_mm = 10.0\nfeed_mm_s = 10.0\n'
+        f"waypoints = 60\n[part]\nposition_mm = [{x}.0, 0.0, 300.0]\n"
+        '[process]\nmodel = "constant"\nforce_N = [0.0, 10.0, -35.0]\n'
+        f'[plan]\nrotate_about_tool_axis = false\n[output]\nprograms = ["{language}"]\n'
+    )
+    assert run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys).status == 0
+    moves = {"krl": read_krl, "urscript": read_urscript}[language](tmp_path / "out" / name)
+    first = next(index for index, move in enumerate(moves) if move.kind != "joint")
+    assert moves[first].stops and not moves[first + 1].stops
+
+
+def test_lines_that_would_break_a_file_are_refused(tmp_path: Path) -> None:
+    for text in ("a\x00", "\xe4", "]]>", "a\x0bb"):
+        (tmp_path / "lines.txt").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=r"plain ASCII|binary file"):
+            read_code(tmp_path / "lines.txt")
+
+
+def test_programs_are_written_from_arrays_without_a_job(tmp_path: Path) -> None:
+    robot = cp.load_robot("kuka_kr270")
+    q = np.radians([[0.0, 20, -100, 0, 60, 0], [1, 20, -100, 0, 60, 0], [2, 20, -100, 0, 60, 0]])
+    program = cp.build_program(robot, q, np.full(3, 0.02), np.array([True, False, False]), name="three")
+    cp.write_program(program, "krl", tmp_path)
+    moves = read_form("krl linear", tmp_path, "three")
+    assert [move.kind for move in moves] == ["joint", "line", "line"]
+
+
+def test_the_manual_writes_a_program_from_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "programs.md").read_text()
+    (example,) = [code for code in re.findall(r"```python\n(.*?)```", text, re.S) if "build_program" in code]
+    assert len([line for line in example.splitlines() if line]) <= 12
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "programs.md", "exec"), {})
+    moves = read_krl(tmp_path / "out" / "three" / "three_L.src")
+    assert [move.action or move.kind for move in moves] == [
+        "joint", ("on", 3.0), ("wait", 5.0), "line", "line", ("off", 3.0),
+    ]  # fmt: skip
+
+
+def test_comments_of_the_cam_file_are_folds_of_a_krl_program() -> None:
+    lines = ["; POCKET", "LIN {X 1}", "; the configuration changes: a joint move\nPTP {A1 1}", "; HOLES", "LIN {X 2}"]
+    assert _fold_lines(lines) == [";FOLD POCKET", *lines[1:3], ";ENDFOLD", ";FOLD HOLES", "LIN {X 2}", ";ENDFOLD"]
+    assert _fold_lines(["LIN {X 1}"]) == ["LIN {X 1}"]
+    assert _fold_lines(["; TOOL", "; 12 mm", "LIN {X 1}"]) == [";FOLD TOOL", "; 12 mm", "LIN {X 1}", ";ENDFOLD"]

@@ -1,0 +1,167 @@
+"""What a user is told of a program: brands, unknown counting, feeds that a form cannot hold, swings."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+from golden_cell import write_job
+from program_readers import read_krl
+
+from compplan.controllers.writers import Program, build_program, check_brand, describe_program, write_program
+from compplan.errors import InputError, ShapeError
+from compplan.robot import load_robot
+from compplan.toolpath.events import Event
+from tests.controllers.test_golden_programs import make_program
+
+
+@pytest.mark.parametrize(
+    ("controller", "language"),
+    [
+        ("KUKA KRC4", "krl"), ("KUKA KRC4", "csv"), ("KUKA KRC4", "sinumerik"), ("Staubli CS8C", "val3"),
+        ("Fanuc R-30iA", "fanuc_ls"), ("ABB IRC5", "rapid"), ("Universal Robots CB3", "urscript"),
+        ("Yaskawa YRC1000", "inform"), ("Kawasaki F60", "kawasaki_as"), ("", "krl"), ("home made", "rapid"),
+    ],
+)  # fmt: skip
+def test_a_controller_gets_the_language_of_its_brand(controller: str, language: str) -> None:
+    check_brand(controller, language)
+
+
+@pytest.mark.parametrize(
+    ("controller", "language", "choices"),
+    [
+        ("KUKA KRC2", "fanuc_ls", "['krl', 'sinumerik', 'own', 'csv']"),
+        ("Staubli CS8C", "krl", "['val3', 'sinumerik', 'own', 'csv']"),
+        ("Fanuc R-30iA", "rapid", "['fanuc_ls', 'sinumerik', 'own', 'csv']"),
+    ],
+)
+def test_a_program_for_another_brand_is_refused(controller: str, language: str, choices: str) -> None:
+    with pytest.raises(InputError, match=f"{language} is the language of .*, choose from {re.escape(choices)}"):
+        check_brand(controller, language)
+
+
+def test_a_program_from_arrays_is_refused_too_unless_any_brand_will_do(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "krl"), controller="Universal Robots CB3")
+    with pytest.raises(InputError, match="krl is the language of KUKA"):
+        write_program(program, "krl", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert write_program(program, "krl", tmp_path / "out", any_brand=True)
+
+
+def test_a_job_that_asks_for_another_brand_leaves_with_2_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, "krl")
+    file = tmp_path / "cell" / "controller.toml"
+    file.write_text(file.read_text().replace('controller = "golden"', 'controller = "KUKA KRC2"'))
+    text = job.read_text()
+    job.write_text(text.replace('"krl"', '"fanuc_ls"'))
+    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 2 and not (tmp_path / "out").exists()
+    assert re.fullmatch(r"error: .*golden.toml: output.programs: fanuc_ls is the language of FANUC, .*\n", answer.err)
+    job.write_text(text.replace('"krl"', '"rapid"').replace("[output]", "[output]\nany_brand = true"))
+    assert run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys).status == 0
+    assert list((tmp_path / "out").glob("*.mod"))
+
+
+def test_a_robot_whose_counting_nobody_states_gets_a_loud_note_on_the_terminal_and_in_every_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, "rapid")
+    (tmp_path / "cell" / "controller.toml").unlink()
+    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0
+    assert "rapid: SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in answer.out
+    for name in ("golden.mod", "golden_L.mod"):
+        assert "! SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in (tmp_path / "out" / name).read_text()
+    assert "SIGNS AND ZEROS" in (tmp_path / "out" / "plan.json").read_text()
+
+
+def make_creeping_program(folder: Path) -> Program:
+    """Joint 1 turns by 1, 2 and 20 deg in a second each: 0.87, 1.75 and 17.45 % of 2 rad/s."""
+    two = make_program(folder, "krl")
+    joints = two.joints[[0, 0, 0, 0]] + np.outer([0.0, 1, 3, 23], [0, 1, 0, 0, 0, 0, 0])
+    rows = {name: getattr(two, name)[[0, 0, 0, 0]] for name in ("feed", "rapid", "tcp", "status", "bent")}
+    words = {key: values[[0, 0, 0, 0]] for key, values in two.words.items()}
+    return replace(two, joints=joints, **rows, words=words, native={}, time=np.arange(4.0))
+
+
+def test_joint_moves_in_whole_percents_that_miss_their_feed_are_counted(tmp_path: Path) -> None:
+    program = make_creeping_program(tmp_path / "cell")
+    notes = describe_program(program, "krl")
+    assert notes[0].startswith("krl: KRL joint moves know whole percents of the axis rates: 2 of 4 do not hold")
+    assert notes[1] == "krl: the linear program (_L) holds it"
+    write_program(program, "krl", tmp_path / "out")
+    assert "2 of 4 do not hold their feed" in (tmp_path / "out" / "two_J.src").read_text()
+    assert [move.percent for move in read_krl(tmp_path / "out" / "two_J.src")] == [10, 1, 2, 17]
+    assert {move.feed for move in read_krl(tmp_path / "out" / "two_L.src")} == {20.0}
+
+
+def test_nothing_is_said_of_a_program_that_holds_everything(tmp_path: Path) -> None:
+    for language in ("rapid", "val3", "fanuc_ls", "urscript", "sinumerik", "kawasaki_as", "csv"):
+        assert describe_program(make_program(tmp_path / language, language), language) == []
+
+
+def test_feeds_that_a_language_rounds_are_counted(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "fanuc_ls", "fanuc_ls")
+    slow = replace(program, feed=np.array([0.15, 12.5]))
+    said, rest = "feeds are written in steps of 0.1 mm/s", ": 1 are off by more than 1 %, the slowest is 0.15 mm/s"
+    assert describe_program(slow, "fanuc_ls") == [f"fanuc_ls: {said}, below 1 mm/s of 0.1 cm/min{rest}"]
+    assert f"inform: {said}{rest}" in describe_program(slow, "inform")
+
+
+def test_swings_are_told_by_waypoint(tmp_path: Path) -> None:
+    robot = load_robot("kuka_kr270")
+    q = np.tile(np.radians([0.0, 20, -100, 30, 0, 0]), (4, 1))
+    q[:, 4] = np.radians([-10, -5, 5, 10])
+    program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0) * 0.01)
+    notes = describe_program(program, "krl")
+    assert "krl: the configuration changes within a cut, at 2: linear programs swing over" in notes
+
+
+def test_a_wrist_that_stretches_out_swings_over_whatever_the_folder_says(tmp_path: Path) -> None:
+    """The ur10 has no word for its wrist; axes 4 and 6 are in line where joint 5 is at 0."""
+    robot = load_robot("ur10")
+    q = np.tile(np.radians([0.0, -90, 90, -60, 0, 0]), (4, 1))
+    q[:, 4] = np.radians([8, 2, -2, -8])
+    program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0))
+    assert program.swings.tolist() == [False, False, True, False]
+    write_program(program, "urscript", tmp_path)
+    text = (tmp_path / "x_L.script").read_text()
+    assert re.findall(r"^  (?:# the configuration changes|move[jl])", text, re.M) == [
+        "  movel", "  movel", "  # the configuration changes", "  movej", "  movel",
+    ]  # fmt: skip
+
+
+def test_a_robot_on_a_rail_gets_no_urscript(tmp_path: Path) -> None:
+    program = replace(make_program(tmp_path / "cell", "krl"), controller="")
+    assert program.prismatic.any()
+    with pytest.raises(InputError, match="URScript"):
+        write_program(program, "urscript", tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["feed", "rapid", "time", "tcp", "status"])
+def test_arrays_that_do_not_belong_together_are_no_program(name: str, tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "krl")
+    array = getattr(program, name)
+    with pytest.raises(ShapeError, match=f"program {name} has shape"):
+        replace(program, **{name: np.concatenate([array, array[:1]])})
+
+
+def test_a_table_says_that_it_holds_no_events_where_there_are_some_and_comments_are_none(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "krl")
+    said = "are not in this table"
+    assert not any(said in note for note in describe_program(program, "csv"))
+    comments = replace(program, events=(Event(0, "comment", 0.0, "roughing"),))
+    assert not any(said in note for note in describe_program(comments, "csv"))
+    assert any(said in note for note in describe_program(replace(program, events=(Event(0, "coolant"),)), "csv"))
+
+
+def test_the_moves_that_do_not_hold_their_feed_are_counted(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "cell", "krl")
+    slow = replace(program, rates=np.full(program.joints.shape[1], 1e5))
+    assert any("1 of 2 do not hold their feed" in note for note in describe_program(slow, "krl"))

@@ -1,0 +1,226 @@
+"""What to measure next: gains in closed form, moves within limits, and a tie that the proposed measurement breaks."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from simulated_campaigns import measure, plan_rows, write_small_robot
+
+from compplan.diagnosis import Diagnosis, diagnose_campaign
+from compplan.diagnosis.results.measurement_moves import KINDS, list_moves
+from compplan.diagnosis.results.next_measurement import (
+    DifferenceShown,
+    expected_gain,
+    name_approach,
+    pick_moves,
+    predict_columns,
+    propose_measurements,
+)
+from compplan.diagnosis.results.signature_at_rows import probe_signature
+from compplan.effects import Effect, apply_effects, solve_model_poses
+from compplan.effects.frame_shift import shift_at
+from compplan.effects.signature import Signature
+from compplan.effects.transmission_error import bump_at, spline_at, waves_at
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.poses.exchange import settle_choice, take_greedily
+from compplan.measurement.poses.information import explain_rows, odds_gains
+from compplan.robot import Robot, load_robot
+from tests.effects.test_effects_signatures import make_linearization
+
+AT = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
+OFFSET = Effect("joint_offset", "joint_3", None, {"offset_rad": 5e-4})
+
+
+def test_nothing_is_gained_without_information_and_half_a_probability_from_an_even_start_with_much() -> None:
+    assert expected_gain(0.0, 0.0) == pytest.approx(0.0, abs=1e-12)
+    assert expected_gain(0.0, 200.0) == pytest.approx(0.5, abs=1e-6)
+    assert expected_gain(2.2, 200.0) == pytest.approx(1 - (0.9**2 + 0.1**2), abs=2e-3)
+
+
+def test_the_expected_gain_agrees_with_measuring_many_times() -> None:
+    random = np.random.default_rng(0)
+    information, log_odds, draws = 1.3, 0.7, 400_000
+    prior = 1 / (1 + np.exp(-log_odds))
+    first = random.random(draws) < prior
+    ratio = np.where(first, 1, -1) * information + np.sqrt(2 * information) * random.normal(size=draws)
+    after = 1 / (1 + np.exp(-(log_odds + ratio)))
+    given_to_truth = np.where(first, after, 1 - after).mean()
+    before = prior**2 + (1 - prior) ** 2
+    assert expected_gain(log_odds, information) == pytest.approx(given_to_truth - before, abs=3e-3)
+
+
+def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
+    """Three readings, two of them of what is nearly the same, over noise of one."""
+    shared = 1e3 * np.array([[1.0, 0.999, 0.0], [0.999, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    shown = DifferenceShown(np.sqrt(1e3) * np.array([2.0, 2.0, 1.9]), shared, np.eye(3)[:, None])
+    picked, information = pick_moves(shown, 0.0)
+    assert set(picked[:2]) in ({0, 2}, {1, 2})
+    assert information == pytest.approx(0.5 * (4 + 3.61), rel=0.01)
+
+
+def test_no_move_is_picked_where_two_explanations_predict_the_same() -> None:
+    assert pick_moves(DifferenceShown(np.zeros(4), np.eye(4), np.eye(4).reshape(2, 2, 4)), 0.0) == ([], 0.0)
+
+
+def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_in_whatever_order() -> None:
+    """D = d^T (N + S)^-1 d / 2 of all rows at once, by the whole matrix; the exchange finds the best pair of five."""
+    random = np.random.default_rng(4)
+    root, rows, mean = random.normal(size=(6, 6)), random.normal(size=(5, 2, 6)), random.normal(size=6)
+    covariance = root @ root.T
+
+    def told(moves: tuple[int, ...]) -> float:
+        H = rows[list(moves)].reshape(-1, 6)
+        d = H @ mean
+        return 0.5 * float(d @ np.linalg.solve(H @ covariance @ H.T + np.eye(len(H)), d))
+
+    left = explain_rows(mean, covariance, rows[[3, 1]], 1.0)
+    gain = odds_gains(*left, rows)
+    assert gain[4] == pytest.approx(told((3, 1, 4)) - told((3, 1)), rel=1e-9)
+
+    def worth(taken: list[int]) -> np.ndarray:
+        return odds_gains(*explain_rows(mean, covariance, rows[taken], 1.0), rows)
+
+    chosen = settle_choice(worth, take_greedily(worth, 2))
+    best = max(itertools.combinations(range(5), 2), key=told)
+    assert {number for number, _ in chosen} == set(best)
+    assert sum(added for _, added in chosen) == pytest.approx(told(best))
+
+
+def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_and_an_idle_one_is_not() -> None:
+    """The instrument moved at row 5: each millimetre of it is one at every row since, over noise of 0.02 mm."""
+    (shift,) = [s for s in shift_at(AT, 5) if s.form.startswith("origin")]
+    residual, noise = np.zeros((1, 3)), SimpleNamespace(sigma=2e-5)
+    ledger = SimpleNamespace(
+        p=3, signatures=[shift], columns=lambda number: np.arange(3), scale=np.full(3, 1e-3),
+        source=[SimpleNamespace(name="position", residual=residual, noise=noise)],
+    )  # fmt: skip
+    since = np.arange(len(AT.campaign)) >= 5
+    for claims, size in (([SimpleNamespace(signature=0)], 50.0), ([], 0.0)):
+        fit = SimpleNamespace(
+            search=SimpleNamespace(ledger=ledger), model=SimpleNamespace(claims=claims),
+            problem=SimpleNamespace(register=()),
+        )  # fmt: skip
+        (columns,) = predict_columns(fit, AT)  # type: ignore[arg-type]
+        assert columns == pytest.approx(size * since[:, None, None] * np.eye(3), abs=1e-4)
+
+
+@pytest.mark.parametrize("claim", [waves_at(AT, 2, [3.0, 7.5]), bump_at(AT, 1, 0.2, 0.1), spline_at(AT, 4)])
+def test_a_curve_that_one_nudge_of_its_joint_foresees_is_what_its_values_do_one_by_one(claim: Signature) -> None:
+    found = probe_signature(AT, claim)
+    for k, size in enumerate(claim.scale):
+        ahead, back = (
+            solve_model_poses(apply_effects(AT.scene, [claim.effect(step * size * np.eye(len(claim.scale))[k])]))
+            for step in (0.5, -0.5)
+        )
+        assert found.twist[:, :3, k] * size == pytest.approx(ahead.position - back.position, abs=2e-8)
+        assert found.encoder is not None
+        assert found.encoder[:, :, k] * size == pytest.approx(ahead.link - back.link, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Robot, Campaign]:
+    """Measure an offset at poses of a narrow region, where a gear error of the same joint looks alike."""
+    robot = write_small_robot(tmp_path_factory.mktemp("robot"))
+    rows = plan_rows(robot, 5, poses=30, loads=1, region=0.15)
+    return robot, measure(robot, rows, [OFFSET], 5)
+
+
+@pytest.fixture(scope="module")
+def narrow(measured: tuple[Robot, Campaign]) -> tuple[Robot, Campaign, Diagnosis]:
+    return *measured, diagnose_campaign(*measured)
+
+
+def rivals_of(diagnosis: Diagnosis) -> set[tuple[str, str | None, str | None]]:
+    (finding,) = diagnosis.verdict.findings
+    assert finding.effect.place == OFFSET.place
+    return {rival.place for rival in finding.rivals if rival.alike}
+
+
+def open_proposals(tables: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [table for table in tables if table["kind"] != "none"]
+
+
+def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaign]) -> None:
+    robot, campaign = measured
+    pool, moves = list_moves(robot, campaign)
+    rows = np.array([row for move in moves for row in move.rows])
+    assert {move.kind for move in moves} == set(KINDS) - {"two_speeds"}
+    assert (pool.q[rows] >= robot.lower).all()
+    assert (pool.q[rows] <= robot.upper).all()
+    largest = np.linalg.norm(campaign.wrench[:, :3], axis=1).max()
+    assert np.linalg.norm(pool.wrench[rows, :3], axis=1).max() <= largest + 0.1
+
+
+def test_a_move_of_two_loads_holds_one_pose_under_what_its_name_says(measured: tuple[Robot, Campaign]) -> None:
+    pool, moves = list_moves(*measured)
+    for kind, ratio in (("loaded_unloaded", 0.0), ("sign_flip", -1.0), ("two_payloads", 0.3)):
+        pairs = [move.rows for move in moves if move.kind == kind]
+        assert len(pairs) > 3
+        for first, second in pairs:
+            light, heavy = sorted((first, second), key=lambda row: np.linalg.norm(pool.wrench[row]))
+            assert np.array_equal(pool.q[first], pool.q[second]) and np.linalg.norm(pool.wrench[heavy, :3]) > 10.0
+            assert pool.wrench[light] == pytest.approx(ratio * pool.wrench[heavy])
+
+
+def test_a_reversal_comes_to_one_pose_from_both_sides(measured: tuple[Robot, Campaign]) -> None:
+    robot, campaign = measured
+    pool, moves = list_moves(robot, campaign)
+    for move in (m for m in moves if m.kind == "reversal"):
+        index = robot.joint_names.index(str(move.joint))
+        assert np.array_equal(pool.q[move.rows[0]], pool.q[move.rows[1]])
+        assert pool.approach[list(move.rows), index].tolist() == [1.0, -1.0]
+
+
+def test_a_proposed_reversal_says_by_which_joint_and_from_which_side_each_pose_is_come_to(
+    measured: tuple[Robot, Campaign],
+) -> None:
+    """The row before a pose is where the joint stands back; the joint turns upwards from a smaller angle."""
+    pool, moves = list_moves(*measured)
+    at = SimpleNamespace(campaign=pool, robot=measured[0])
+    for move in (m for m in moves if m.kind == "reversal"):
+        index = measured[0].joint_names.index(str(move.joint))
+        for row in move.rows:
+            side = "upwards" if pool.q[row - 1, index] < pool.q[row, index] else "downwards"
+            assert name_approach(at, row) == f"{move.joint} {side}"  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_a_tie_is_broken_by_the_measurement_that_is_proposed(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
+    robot, campaign, diagnosis = narrow
+    before = rivals_of(diagnosis)
+    assert ("transmission_error", "joint_3", None) in before
+    proposals = open_proposals(propose_measurements(diagnosis))
+    wave = next(p for p in proposals if p["separates"][1]["effect"] == "transmission_error")
+    assert wave["expected_probability_gain"] > 0.1
+    q = np.deg2rad(np.array(wave["poses"]))
+    n = len(q)
+    further = Campaign(
+        run=np.array(["static_9"] * (n + 1)), q=np.vstack([campaign.q[-1:], q]),
+        wrench=np.vstack([np.zeros((1, 6)), wave["wrenches"]]), position=np.zeros((n + 1, 3)),
+        time=campaign.time[-1] + 60.0 + 20.0 * np.arange(n + 1), sigma=np.full(n + 1, campaign.sigma[0]),
+    )  # fmt: skip
+    more = measure(robot, further, [OFFSET], 6)
+    both = replace(
+        campaign,
+        **{
+            name: np.concatenate([getattr(campaign, name), getattr(more, name)])
+            for name in ("run", "q", "wrench", "position", "rotation", "time", "sigma")
+        },
+    )
+    after = rivals_of(diagnose_campaign(robot, both))
+    assert ("transmission_error", "joint_3", None) not in after
+    assert after < before
+
+
+@pytest.mark.slow
+def test_what_no_move_can_tell_apart_is_said(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
+    *_, diagnosis = narrow
+    closed = [table for table in propose_measurements(diagnosis) if table["kind"] == "none"]
+    names = {table["separates"][1]["effect"] for table in closed}
+    assert names <= {"link_geometry", "gravity_compensator"}
+    assert all(table["expected_probability_gain"] == 0.0 for table in closed)

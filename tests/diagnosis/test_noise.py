@@ -1,0 +1,78 @@
+"""Noise: what repeats, poses met again, a sigma column and a stated repeatability tell; closed forms with a seed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compplan.diagnosis.data.noise import Noise, estimate_noise
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
+from compplan.effects import command_campaign
+from compplan.measurement.campaign import Campaign
+
+INSTRUMENT, ROBOT = 2e-5, 2.5e-5
+POSES, VISITS = 60, 4
+
+
+def visit_poses(rows_a_stay: int, seed: int = 3) -> tuple[Campaign, np.ndarray]:
+    """Visit poses again and again in a drawn order. Returns the campaign and the scatter of its rows."""
+    rng = np.random.default_rng(seed)
+    order = np.concatenate([rng.permutation(POSES) for _ in range(VISITS)])
+    q = np.repeat(rng.uniform(-1.0, 1.0, (POSES, 6))[order], rows_a_stay, axis=0)
+    stay = np.repeat(rng.normal(0.0, ROBOT, (len(order), 3)), rows_a_stay, axis=0)
+    return command_campaign(q, on_path=False), stay + rng.normal(0.0, INSTRUMENT, stay.shape)
+
+
+def test_rows_of_a_stay_tell_the_instrument_and_poses_met_again_the_robot() -> None:
+    noise = estimate_noise(*visit_poses(3), None, "position")
+    assert noise.sigma == pytest.approx(INSTRUMENT, rel=0.05)
+    assert noise.stay == pytest.approx(ROBOT, rel=0.1)
+
+
+def test_single_rows_hold_both_as_far_as_poses_are_met_again() -> None:
+    noise = estimate_noise(*visit_poses(1), None, "position")
+    assert noise.sigma == pytest.approx(np.hypot(INSTRUMENT, ROBOT), rel=0.06)
+    assert noise.source == "poses met again"
+    assert noise.stay == 0.0
+
+
+def test_the_sum_of_two_stated_variances_has_the_freedom_of_welch_and_satterthwaite() -> None:
+    campaign, gap = visit_poses(1)
+    once = campaign.take(np.arange(POSES))
+    stated = np.full(POSES, INSTRUMENT)
+    noise = estimate_noise(once, gap[:POSES], stated, "position", INSTRUMENT)
+    assert noise.sigma == pytest.approx(np.sqrt(2.0) * INSTRUMENT)
+    assert noise.witnesses == pytest.approx(4.0 / (1.0 / 60.0 + 1.0 / 20.0))
+
+
+def test_a_sigma_column_weighs_each_row() -> None:
+    campaign, gap = visit_poses(3)
+    stated = np.where(np.arange(len(gap)) % 2 == 0, 1e-5, 3e-5)
+    noise = estimate_noise(campaign, gap, stated, "position")
+    near, far = noise.spread_of(np.array([0, 1]))
+    assert far / near == pytest.approx(3.0)
+    assert np.sqrt(np.mean(noise.spread**2)) == pytest.approx(1.0)
+
+
+def test_poses_that_come_back_far_off_are_a_cause_and_no_noise() -> None:
+    campaign, gap = visit_poses(3)
+    # play of a tenth of a millimetre: every second visit stands on the other side
+    side = np.where(np.arange(len(gap)) // 3 // POSES % 2 == 0, 1.0, -1.0)[:, None]
+    noise = estimate_noise(campaign, gap + 5e-5 * side, None, "position", ROBOT)
+    assert noise.stay < 1.6 * ROBOT
+
+
+def test_nothing_known_is_assumed_and_hardly_counts() -> None:
+    campaign, gap = visit_poses(1)
+    noise = estimate_noise(campaign.take(np.arange(POSES)), gap[:POSES], None, "position")
+    assert noise.source == "assumed"
+    assert noise.witnesses < 10.0
+    assert noise.leeway > Noise(1e-5, 60.0, "repeats").leeway
+
+
+def test_more_evidence_never_lowers_a_probability() -> None:
+    def rate(margin: float = 10.0, repeated: float = 0.8) -> float:
+        return calibrate_probability(Evidence(margin, margin, repeated, 3.0, 0.9, 0.1, 2.0, 1.0))
+
+    assert rate(margin=5.0) < rate(margin=20.0) < rate(margin=500.0) < 1.0
+    assert rate(repeated=0.2) < rate(repeated=1.0)

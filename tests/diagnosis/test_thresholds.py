@@ -1,0 +1,104 @@
+"""Every number that decides in the diagnosis has a name, a reason and a source.
+
+The rule: a number inside a function is arithmetic where it counts (integers up to 6: components, axes, powers), halves,
+changes a unit, or guards a division or a factorization against rounding (up to 1e-6). Every other one decides, and so
+does any fraction, or count above 3, that something is compared with or limited to; those stand at the head of the
+module with a comment that says why and, as one of the words assumed, theory or study (with its command), where from.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+DIAGNOSE = Path(__file__).parents[2] / "compplan" / "diagnosis"
+MODULES = sorted(str(path.relative_to(DIAGNOSE).with_suffix("")) for path in DIAGNOSE.rglob("*.py"))
+SOURCES = ("assumed", "theory", "study: python -m ")
+COUNTS, GUARD = 6, 1e-6
+FRACTIONS = {0.5, 1e3, 180.0, 100.0}
+LIMITERS = {"min", "max", "minimum", "maximum", "clip"}
+
+
+def numbers_of(node: ast.AST) -> Iterator[ast.Constant]:
+    for found in ast.walk(node):
+        if isinstance(found, ast.Constant) and type(found.value) in (int, float):
+            yield found
+
+
+def without_slices(node: ast.expr) -> ast.expr:
+    """What is cut out of a list of names is no number that decides."""
+    return node.value if isinstance(node, ast.Subscript) else node
+
+
+def is_arithmetic(value: float) -> bool:
+    return abs(value) <= GUARD or value in FRACTIONS or (value == int(value) and value <= COUNTS)
+
+
+def limits_of(tree: ast.AST) -> Iterator[ast.Constant]:
+    """Numbers that something is compared with or limited to, directly."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            sides = [node.left, *node.comparators]
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in LIMITERS:
+            sides = list(node.args)
+        else:
+            continue
+        for side in sides:
+            inner = side.operand if isinstance(side, ast.UnaryOp) else side
+            if isinstance(inner, ast.Constant):
+                yield from numbers_of(inner)
+
+
+def bare_decisions(source: str) -> list[int]:
+    """Lines of the functions of a module where a number decides that has no name."""
+    found = set()
+    for function in ast.walk(ast.parse(source)):
+        if isinstance(function, ast.FunctionDef):
+            found |= {n.lineno for n in numbers_of(function) if not is_arithmetic(n.value)}
+            found |= {n.lineno for n in limits_of(function) if n.value not in (0, 1, 2, 3) and abs(n.value) > GUARD}
+    return sorted(found)
+
+
+def unsourced_constants(source: str) -> list[str]:
+    """Names at the head of a module that hold numbers, without a comment that says where those come from."""
+    lines, found = source.split("\n"), []
+    for node in ast.parse(source).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        if any(numbers_of(without_slices(node.value))):
+            comment, line = "", node.lineno - 2
+            while lines[line].startswith("#:"):
+                comment, line = lines[line].removeprefix("#:") + comment, line - 1
+            if not any(word in comment for word in SOURCES):
+                found.append(ast.unparse(node).split("=")[0].strip())
+    return found
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_number_that_decides_has_a_name(module: str) -> None:
+    lines = bare_decisions((DIAGNOSE / f"{module}.py").read_text())
+    assert not lines, f"compplan/diagnosis/{module}.py: numbers without a name in lines {lines}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_named_number_says_where_it_comes_from(module: str) -> None:
+    names = unsourced_constants((DIAGNOSE / f"{module}.py").read_text())
+    assert not names, f"compplan/diagnosis/{module}.py: {names} do not say one of {SOURCES}"
+
+
+def test_the_scanner_sees_bare_decisions_and_lets_arithmetic_pass() -> None:
+    decides = ["x > 0.3", "len(x) < 20", "max(x, 0.05)", "x < 12", "0.7 * x", "np.clip(x, -8.0, 1.0)", "x == 4"]
+    counts = ["x > 0", "x / 2", "0.5 * x**2", "max(x, 1e-12)", "x[:, 3:6]", "1e3 * x", "len(x) < 2", "x + 1e-9"]
+    for text in decides:
+        assert bare_decisions(f"def f(x):\n    return {text}\n") == [2], text
+    for text in counts:
+        assert not bare_decisions(f"def f(x):\n    return {text}\n"), text
+
+
+def test_the_scanner_asks_every_named_number_for_its_source() -> None:
+    assert unsourced_constants("#: As large as it is.\nA, B = 1, 2.0\n") == ["A, B"]
+    assert unsourced_constants("#: Large (assumed).\nA = 1\n#: (theory: chance)\nB = {'x': 2}\nC = 'word'\n") == []
+    assert unsourced_constants("#: (study: python -m benchmarks.x)\nA = 1\n\nB: float = 2.0\n") == ["B: float"]

@@ -1,0 +1,405 @@
+"""What each effect offers to the diagnosis, in numbers worked out by hand; laws of lags and clocks; bounds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawn_campaigns import draw_robot_files, rail_arm
+
+from compplan.effects import EFFECTS, Effect, apply_effects, build_model, solve_model_poses
+from compplan.effects.checks import check_effect
+from compplan.effects.linearization import Linearization, linearize_model
+from compplan.effects.signature import Signature, pack_parameters
+from compplan.effects.tracking_lag import lagged_speed
+from compplan.effects.transmission_error import bump_at, spline_at, waves_at
+from compplan.errors import InputError, UnknownNameError
+from compplan.measurement.campaign import Campaign
+from compplan.robot import Robot, load_robot
+from tests.effects.test_effects_signatures import make_campaign, make_linearization
+
+MM, MRAD = 1e-3, 1e-3
+#: What no calibrated robot would be surprised by, one number a parameter: (turning joint, sliding joint).
+SIZES = {
+    "backlash": (2e-4, 1e-4),
+    "base_frame": ([MM] * 3 + [0.5 * MRAD] * 3,) * 2,
+    "frame_shift": ([MM] * 3 + [0.5 * MRAD] * 3,) * 2,
+    "tool_frame": ([MM] * 3 + [MRAD] * 3,) * 2,
+    "tool_shift": ([MM] * 3 + [MRAD] * 3,) * 2,
+    "joint_offset": (1e-3, 1e-3),
+    "joint_coupling": (1e-3, 1e-3),
+    "link_geometry": (5e-4, 5e-4),
+    "payload": ([20.0, 5.0, 5.0, 5.0],) * 2,
+    "thermal_drift": (1.5e-5, 1.5e-5),
+    "tracking_lag": (0.01, 0.01),
+    "transmission_error": (1e-4, 1e-4),
+    "wrench_bias": ([50.0] * 3 + [10.0] * 3,) * 2,
+    "wrench_scale": (0.1, 0.1),
+}
+#: Effects that have one sign only.
+ONE_SIDED = {"backlash", "base_compliance", "gravity_sag", "link_compliance", "tracking_lag"}
+
+
+@pytest.fixture(scope="module")
+def arm() -> Linearization:
+    return make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
+
+
+@pytest.fixture(scope="module")
+def rail(tmp_path_factory: pytest.TempPathFactory) -> Linearization:
+    return make_linearization(draw_robot_files(rail_arm(), tmp_path_factory.mktemp("rail")).robot)
+
+
+@pytest.mark.parametrize("name", sorted(SIZES))
+def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
+    name: str, arm: Linearization, rail: Linearization
+) -> None:
+    for at in (arm, rail):
+        kinds = {joint.name: joint.kind for joint in at.robot.actuated}
+        for signature in EFFECTS[name].signatures(at):
+            expected = SIZES[name][kinds.get(str(signature.joint)) == "prismatic"]
+            if signature.form.startswith("origin") or signature.form.startswith("offset "):
+                expected = np.asarray(expected)[:3]
+            if signature.form == "directions":
+                expected = np.asarray(expected)[3:]
+            if np.ndim(expected):
+                expected = np.asarray(expected)[: len(signature.keys)]
+            if signature.form.startswith("series"):  # overtones of a half and a third
+                expected = np.repeat(np.asarray(expected) / [1.0, 2.0, 3.0], 2)
+            assert signature.scale == pytest.approx(np.broadcast_to(expected, len(signature.keys)), rel=1e-12)
+            assert signature.scale.shape == (len(signature.keys),) == signature.twist.shape[2:]
+
+
+def test_links_and_base_are_offered_as_soft_as_the_joints_of_their_robot_are(arm: Linearization) -> None:
+    usual = np.median([s.compliance for s in arm.robot.springs if s.axis == "own"])
+    soft = make_linearization(arm.robot.scale_compliance(3.0))
+    for factor, at in ((1.0, arm), (3.0, soft)):
+        for signature in EFFECTS["link_compliance"].signatures(at):
+            share = 1.0 if str(signature.axis)[0] == "r" else 0.25
+            assert signature.scale == pytest.approx([factor * share * usual], rel=1e-12)
+        for signature in EFFECTS["base_compliance"].signatures(at):
+            assert signature.scale == pytest.approx([0.25 * factor * usual], rel=1e-12)
+
+
+def test_a_robot_without_springs_is_as_soft_as_its_loads_let_it_give_way_by_millimetres(arm: Linearization) -> None:
+    rigid = make_linearization(replace(arm.robot, springs=(), link_elasticities=()))
+    moved = 0.0
+    for joint in ["base", *rigid.robot.joint_names]:
+        for axis in ("rx", "ry", "rz"):
+            twist = rigid.twist(joint, axis)[:, :3] * rigid.joint_load(joint, axis)[:, None]
+            moved = max(moved, float(np.sqrt(np.mean(np.sum(twist**2, axis=1)))))
+    assert rigid.usual_compliance * moved == pytest.approx(5e-3, rel=0.35)
+    assert rigid.usual_compliance == float(f"{rigid.usual_compliance:.0e}")
+
+
+@pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"thermal_drift", "stiffness_nonlinearity"}))
+def test_only_what_has_one_sign_is_offered_with_one(name: str, arm: Linearization) -> None:
+    for signature in EFFECTS[name].signatures(arm):
+        assert signature.positive == (name in ONE_SIDED), signature.place
+        assert signature.name == name and signature.tried == 1
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_what_is_offered_can_stand_in_effects_toml_and_moves_readings_column_by_column(
+    name: str, arm: Linearization, rail: Linearization
+) -> None:
+    for at in (arm, rail):
+        for signature in EFFECTS[name].signatures(at):
+            n, nq = at.scene.campaign.q.shape
+            assert signature.twist.shape == (n, 6, len(signature.keys))
+            assert signature.encoder is None or signature.encoder.shape == (n, nq, len(signature.keys))
+            table = {"effect": name, "joint": signature.joint, "axis": signature.axis}
+            parameters = pack_parameters(signature.keys, signature.scale, signature.fixed)
+            place = {key: value for key, value in table.items() if value is not None}
+            check_effect({**place, "parameters": parameters}, at.robot, None, "effect[0]")
+
+
+def test_units_of_keys_follow_the_kind_of_the_joint(rail: Linearization) -> None:
+    units = {"backlash": "width", "joint_offset": "offset"}
+    for name, word in units.items():
+        keys = {s.joint: s.keys for s in EFFECTS[name].signatures(rail)}
+        for joint in rail.robot.actuated:
+            if joint.name in keys:
+                assert keys[joint.name] == (f"{word}_m" if joint.kind == "prismatic" else f"{word}_rad",)
+
+
+def test_a_softer_joint_is_offered_at_half_its_compliance_and_keeps_a_tenth(arm: Linearization) -> None:
+    for signature in EFFECTS["joint_stiffness"].signatures(arm):
+        spring = next(s for s in arm.robot.springs if s.joint == signature.joint and s.axis == "own")
+        assert signature.scale == pytest.approx([0.5 * spring.compliance])
+        assert signature.least == pytest.approx((-0.9 * spring.compliance,))
+    name = arm.robot.joint_names[1]
+    changed = {("joint_stiffness", name, None): {"compliance_change_rad_per_Nm": 0.25e-6}}
+    again = next(s for s in EFFECTS["joint_stiffness"].signatures(replace(arm, current=changed)) if s.joint == name)
+    nominal = next(s.compliance for s in arm.robot.springs if s.joint == name and s.axis == "own")
+    assert again.scale == pytest.approx([0.5 * (nominal - 0.25e-6)])
+
+
+def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies(arm: Linearization) -> None:
+    robot = replace(arm.robot, springs=())
+    at = make_linearization(robot)
+    assert [s.scale.tolist() for s in EFFECTS["joint_stiffness"].signatures(at)] == [[1e-6]] * 6
+    still = replace(make_campaign(robot), wrench=np.zeros((120, 6)))
+    scene = build_model(robot, still)
+    at = linearize_model(scene, solve_model_poses(scene))
+    assert not list(EFFECTS["joint_stiffness"].signatures(at))
+    (sag,) = EFFECTS["gravity_sag"].signatures(at)
+    # the first joint stands upright, and what turns about the last one is balanced: no weight acts about their axes
+    assert sag.fixed == {"joints": list(robot.joint_names[1:5])} and sag.form == "joints" and sag.positive
+    assert sag.keys == tuple(f"compliance_rad_per_Nm#{k}" for k in range(4))
+    assert sag.scale == pytest.approx([1e-5] * 4)
+    assert sag.encoder is not None and not sag.encoder[:, 0].any()
+    for column in range(4):
+        assert np.array_equal(sag.encoder[:, column + 1, column], at.own_weight_load[:, column + 1])
+        small = np.eye(4)[column] * 1e-9
+        moved = solve_model_poses(apply_effects(at.scene, [sag.effect(small)])).position - at.attained.position
+        assert moved == pytest.approx(sag.twist[:, :3, column] * 1e-9, abs=2e-3 * np.abs(moved).max())
+
+
+def test_play_is_not_offered_where_a_joint_came_from_one_side_only(arm: Linearization) -> None:
+    upwards = replace(make_campaign(arm.robot), q=np.cumsum(np.full((120, 6), 1e-3), axis=0))
+    scene = build_model(arm.robot, upwards)
+    assert not list(EFFECTS["backlash"].signatures(linearize_model(scene, solve_model_poses(scene))))
+
+
+def test_a_shift_is_offered_at_each_run_with_its_row_and_columns_of_its_own(arm: Linearization) -> None:
+    keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+    for name, whole, part in (("frame_shift", "frame", "origin"), ("tool_shift", "offset+turn", "offset")):
+        found = list(EFFECTS[name].signatures(arm))
+        assert {s.fixed["row"] for s in found} == {30, 60}
+        assert {s.form for s in found} == {f"{form} {row}" for form in (whole, part) for row in (30, 60)}
+        for s in found:
+            assert s.keys == keys[: len(s.keys)] and s.columns == tuple(f"{k} {s.fixed['row']}" for k in s.keys)
+            assert not s.twist[: s.fixed["row"]].any() and s.twist[s.fixed["row"]].any()
+        picked = list(EFFECTS[name].shift_at(arm, 17, 40))
+        assert {s.tried for s in picked} == {40} and {s.fixed["row"] for s in picked} == {17}
+
+
+def test_waves_are_offered_by_turns_and_on_a_slide_by_metres(arm: Linearization, rail: Linearization) -> None:
+    first = [s for s in EFFECTS["transmission_error"].signatures(arm) if s.joint == arm.robot.joint_names[0]]
+    free = [[1.0], [2.0], [3.0], [4.0], [1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]
+    assert [s.fixed["cycles_per_turn"] for s in first[:6]] == free
+    # a wave of any shape is offered where its period is seen once at least
+    offered, seen = EFFECTS["transmission_error"].signatures(arm), np.ptp(arm.campaign.q, axis=0) / (2.0 * np.pi)
+    series = {(s.joint, s.form) for s in offered if s.form.startswith("series")}
+    names = enumerate(arm.robot.joint_names)
+    assert series == {(name, f"series {cycles}") for k, name in names for cycles in (1, 2) if cycles * seen[k] >= 1.0}
+    assert 0 < len(series) < 12
+    # a gear error repeats: one wave, or one with overtones; anything else is a curve of no law
+    assert [s.lawful for s in first[:6]] == [True] * 4 + [False, False]
+    assert not spline_at(arm, 2).lawful and not bump_at(arm, 2, 0.3, 0.1).lawful
+    slide = [s for s in EFFECTS["transmission_error"].signatures(rail) if s.joint == "rail"]
+    index = rail.robot.joint_names.index("rail")
+    spread = np.ptp(rail.campaign.q[:, index])
+    assert slide[0].fixed["cycles_per_m"] == pytest.approx([0.5 / spread])
+    assert slide[0].keys == ("sine_m#0", "cosine_m#0")
+    own = waves_at(arm, 2, [7.5], tried=12)
+    angle = arm.campaign.q[:, 2]
+    assert own.tried == 12 and own.form == "waves 7.5" and own.columns == ("7.5 sine", "7.5 cosine")
+    assert own.encoder[:, 2] == pytest.approx(np.column_stack([np.sin(7.5 * angle), np.cos(7.5 * angle)]))
+    bump = bump_at(arm, 2, 0.3, 0.1, tried=9)
+    assert bump.tried == 9 and bump.keys == ("height_rad#0",)
+    assert bump.fixed == {"centre_rad": [0.3], "width_rad": [0.1]}
+    assert bump.encoder[:, 2, 0] == pytest.approx(np.exp(-0.5 * ((angle - 0.3) / 0.1) ** 2))
+
+
+def test_waves_are_not_offered_of_a_joint_that_hardly_moved(arm: Linearization) -> None:
+    q = make_campaign(arm.robot).q.copy()
+    q[:, 3] = 0.2 + 0.09 * np.linspace(0.0, 1.0, len(q))
+    scene = build_model(arm.robot, replace(make_campaign(arm.robot), q=q))
+    joints = {
+        s.joint for s in EFFECTS["transmission_error"].signatures(linearize_model(scene, solve_model_poses(scene)))
+    }
+    assert joints == set(arm.robot.joint_names) - {arm.robot.joint_names[3]}
+
+
+def test_transmission_errors_add_up_over_their_forms() -> None:
+    robot = load_robot("kuka_kr270")
+    q = np.linspace(-1.0, 1.0, 7)[:, None] * np.ones(6)
+    scene = build_model(robot, path_campaign(q, np.arange(7.0)))
+    waves = {"cycles_per_turn": [2.0, 5.0], "sine_rad": [1e-3, 2e-3], "cosine_rad": [3e-3, 4e-3]}
+    bumps = {"height_rad": [5e-3], "centre_rad": [0.1], "width_rad": [0.4]}
+    moved = apply_effects(scene, [Effect("transmission_error", robot.joint_names[1], None, waves | bumps)])
+    a = q[:, 1]
+    hand = 1e-3 * np.sin(2 * a) + 3e-3 * np.cos(2 * a) + 2e-3 * np.sin(5 * a) + 4e-3 * np.cos(5 * a)
+    hand = hand + 5e-3 * np.exp(-0.5 * ((a - 0.1) / 0.4) ** 2)
+    assert moved.drive[:, 1] == pytest.approx(hand) and not np.delete(moved.drive, 1, axis=1).any()
+
+
+def path_campaign(q: np.ndarray, time: np.ndarray | None, runs: np.ndarray | None = None) -> Campaign:
+    n = len(q)
+    run = np.array(["path_1"] * n) if runs is None else runs
+    return Campaign(run=run, q=q, wrench=np.zeros((n, 6)), position=np.zeros((n, 3)), time=time)
+
+
+def test_a_lag_stands_behind_by_a_first_order_law() -> None:
+    time = np.array([0.0, 0.1, 0.2, 0.4, 0.5])
+    q = np.zeros((5, 6))
+    q[:, 0] = [0.0, 0.2, 0.3, 0.3, 0.7]  # speeds 2, 1, 0, 4
+    found = lagged_speed(path_campaign(q, time), 0.1)[:, 0]
+    short, long = np.exp(-1.0), np.exp(-2.0)
+    second = 1.0 + (2.0 - 1.0) * short
+    third = second * long
+    assert found == pytest.approx([2.0, 2.0, second, third, 4.0 + (third - 4.0) * short])
+    assert lagged_speed(path_campaign(q, time), -0.1)[:, 0] == pytest.approx(found)
+    assert np.array_equal(lagged_speed(path_campaign(q, time), 0.0), path_campaign(q, time).speed)
+
+
+def test_a_lag_shows_in_each_path_run_alone_and_only_where_time_runs_on() -> None:
+    time = np.array([0.0, 1.0, 2.0, 10.0, 11.0, 12.0, 20.0, 21.0, 30.0, 30.0, 31.0])
+    runs = np.array(["path_1"] * 3 + ["static_1"] * 3 + ["path_2"] * 2 + ["path_3"] * 3)
+    q = np.outer(time, np.ones(6))
+    found = lagged_speed(path_campaign(q, time, runs), 0.5)
+    assert found[:3] == pytest.approx(np.ones((3, 6)))
+    assert not found[3:].any()
+    three = lagged_speed(path_campaign(q[:3], time[:3]), 0.5)
+    assert three == pytest.approx(np.ones((3, 6)))
+
+
+def test_a_skew_takes_the_joints_where_they_stood_that_much_earlier() -> None:
+    robot = load_robot("kuka_kr270")
+    time = np.array([0.0, 0.1, 0.2, 0.3, 0.4])
+    q = np.outer(time, [1.0, -2.0, 0.5, 0.0, 3.0, 0.2])
+
+    def zero(skew: float, campaign: Campaign) -> np.ndarray:
+        return apply_effects(build_model(robot, campaign), [Effect("time_skew", None, None, {"skew_s": skew})]).zero
+
+    for skew in (0.03, -0.03, 0.17, -0.17):
+        # in steady motion the same at every row, before the first and behind the last one, too
+        assert zero(skew, path_campaign(q, time)) == pytest.approx(np.tile(-skew * q[1] / 0.1, (5, 1)), abs=1e-12)
+    assert zero(0.03, path_campaign(q[:3], time[:3])) == pytest.approx(np.tile(-0.03 * q[1] / 0.1, (3, 1)), abs=1e-12)
+    bent = q.copy()
+    bent[2, 0] = 0.3  # 0.1 -> 0.3 -> 0.3
+    assert zero(0.05, path_campaign(bent, time))[2, 0] == pytest.approx(0.2 - 0.3)
+    assert zero(-0.05, path_campaign(bent, time))[2, 0] == pytest.approx(0.0, abs=1e-12)
+    runs = np.array(["static_1", "static_1", "path_1", "path_1", "path_1"])
+    mixed = zero(0.03, path_campaign(q, time, runs))
+    assert not mixed[:2].any() and mixed[2:] == pytest.approx(np.tile(-0.03 * q[1] / 0.1, (3, 1)), abs=1e-12)
+    assert not zero(0.03, path_campaign(q, None)).any()
+    assert not zero(0.03, path_campaign(q[:2], time[:2])).any()
+    assert not zero(0.03, path_campaign(q, np.array([0.0, 0.1, 0.1, 0.3, 0.4]))).any()
+
+
+def test_values_of_parameters_come_back_from_their_keys() -> None:
+    keys, values = ("mass_kg", "first_moment_kg_m#0", "first_moment_kg_m#1"), np.array([3.0, 0.5, -0.2])
+    packed = pack_parameters(keys, values, {"row": 4})
+    assert packed == {"row": 4, "mass_kg": 3.0, "first_moment_kg_m": [0.5, -0.2]}
+    assert isinstance(Signature("x", None, None, "", keys, values, np.zeros((1, 6, 3))).effect(values), Effect)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("kuka_kr270")
+
+
+#: Effect, key, greatest number that is taken for true; other parameters it needs.
+BOUNDS = [
+    ("joint_offset", "offset_rad", 2 * np.pi, {}),
+    ("joint_offset", "offset_m", 10.0, {}),
+    ("joint_stiffness", "compliance_change_rad_per_Nm", 1e-2, {}),
+    ("backlash", "width_m", 10.0, {}),
+    ("backlash", "start_ratio", 1.0, {"width_rad": 1e-4}),
+    ("gravity_sag", "gravity_m_s2", 20.0, {}),
+    ("thermal_drift", "growth_ratio", 0.1, {"time_constant_s": 900.0}),
+    ("thermal_drift", "growth_per_K", 1e-2, {"reference_temperature_C": 20.0}),
+    ("thermal_drift", "reference_temperature_C", 200.0, {}),
+    ("thermal_drift", "time_constant_s", 1e7, {}),
+    ("wrench_bias", "fx_N", 1e6, {"axes": "base"}),
+    ("wrench_scale", "gain_error_ratio", 10.0, {}),
+    ("tracking_lag", "lag_s", 10.0, {}),
+    ("time_skew", "skew_s", 100.0, {}),
+    ("time_skew", "stale_ratio", 10.0, {}),
+    ("joint_coupling", "ratio", 100.0, {"other": "first"}),
+    ("frame_shift", "tx_m", 10.0, {"row": 0}),
+    ("gravity_compensator", "sine_Nm", 1e6, {}),
+    ("payload", "mass_kg", 1e5, {"first_moment_kg_m": [0.0, 0.0, 0.0]}),
+    ("stiffness_nonlinearity", "cubic_ratio", 1e3, {"compliance": 1e-6, "reference_load": 1.0, "zone_load": 1.0}),
+]
+OF_JOINTS = {"joint_offset", "joint_stiffness", "backlash", "joint_coupling", "gravity_compensator",
+             "stiffness_nonlinearity", "transmission_error", "link_compliance", "link_geometry"}  # fmt: skip
+
+
+def check(robot: Robot, effect: str, parameters: dict, **place: str) -> None:
+    parameters = {k: robot.joint_names[0] if v == "first" else v for k, v in parameters.items()}
+    if effect in OF_JOINTS:
+        place.setdefault("joint", robot.joint_names[2])
+    check_effect({"effect": effect, "parameters": parameters, **place}, robot, None, "effect[0]")
+
+
+@pytest.mark.parametrize(("effect", "key", "bound", "others"), BOUNDS)
+def test_a_number_is_taken_up_to_its_bound(robot: Robot, effect: str, key: str, bound: float, others: dict) -> None:
+    check(robot, effect, {key: bound, **others})
+    with pytest.raises(InputError, match="at most"):
+        check(robot, effect, {key: 1.001 * bound, **others})
+    if key not in ("time_constant_s", "compliance_change_rad_per_Nm"):
+        check(robot, effect, {key: -bound, **others})
+        with pytest.raises(InputError, match="at most"):
+            check(robot, effect, {key: -1.001 * bound, **others})
+    with pytest.raises(InputError, match="expected a number"):
+        check(robot, effect, {key: "much", **others})
+    with pytest.raises(InputError, match="expected a number"):
+        check(robot, effect, {key: True, **others})
+
+
+REFUSED = [
+    ("thermal_drift", {"time_constant_s": 0.0}, {}, "more than 0"),
+    ("thermal_drift", {"time_constant_s": 9.0, "segment_growth_ratio": [1e-5] * 6}, {}, "expected 7 numbers"),
+    ("thermal_drift", {"growth_ratio": 1e-4}, {}, "missing key, expected time_constant_s or reference_temperature_C"),
+    ("frame_shift", {"row": -1}, {}, "expected a row counted from 0"),
+    ("frame_shift", {"row": True}, {}, "expected a row counted from 0"),
+    ("frame_shift", {"row": 1.5}, {}, "expected a row counted from 0"),
+    ("joint_coupling", {"reversed": 1}, {}, "expected true or false"),
+    ("joint_coupling", {"other": "nobody", "ratio": 1.0}, {}, "no joint named 'nobody'"),
+    ("joint_coupling", {"ratio": 1.0}, {}, "missing key"),
+    ("wrench_bias", {"axes": "tool"}, {}, "choose from"),
+    ("link_compliance", {"compliance_rad_per_Nm": 1e-7}, {}, "needs an axis"),
+    ("link_compliance", {"compliance_rad_per_Nm": -1e-7}, {"axis": "rx"}, "expected 0 or more"),
+    ("link_compliance", {"compliance_m_per_N": -1e-7}, {"axis": "tx"}, "expected 0 or more"),
+    ("base_compliance", {"compliance_rad_per_Nm": 1e-7}, {}, "needs an axis"),
+    ("base_compliance", {"compliance_rad_per_Nm": 1e-7}, {"axis": "tx"}, "has no axis 'tx', choose from"),
+    ("wrench_scale", {"gain_error_ratio": 0.1}, {"axis": "rx"}, "has no axis 'rx', leave it out"),
+    ("wrench_scale", {"gain_error_ratio": 0.1}, {"joint": "first"}, "has no joint, leave it out"),
+    ("wrench_scale", {"gain_error_ratio": float("nan")}, {}, "expected a finite number"),
+    ("wrench_scale", {"gain": 0.1}, {}, "unknown key, choose from"),
+    ("joint_offset", {"offset_rad": 0.1}, {"joint": "flange_fixed"}, "no joint that moves named"),
+    ("joint_offset", {"offset_rad": [0.1]}, {}, "expected a number"),
+    ("payload", {"mass_kg": 1.0, "first_moment_kg_m": [0.0, 1.0]}, {}, "expected three numbers"),
+    ("payload", {"mass_kg": 1.0, "first_moment_kg_m": 1.0}, {}, "expected three numbers"),
+    ("gravity_sag", {"joints": ["nobody"], "compliance_rad_per_Nm": [1e-6]}, {}, "no joint named 'nobody'"),
+    ("gravity_sag", {"joints": ["first"], "compliance_rad_per_Nm": [1e-6, 1e-6]}, {}, "lists of one length"),
+    ("transmission_error", {"cycles_per_turn": [1.0], "sine_rad": [1e-4], "cosine_rad": []}, {}, "lists of one length"),
+    ("transmission_error", {"height_m": [1.0], "centre_m": [1.0, 2.0], "width_m": [1.0]}, {}, "lists of one length"),
+    ("transmission_error", {"cycles_per_turn": [0.0], "sine_rad": [1e-4], "cosine_rad": [0.0]}, {}, "more than 0"),
+    ("transmission_error", {"spline_rad": [1e-4], "knots_rad": [0.0, 1.0]}, {}, "needs n . 4 knots"),
+    ("transmission_error", {"spline_m": [1e-4], "knots_m": [0.0, 1.0]}, {}, "needs n . 4 knots"),
+]
+
+
+@pytest.mark.parametrize(("effect", "parameters", "place", "said"), REFUSED)
+def test_a_place_or_parameter_that_is_not_the_effects_own_is_refused(
+    robot: Robot, effect: str, parameters: dict, place: dict, said: str
+) -> None:
+    names = {"first": robot.joint_names[0]}
+    parameters = {k: [names.get(e, e) for e in v] if isinstance(v, list) else v for k, v in parameters.items()}
+    with pytest.raises((InputError, UnknownNameError), match=said) as caught:
+        check(robot, effect, parameters, **{k: names.get(v, v) for k, v in place.items()})
+    assert "effect[0]" in str(caught.value)
+
+
+def test_a_table_that_says_what_its_effect_needs_is_taken(robot: Robot) -> None:
+    joint, fixed = robot.joint_names[0], next(j.name for j in robot.joints if j.name not in robot.joint_names)
+    check(robot, "link_compliance", {"compliance_m_per_N": 1e-7}, axis="tx")
+    check(robot, "link_geometry", {"tx_m": 1e-3}, joint=fixed)
+    check(robot, "tracking_lag", {"lag_s": 0.01})
+    check(robot, "tracking_lag", {"lag_s": 0.01}, joint=joint)
+    check(robot, "gravity_sag", {"joints": [joint], "compliance_rad_per_Nm": [1e-6]})
+    check(robot, "transmission_error", {"spline_rad": [1e-4], "knots_rad": [0.0, 1.0, 2.0, 3.0, 4.0]})
+    check(robot, "thermal_drift", {"time_constant_s": 9.0, "segment_growth_ratio": [1e-5] * 7})
+    check(robot, "joint_coupling", {"reversed": True})
+    check(robot, "frame_shift", {"row": 0})
+    check_effect({"effect": "of somebody else", "parameters": {"size": 3.0}}, robot, None, "effect[0]")
+    with pytest.raises(InputError, match="needs a joint"):
+        lonely = {"effect": "joint_offset", "parameters": {"offset_rad": 0.1}}
+        check_effect(lonely, robot, Path("effects.toml"), "effect[0]")

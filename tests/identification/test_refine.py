@@ -1,0 +1,126 @@
+"""The structure of a model grows where a spring earns its place on poses it never saw."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.round_trip import draw_candidates, simulate_observations
+from compplan.errors import InputError
+from compplan.identification import KNOWN_FRAMES, Rows, build_structure, estimate_parameters
+from compplan.identification.estimate import leave_poses_out
+from compplan.identification.forward import attain_fit, pose_residuals
+from compplan.identification.refine import GAIN_LIMIT, refine_structure
+from compplan.identification.spring_position import place_spring
+from compplan.identification.update import find_unexplained
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit.heldout import distance_rms, gain_score
+from compplan.robot import Spring, load_robot
+from compplan.robot.springs import candidate_springs
+
+
+def every_row(log: Campaign, sigma: str = "residuals") -> Rows:
+    return Rows(log, np.arange(len(log)), KNOWN_FRAMES, sigma=sigma)
+
+
+def names_of(robot_springs: tuple[Spring, ...]) -> list[str]:
+    return [spring.name for spring in robot_springs]
+
+
+def test_the_spring_that_was_left_out_is_found_and_no_other_is_added() -> None:
+    # Johra's robot: the arm bends about the forearm's x axis at joint 3, which one spring a joint cannot say.
+    whole = load_robot("staubli_tx200")
+    lacking = replace(whole, springs=tuple(s for s in whole.springs if s.axis == "own"))
+    drawn = draw_candidates(whole, 60, seed=1)
+    rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
+    structure = build_structure(lacking, add=candidate_springs(lacking))
+    result = refine_structure(structure, names_of(lacking.springs), every_row(rows))
+    assert result.rounds[0].added == "joint_3.rx"
+    assert [entry.added for entry in result.rounds[1:]] == [""]
+    assert result.rounds[-1].held_out_rms < 0.7 * result.rounds[0].held_out_rms
+
+
+def test_the_place_of_the_spring_400_mm_beside_the_joint_is_found() -> None:
+    whole = load_robot("staubli_tx200")
+    lacking = replace(whole, springs=tuple(s for s in whole.springs if s.axis == "own"))
+    drawn = draw_candidates(whole, 60, seed=1)
+    rows = simulate_observations(whole, drawn.q, drawn.wrench, seed=2)
+    placed = place_spring(build_structure(lacking, add=[Spring("joint_3", "rx", 0.0)]), "joint_3.rx", every_row(rows))
+    truth = next(spring.offset for spring in whole.springs if spring.name == "joint_3.rx")
+    assert truth.tolist() == [0.0, 0.4, 0.0]
+    assert np.all(np.abs(placed.offset - truth)[1:] < 3 * placed.standard_errors[1:])
+    assert placed.standard_errors[0] == 0 and placed.standard_errors[1] < 0.03
+    assert placed.estimate.noise[0] == pytest.approx(1.0, abs=0.15)
+    with pytest.raises(InputError, match="expected one about rx, ry or rz"):
+        place_spring(build_structure(lacking), "joint_3", every_row(rows))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_nothing_is_added_to_a_model_that_is_complete(seed: int) -> None:
+    robot = load_robot("kuka_kr270")
+    drawn = draw_candidates(robot, 60, seed=seed)
+    rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=seed)
+    structure = build_structure(robot, add=candidate_springs(robot))
+    result = refine_structure(structure, names_of(robot.springs), every_row(rows))
+    assert result.names == tuple(names_of(robot.springs))
+    assert len(result.rounds[0].candidates) >= 12
+
+
+def test_a_candidate_that_the_loads_cannot_show_says_so() -> None:
+    robot = load_robot("kuka_kr270")
+    lacking = replace(robot, springs=robot.springs[1:])
+    drawn = draw_candidates(robot, 40, vertical=True, lever=0.0, seed=1)
+    rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=1)
+    structure = build_structure(lacking, add=[Spring("joint_1", "own", 0.0, actuator=True)])
+    start = names_of(lacking.springs)[:-1]  # joint 6 is not loaded either
+    result = refine_structure(structure.select([*start, "joint_1"]), start, every_row(rows))
+    assert [(c.name, c.told) for c in result.rounds[0].candidates] == [("joint_1", False)]
+
+
+def test_leaving_blocks_out_at_one_step_equals_fitting_without_them() -> None:
+    robot = load_robot("staubli_tx200")
+    drawn = draw_candidates(robot, 40, seed=1)
+    rows = simulate_observations(robot, drawn.q, drawn.wrench, seed=2)
+    structure = build_structure(robot)
+    whole = estimate_parameters(structure, rows, sigma="stated")
+    measured = every_row(rows, "stated")
+    quick, folds = leave_poses_out(measured, whole).residual, measured.fold
+    for fold in range(5):
+        train, test = rows.take(folds != fold), rows.take(folds == fold)
+        fitted = estimate_parameters(structure, train, sigma="stated")
+        apart = every_row(test)
+        slow = pose_residuals(apart, attain_fit(structure, fitted.model_values, apart, KNOWN_FRAMES))
+        np.testing.assert_allclose(quick[folds == fold, :3], slow[:, :3], atol=2e-7)
+
+
+def test_rows_of_one_pose_are_left_out_together() -> None:
+    robot = load_robot("kuka_kr270")
+    drawn = draw_candidates(robot, 20, seed=1)
+    rows = simulate_observations(robot, np.vstack([drawn.q] * 3), np.vstack([drawn.wrench] * 3))
+    folds, poses = every_row(rows).fold, every_row(rows).pose
+    assert len(np.unique(poses)) == 20 and len(np.unique(folds)) == 5
+    for pose in range(20):
+        assert len(np.unique(folds[poses == pose])) == 1
+
+
+def test_a_gain_is_weighed_against_its_scatter() -> None:
+    rng = np.random.default_rng(0)
+    before = rng.normal(10, 1, 400)
+    assert gain_score(before, before - 1 + rng.normal(0, 1, 400)) > GAIN_LIMIT
+    assert abs(gain_score(before, before + rng.normal(0, 1, 400))) < GAIN_LIMIT
+    some = np.array([[3.0, 4.0, 0.0], [np.nan] * 3, [5.0, np.nan, np.nan]])  # the last is a reading along one direction
+    assert distance_rms(some, np.array([True, True, True])) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("difference", [False, True])
+def test_what_is_unexplained_is_left_when_the_instruments_noise_is_taken_out(*, difference: bool) -> None:
+    rng, sigma, size = np.random.default_rng(5), 4e-5, 6e-5
+    way = rng.normal(size=(40_000, 3))
+    true = size * way / np.linalg.norm(way, axis=1, keepdims=True)
+    read = true + rng.normal(0.0, sigma, true.shape)
+    if difference:
+        read -= rng.normal(0.0, sigma, true.shape)
+    left = distance_rms(read, np.ones(len(read), bool))
+    assert find_unexplained(left, sigma, difference=difference) == pytest.approx(size, rel=0.03)

@@ -1,0 +1,269 @@
+"""Learning from cut parts: points brought to the path, three parts of a robot that hides errors, steps not taken."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commandline import run_command
+from drawn_robots import draw_robots
+
+from compplan.errors import InputError
+from compplan.job.job import Job, load_job
+from compplan.learning.gathered_points import Gathered
+from compplan.learning.measured_path import match_points, read_measured_points
+from compplan.learning.model_update import learn_part
+from compplan.learning.part import LearnedPart, build_learned, plan_learned
+from compplan.learning.representable import fit_representable
+from compplan.learning.residual import Residual, read_residual, residual_file
+from compplan.learning.transfer import state_own
+from compplan.process.learned_force import read_learned_force
+from compplan.robot import Robot, load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.toolpath.toolpath import Toolpath
+from compplan.uncertainty.band import Slopes
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, tip_of
+
+PATHS = Path(__file__).parents[2] / "paths"
+
+
+def straight_path() -> Toolpath:
+    x = np.linspace(0.0, 0.1, 11)
+    position = np.column_stack([1.5 + x, np.zeros(11), np.full(11, 0.5)])
+    return Toolpath(position, np.tile([0.0, 0, 1], (11, 1)), np.full(11, 0.05), np.zeros(11, bool), frame="base")
+
+
+def write_points(file: Path, header: str, rows: np.ndarray) -> Path:
+    lines = "\n".join(",".join(f"{value:.6f}" for value in row) for row in rows)
+    file.write_text(f"{header}\n{lines}\n", encoding="utf-8")
+    return file
+
+
+def test_a_point_counts_across_the_path_and_with_its_length_along_it_too(tmp_path: Path) -> None:
+    """Points off by (2, 0.3, -0.1) mm: without s the 2 mm along the path are a place, not a deviation."""
+    s = np.linspace(20.0, 80.0, 12)
+    points = np.column_stack([1500 + s + 2.0, np.full(12, 0.3), np.full(12, 499.9)])
+    table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points))
+    plain = match_points(table, straight_path(), np.eye(4), in_base=True)
+    assert plain.seen == pytest.approx(np.tile([0.0, 3e-4, -1e-4], (12, 1)), abs=1e-9)
+    assert plain.length == pytest.approx((s + 2.0) * 1e-3, abs=1e-9)
+    file = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, s]))
+    placed = match_points(read_measured_points(file), straight_path(), np.eye(4), in_base=True)
+    assert placed.seen == pytest.approx(np.tile([2e-3, 3e-4, -1e-4], (12, 1)), abs=1e-9)
+
+
+def test_points_that_are_pasted_again_count_once(tmp_path: Path) -> None:
+    points = np.column_stack([1500 + np.linspace(20.0, 80.0, 12), np.full(12, 0.3), np.full(12, 499.9)])
+    table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.vstack([points, points[3:]])))
+    once = match_points(table, straight_path(), np.eye(4), in_base=True)
+    assert len(once.length) == 12 and any(note.startswith("9 rows are there twice") for note in once.notes)
+
+
+def test_a_point_just_beyond_an_end_belongs_to_it_and_one_far_beyond_to_nothing(tmp_path: Path) -> None:
+    """A part .03 mm longer than the path of 100 mm: its last point is off by (0, .2, 0), not by the .03 mm."""
+    s = np.r_[-0.02, np.linspace(20.0, 80.0, 10), 100.03, 103.0]
+    points = np.column_stack([1500 + s, np.full(13, 0.2), np.full(13, 500.0), s])
+    file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm,s_mm", points)
+    found = match_points(read_measured_points(file), straight_path(), np.eye(4), in_base=True)
+    assert found.left_out == 1
+    assert found.seen == pytest.approx(np.tile([0.0, 2e-4, 0.0], (12, 1)), abs=1e-9)
+    assert found.length[[0, -1]] == pytest.approx([0.0, 0.1])
+
+
+def test_points_of_a_turned_part_are_brought_to_the_base(tmp_path: Path) -> None:
+    """The part's x is the base's y, its y the base's z, its z the base's x; its origin lies at (1500, 0, 500) mm."""
+    s = np.linspace(20.0, 80.0, 12)
+    T_base_part = np.array([[0, 0, 1, 1.5], [1, 0, 0, 0], [0, 1, 0, 0.5], [0, 0, 0, 1]])
+    file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.column_stack([np.full(12, 0.3), np.full(12, -0.1), s]))
+    found = match_points(read_measured_points(file), straight_path(), T_base_part, in_base=False)
+    assert found.seen == pytest.approx(np.tile([0.0, 3e-4, -1e-4], (12, 1)), abs=1e-9)
+    assert found.length == pytest.approx(s * 1e-3, abs=1e-9)
+
+
+def test_a_point_with_a_spread_that_is_none_is_refused_and_an_empty_one_gets_the_assumed(tmp_path: Path) -> None:
+    s = np.linspace(20.0, 80.0, 12)
+    points = np.column_stack([1500 + s, np.zeros(12), np.full(12, 500.0), np.full(12, 0.03)])
+    for wrong in (0.0, -0.03, 1000.0):
+        points[4, 3] = wrong
+        file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm,sigma_mm", points)
+        with pytest.raises(InputError, match=r"a.csv:6: sigma_mm is .*expected more than 0"):
+            read_measured_points(file)
+    points[4, 3] = np.nan
+    table = read_measured_points(write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,sigma_mm", points))
+    found = match_points(table, straight_path(), np.eye(4), in_base=True)
+    assert found.sigma == pytest.approx([3e-5] * 4 + [2e-5] + [3e-5] * 7)
+
+
+def test_points_that_two_stretches_claim_are_left_out_and_foreign_ones_refused(tmp_path: Path) -> None:
+    there = straight_path()
+    back = there.position[::-1] + np.array([0.0, 1e-3, 0.0])
+    hairpin = Toolpath(
+        np.vstack([there.position, back]), np.tile(there.axis[:1], (22, 1)), np.full(22, 0.05), np.zeros(22, bool)
+    )
+    s = np.linspace(20.0, 80.0, 20)
+    points = np.column_stack([1500 + s, np.where(np.arange(20) < 10, 0.05, 0.5), np.full(20, 500.0)])
+    table = read_measured_points(write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", points))
+    found = match_points(table, hairpin, np.eye(4), in_base=True)
+    assert len(found) == 10
+    assert found.left_out == 10
+    with pytest.raises(InputError, match="0 of 20 points are of the cut"):
+        far = write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm", points + 300.0)
+        match_points(read_measured_points(far), hairpin, np.eye(4), in_base=True)
+
+
+def test_a_robot_folder_holds_of_a_negative_compliance_what_takes_its_spring_to_zero() -> None:
+    """The KR 270 folder has no spring of joint 2 about rz; that of joint 3 about its own axis has its compliance c."""
+    robot = load_robot("kuka_kr270")
+    own = next(spring.compliance for spring in robot.springs if spring.joint == "joint_3")
+    rigid = Unknown("link_compliance", "joint_2", "rz", ("compliance_rad_per_Nm",), np.array([1e-8]))
+    soft = Unknown("joint_stiffness", "joint_3", None, ("compliance_change_rad_per_Nm",), np.array([1e-8]))
+    cases = ((rigid, -2e-8, 0.0), (rigid, 2e-8, 2e-8), (soft, -3.0 * own, -own), (soft, -1e-9, -1e-9))
+    for unknown, value, held in cases:
+        taught, part = fit_representable(robot, unknown, np.array([value]))
+        assert part == pytest.approx([held], abs=1e-15)
+        before, after = (sum(spring.compliance for spring in r.springs) for r in (robot, taught))
+        assert after - before == pytest.approx(held, abs=1e-15)
+
+
+def test_a_part_off_as_a_whole_teaches_where_its_run_alone_does_not_explain_it() -> None:
+    """.08 mm in y are five times what a run of .015 mm repeatability makes, .02 mm are not; 60 points of .01 mm."""
+    k = 60
+    tip = np.column_stack([np.linspace(0.0, 0.3, k), np.zeros(k), np.zeros(k)])
+    slopes = Slopes(np.arange(k), tip, np.tile(np.eye(3), (k, 1, 1)), np.zeros((k, 3, 4)), np.zeros((k, 3, 1)))
+    place = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.full(3, 3e-4))
+    known = Uncertainty("measured", "test", (place,), np.eye(3), unexplained=1e-4, repeatability=1.5e-5)
+    noise = 1e-5 * np.random.default_rng(1).standard_normal((k, 3))
+    eye = np.tile(np.eye(3), (k, 1, 1))
+    for off, taken in ((8e-5, True), (2e-5, False)):
+        seen = Gathered(np.arange(k), noise + np.array([0.0, off, 0.0]), eye, np.full(k, 1e-10), np.ones(k, int))
+        own = state_own(tip, np.zeros((k, 3)), ForceSpread(0.0, 0.0, 0.0, "none"), None, None, 0.0)
+        lesson = learn_part(slopes, known, seen, lambda values, force: np.tile(values, (k, 1)), own)
+        assert lesson.taken == taken, lesson.reason
+        if taken:  # what is left open, and the next run: repeatability along three axes
+            run = lesson.expected**2 - np.mean(np.sum(lesson.open**2, axis=(1, 2)))
+            assert run == pytest.approx(3 * known.repeatability**2, rel=1e-3)
+
+
+def test_a_choice_of_the_points_is_no_measurement_of_a_path_whose_stretches_lie_close(tmp_path: Path) -> None:
+    """Lines 1 mm apart: at .05 mm one line claims a point, at .5 mm both do; 2, 24 and 30 of 48 points lie there."""
+    there = straight_path()
+    back = there.position[::-1] + np.array([0.0, 1e-3, 0.0])
+    hairpin = Toolpath(
+        np.vstack([there.position, back]), np.tile(there.axis[:1], (22, 1)), np.full(22, 0.05), np.zeros(22, bool)
+    )
+    s = np.linspace(20.0, 80.0, 48)
+    for number in (2, 24, 30):
+        y = np.where(np.arange(48) < number, 0.5, 0.05)
+        file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.column_stack([1500 + s, y, np.full(48, 500.0)]))
+        if number == 30:
+            with pytest.raises(InputError, match=r"30 of 48 .*state s_mm"):
+                match_points(read_measured_points(file), hairpin, np.eye(4), in_base=True)
+            continue
+        found = match_points(read_measured_points(file), hairpin, np.eye(4), in_base=True)
+        assert found.left_out == number
+        assert ("s_mm" in found.notes[-1]) == (number == 24)
+
+
+@pytest.fixture
+def small_job(tmp_path: Path) -> Job:
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 60")
+    (tmp_path / "circle.toml").write_text(text, encoding="utf-8")
+    return load_job(tmp_path / "circle.toml")
+
+
+def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed: int) -> float:
+    """Cut the part on the true robot with another force, and measure it; return the true rms deviation. [m]"""
+    robot = load_robot(folder)
+    force = read_learned_force(robot.folder, job.process)
+    wanted, plan = plan_learned(job.with_force(force), robot, read_residual(residual_file(robot, job), robot))
+    rows, task = np.flatnonzero(plan.task.cut), plan.task
+    predicted = task.wrench if force is None else force.undo(task.wrench, job.T_base_part[:3, :3])
+    tip = tip_of(build_path_model(truth, plan.q, level * predicted, task.step_time), rows)
+    length = np.interp(task.origin[rows], np.arange(len(wanted)), wanted.arc_length)
+    path = np.stack([np.interp(length, wanted.arc_length, wanted.position[:, k]) for k in range(3)], axis=1)
+    place = job.T_base_part
+    noise = 5e-6 * np.random.default_rng(seed).standard_normal(tip.shape)
+    points = ((tip - place[:3, 3]) @ place[:3, :3] + noise) * 1e3
+    rows_of_file = np.column_stack([points, length * 1e3, np.full(len(tip), 0.005)])
+    write_points(file, "x_mm,y_mm,z_mm,s_mm,sigma_mm", rows_of_file)
+    return float(np.sqrt(np.mean(np.sum((tip - path) ** 2, axis=1))))
+
+
+@pytest.mark.slow
+def test_the_second_part_is_right_and_a_third_lesson_is_not_taken(small_job, tmp_path, monkeypatch, capsys) -> None:
+    """A robot whose compliances, zeros, play and gears hide what its widths allow, cut with a force 10 % too high."""
+    (drawn,) = draw_robots(load_robot("kuka_kr270"), 1, seed=3)
+    folder, seen, summaries = "kuka_kr270", [], []
+    for part in range(3):
+        measured = tmp_path / f"part{part}.csv"
+        seen.append(cut_part(small_job, folder, drawn.robot, 1.1, measured, part))
+        out = tmp_path / f"out{part}"
+        answer = run_command(["learn", small_job.file, measured, "--robot", folder, "--out", out], monkeypatch, capsys)
+        assert answer.status == 0
+        summaries.append(json.loads((out / "learn.json").read_text(encoding="utf-8")))
+        folder = str(out / "robot")
+    assert seen[0] > 5e-4
+    assert seen[1] < 0.1 * seen[0]
+    assert seen[2] <= 1.2 * seen[1] + 1e-5
+    first, *_, last = summaries
+    assert first["step_taken"]
+    assert first["band_after_mm"]["p95_max"] < 0.5 * first["band_before_mm"]["p95_max"]
+    assert seen[1] * 1e3 < first["band_after_mm"]["p95_max"]
+    assert not last["step_taken"]
+    assert "the program stays as it is" in last["reason"]
+    assert (tmp_path / "out0" / "robot" / "learned_circle.csv").is_file()
+    assert list((tmp_path / "out0").glob("*.src"))
+    assert "The program stays as it is" in (tmp_path / "out2" / "report.html").read_text(encoding="utf-8")
+    assert load_robot(tmp_path / "out0" / "robot").uncertainty is not None
+
+
+def test_bad_measurements_end_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:
+    for text, words in (
+        ("x_mm,y_mm\n1,2\n", "z_mm"),
+        ("x_mm,y_mm,z_mm\n", "no rows"),
+        ("x_mm,y_mm,z_mm\n900,0,0\n901,0,0\n", "0 of 2 points"),
+    ):
+        file = tmp_path / "bad.csv"
+        file.write_text(text, encoding="utf-8")
+        arguments = ["learn", small_job.file, file, "--robot", "kuka_kr270", "--out", tmp_path / "out"]
+        answer = run_command(arguments, monkeypatch, capsys)
+        assert answer.status == 2
+        assert answer.err.count("\n") == 1
+        assert words in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("header", ["x_mm,y_mm,z_mm", "x_mm,y_mm,z_mm,s_mm"])
+def test_points_beside_a_rapid_move_are_of_no_cut(tmp_path: Path, header: str) -> None:
+    """The path goes on 200 mm to the side without cutting: three points measured there count for nothing."""
+    path = straight_path()
+    end = path.position[-1] + [0.0, 0.2, 0.0]
+    path = replace(
+        path, position=np.vstack([path.position, end]), axis=np.vstack([path.axis, path.axis[-1]]),
+        feed=np.r_[path.feed, 0.05], rapid=np.r_[path.rapid, True],
+    )  # fmt: skip
+    s = np.linspace(10.0, 90.0, 10)
+    cut = np.column_stack([1500 + s, np.full(10, 0.2), np.full(10, 500.0), s])
+    side = np.array([50.0, 100.0, 150.0])
+    beside = np.column_stack([np.full(3, 1600.0), side, np.full(3, 500.0), 100.0 + side])
+    rows = np.vstack([cut, beside])[:, : header.count(",") + 1]
+    table = read_measured_points(write_points(tmp_path / "a.csv", header, rows))
+    found = match_points(table, path, np.eye(4), in_base=True)
+    assert (len(found), found.left_out) == (10, 3)
+
+
+def test_the_residual_is_taken_off_the_path_and_joints_csv_is_held_against_what_was_wanted(small_job: Job) -> None:
+    """1 mm to +x was left: the next program aims 1 mm to -x, and what is wanted is the path of the job."""
+    robot, length = load_robot("kuka_kr270"), np.array([0.0, 10.0])
+    q = np.tile(build_learned(small_job, robot, None)[1].q_start[30], (2, 1))
+    left = Residual(length, np.tile([1e-3, 0.0, 0.0], (2, 1)), np.full(2, 1e-5), q, np.zeros((2, 3, 1)))
+    nominal, task, _ = build_learned(small_job, robot, left)
+    rows = np.arange(len(nominal)) if len(task) == len(nominal) else task.origin
+    path = np.stack([np.interp(rows, np.arange(len(nominal)), column) for column in nominal.position.T], axis=1)
+    assert task.position == pytest.approx(path - [1e-3, 0.0, 0.0], abs=1e-9)
+    lesson = SimpleNamespace(after=SimpleNamespace(task=task), path=nominal, residual=left)
+    assert LearnedPart.wanted.__get__(lesson) == pytest.approx(path, abs=1e-9)

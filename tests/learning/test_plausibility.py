@@ -1,0 +1,154 @@
+"""Lessons that are none: points of something else, in other units or frames, or of a part that stood elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError
+from compplan.job.job import Job, load_job
+from compplan.job.loading import load_nominal
+from compplan.job.noise import NoiseTable
+from compplan.learning.part import learn_from_part
+from compplan.robot import Array, Robot, load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from tests.learning.test_model_update import write_points
+
+JOB = """schema = 1
+name = "bent"
+robot = "kuka_kr270"
+toolpath = "bent.csv"
+[part]
+position_mm = [1600.0, 100.0, 900.0]
+rotation_deg = [0.0, 0.0, 20.0]
+[process]
+model = "constant"
+force_N = [40.0, 140.0, -60.0]
+frame = "base"
+[plan]
+rotate_about_tool_axis = false
+[sampling]
+max_step_mm = 4.0
+"""
+
+
+def bend(t: Array) -> Array:
+    """Return a path that looks like no turned, mirrored or exchanged copy of itself, part frame. Shape (n, 3). [mm]"""
+    return np.column_stack([120.0 * t, 50.0 * t**2 + 10.0 * np.sin(7.0 * t), 4.0 * t])
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Robot, Path]:
+    """Return a job, a robot that was measured, and a folder."""
+    folder = tmp_path_factory.mktemp("wrong")
+    t = np.linspace(0.0, 1.0, 40)
+    write_points(folder / "bent.csv", "x_mm,y_mm,z_mm,feed_mm_s", np.column_stack([bend(t), np.full(40, 20.0)]))
+    (folder / "bent.toml").write_text(JOB, encoding="utf-8")
+    robot = load_robot("kuka_kr270")
+    soft = [
+        Unknown("joint_stiffness", s.joint, None, ("compliance_change_rad_per_Nm",), np.array([0.05 * s.compliance]))
+        for s in robot.springs
+    ]
+    known = Uncertainty("measured", "test", tuple(soft), np.eye(6), unexplained=5e-5, repeatability=1e-5)
+    return load_job(folder / "bent.toml"), replace(robot, uncertainty=known), folder
+
+
+def measure(job: Job) -> tuple[Array, Array]:
+    """Return points of a true part, part frame [mm], and their lengths along the path [mm]."""
+    nominal, rng = load_nominal(job), np.random.default_rng(3)
+    s = np.linspace(2.0, 1e3 * nominal.arc_length[-1] - 2.0, 60)
+    place = job.T_base_part
+    on = np.stack([np.interp(s, 1e3 * nominal.arc_length, nominal.position[:, k]) for k in range(3)], axis=1)
+    local = 1e3 * (on - place[:3, 3]) @ place[:3, :3]
+    return local + [0.0, 0.02, 0.03] * np.sin(s / 40.0)[:, None] + 0.005 * rng.standard_normal((60, 3)), s
+
+
+def turned(points: Array, degrees: float) -> Array:
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    return points @ turn.T
+
+
+def other(t: Array) -> Array:
+    return np.column_stack([60.0 + 40.0 * np.cos(6.0 * t), 25.0 + 40.0 * np.sin(6.0 * t), 2.0 + 0.0 * t])
+
+
+GARBAGE = np.random.default_rng(5)
+TIME = np.linspace(0.0, 1.0, 60)
+#: What is done to true points; one that has s_mm gets its lengths too.
+WRONG: dict[str, Callable[[Array], Array]] = {
+    "another part": lambda p: other(TIME),
+    "another part that crosses this one": lambda p: bend(TIME) * [1.0, -1.0, 1.0] + [0.0, 30.0, 0.0],
+    "a part twice as large": lambda p: 2.0 * p,
+    "a part 4 % larger": lambda p: 1.04 * p,
+    "metres": lambda p: p * 1e-3,
+    "inches": lambda p: p / 25.4,
+    "centimetres": lambda p: p / 10.0,
+    "micrometres": lambda p: p * 1e3,
+    "base frame": lambda p: turned(p, 20.0) + np.array([1600.0, 100.0, 900.0]),
+    "x and y exchanged": lambda p: p[:, [1, 0, 2]],
+    "y and z exchanged": lambda p: p[:, [0, 2, 1]],
+    "axes in turn": lambda p: p[:, [2, 0, 1]],
+    "mirrored in x": lambda p: p * [-1.0, 1.0, 1.0],
+    "mirrored in y": lambda p: p * [1.0, -1.0, 1.0],
+    "turned over": lambda p: p * [1.0, -1.0, -1.0],
+    "turned by the angle of the part": lambda p: turned(p, 20.0),
+    "shifted by 3 mm": lambda p: p + np.array([0.0, 3.0, 0.0]),
+    "a fixture below": lambda p: p - [0.0, 0.0, 8.0],
+    "the radius of the probe": lambda p: p + np.array([0.0, 0.0, 3.0]),
+    "turned by 2 degrees": lambda p: turned(p, 2.0),
+    "noise": lambda p: GARBAGE.uniform([0, 0, 0], [120, 60, 4], (60, 3)),
+    "one spot": lambda p: np.tile(p[30], (60, 1)) + 0.01 * GARBAGE.standard_normal((60, 3)),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_lesson_is_asked_about_and_never_learned(name: str, shop: tuple[Job, Robot, Path]) -> None:
+    job, robot, folder = shop
+    file = write_points(folder / "part.csv", "x_mm,y_mm,z_mm", WRONG[name](measure(job)[0]))
+    with pytest.raises(InputError, match=r"part\.csv:.*(\?|assume-ok|state s_mm|places|of the cut)"):
+        learn_from_part(job, robot, file)
+
+
+@pytest.mark.parametrize("name", ["reversed", "shifted", "metres"])
+def test_lengths_that_are_not_those_of_the_points_are_asked_about(name: str, shop: tuple[Job, Robot, Path]) -> None:
+    job, robot, folder = shop
+    points, s = measure(job)
+    wrong = {"reversed": s[::-1], "shifted": np.roll(s, 15), "metres": 1e-3 * s}[name]
+    file = write_points(folder / "placed.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, wrong]))
+    with pytest.raises(InputError, match=r"placed\.csv:"):
+        learn_from_part(job, robot, file)
+
+
+def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: tuple[Job, Robot, Path]) -> None:
+    """Off by .1 and -.05 mm and .02 degrees: the robot may do that too, so who measured has to say."""
+    job, robot, folder = shop
+    points, s = measure(job)
+    moved = turned(points, 0.02) + np.array([0.1, -0.05, 0.0])
+    files = [
+        write_points(folder / f"{name}.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([p, s]))
+        for name, p in (("moved", moved), ("true", points))
+    ]
+    asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*did the part stand so\?.*part_frame_mm"
+    with pytest.raises(InputError, match=asked):
+        learn_from_part(job, robot, files[0])
+    lesson = learn_from_part(job, robot, files[0], align="datum")
+    assert any("of the whole part" in note and "learned as the robot's" in note for note in lesson.notes)
+    assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
+
+
+def test_a_stated_clamping_takes_its_share_of_a_part_that_stood_elsewhere(shop: tuple[Job, Robot, Path]) -> None:
+    """Where the job allows a clamping of .2 mm the next program hardly moves, and its band allows for it."""
+    job, robot, folder = shop
+    points, s = measure(job)
+    moved = np.column_stack([points + np.array([0.1, -0.05, 0.0]), s])
+    file = write_points(folder / "moved.csv", "x_mm,y_mm,z_mm,s_mm", moved)
+    loose = job.model_copy(update={"noise": NoiseTable(part_frame_mm=0.2, part_frame_deg=0.05)})
+    plain, told = learn_from_part(job, robot, file, align="datum").lesson, learn_from_part(loose, robot, file).lesson
+    shifts = [np.linalg.norm((one.physics + one.pushed + one.residual).mean(axis=0)) for one in (plain, told)]
+    assert shifts[0] > 8e-5 and shifts[1] < 0.4 * shifts[0]
+    assert told.band_after.min() > 4e-4 > plain.band_after.max()

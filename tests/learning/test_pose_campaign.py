@@ -1,0 +1,354 @@
+"""Designed measurements: the bookkeeping in closed form, the choice against chance, order, files, a partial log."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+from drawn_robots import draw_robots
+
+from compplan.diagnosis.validation.options import WIDE
+from compplan.effects import Effect, fold_effects, joint_offset, link_geometry
+from compplan.errors import InputError
+from compplan.job.job import load_job
+from compplan.learning import contacts
+from compplan.learning.campaign import Equipment, add_places, design_campaign, take_frames
+from compplan.learning.candidates import find_postures, list_candidates
+from compplan.learning.contacts import bring_tips, find_touching, list_fixtures, sight_candidates
+from compplan.learning.design import (
+    Design,
+    choose_measurements,
+    find_idle,
+    first_visits,
+    learn_rows,
+    measure_gains,
+    random_choice,
+)
+from compplan.learning.order import order_poses
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.instrument import read_instrument
+from compplan.measurement.observations import CONTACT
+from compplan.measurement.reading import read_campaign
+from compplan.plan.plan import plan_job
+from compplan.robot import Robot, load_robot
+from compplan.robot.folder import write_robot_folder
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.simulation.predict import predict_campaign
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.uncertainty.assumed import widen_uncertainty
+from compplan.uncertainty.band import linearise_path
+from compplan.uncertainty.sensitivities import ForceSpread, build_path_model
+
+PATHS = Path(__file__).parents[2] / "paths"
+
+
+def stiffness_unknowns(deviation: float = 1e-7) -> Uncertainty:
+    unknowns = tuple(
+        Unknown("joint_stiffness", f"joint_{k}", None, ("compliance_change_rad_per_Nm",), np.array([deviation]))
+        for k in range(1, 7)
+    )
+    return Uncertainty("assumed", "made up", unknowns, np.eye(6), repeatability=1e-5)
+
+
+def make_design(frames: tuple[str, ...] = ()) -> tuple[Design, np.ndarray]:
+    robot = load_robot("kuka_kr270")
+    q = np.radians([0.0, -60, 80, 10, 50, 5]) + 0.2 * np.sin(np.linspace(0, 6, 30)[:, None] + np.arange(6))
+    wrench = np.tile([400.0, 900.0, -600.0, 0, 0, 0], (30, 1))
+    known = stiffness_unknowns()
+    path = linearise_path(build_path_model(robot, q, wrench), known, ForceSpread(0, 0, 0, "known"), np.ones(30, bool))
+    return Design(known, path, 3e-5, frames), q
+
+
+def test_a_measurement_takes_off_what_a_scalar_filter_takes_off() -> None:
+    """Prior variance 4, three readings of noise 1: 1 / (1/4 + 3)."""
+    rows = np.zeros((1, 3, 1)) + 1.0
+    assert learn_rows(np.array([[4.0]]), rows, 1.0) == pytest.approx(1 / (0.25 + 3.0))
+    gain = measure_gains(np.array([[4.0]]), rows, np.array([[2.0]]), 1.0)
+    assert gain == pytest.approx(2.0 * (4.0 - 1 / 3.25))
+
+
+def test_an_unknown_base_and_tool_are_seen_as_they_move_the_target() -> None:
+    design, _ = make_design(("base", "tool"))
+    random = np.random.default_rng(2)
+    tip, turn = random.normal(size=(1, 3)), np.linalg.qr(random.normal(size=(3, 3)))[0][None]
+    rows = design.rows(np.zeros((1, 3, 6)), tip, turn)
+    step = random.normal(size=9) * 1e-3
+    moved = step[:3] + np.cross(step[3:6], tip[0]) + turn[0] @ step[6:]
+    assert rows[0, :, 6:] @ step == pytest.approx(moved)
+
+
+def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
+    design, q = make_design()
+    robot = load_robot("kuka_kr270")
+    postures = find_postures(robot, q, 0.5, None, seed=1, kept=60)
+    assert (postures > robot.lower).all()
+    assert (postures < robot.upper).all()
+    candidates = list_candidates(robot, postures, [0.0, 100.0], 300.0, design.known.unknowns)
+    choice = choose_measurements(design, candidates, 6)
+    chance = [random_choice(design, candidates, 6, seed).rms[-1] for seed in range(9)]
+    assert (np.diff(choice.rms) <= 1e-12).all()
+    assert choice.rms[-1] < min(chance)
+    after = design.known.with_covariance(choice.covariance)
+    assert after.covariance == pytest.approx(choice.covariance, rel=1e-9, abs=1e-30)
+    # weights alone cannot turn joint 1 about its vertical axis
+    still = choose_measurements(design, list_candidates(robot, postures, [100.0], 0.0, design.known.unknowns), 6)
+    assert still.covariance[0, 0] == pytest.approx(1e-14, rel=1e-3)
+    assert choice.covariance[0, 0] < 0.1e-14
+
+
+def test_poses_of_one_load_are_measured_together_and_on_a_short_way() -> None:
+    robot = load_robot("kuka_kr270")
+    home = np.radians([0.0, -90, 90, 0, 0, 0])
+    q = home + np.radians([[40.0], [10.0], [30.0], [20.0]]) * np.array([1.0, 0, 0, 0, 0, 0])
+    load = np.zeros((4, 6))
+    load[2, 2] = -500.0
+    order, touching = order_poses(robot, q, q, load, home, None)
+    assert order.tolist() == [1, 3, 0, 2]
+    assert not len(touching)
+
+
+@pytest.fixture
+def small_job(tmp_path: Path) -> Path:
+    text = (PATHS / "circle_10mm.toml").read_text(encoding="utf-8").replace("waypoints = 500", "waypoints = 16")
+    file = tmp_path / "circle.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+@pytest.mark.slow
+def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monkeypatch, capsys) -> None:
+    out = tmp_path / "poses"
+    words = ["campaign", small_job, "--poses", "6", "--weights-kg", "0,100", "--pull-N", "300", "--out"]
+    answer = run_command([*words, out], monkeypatch, capsys)
+    assert answer.status == 0
+    first = json.loads((out / "campaign.json").read_text(encoding="utf-8"))
+    promised = first["promise_mm"]
+    assert promised["p95_max_floor"] < promised["p95_max_after"] < promised["p95_max_now"]
+    alone = first["parameters_alone_p95_rms_mm"]
+    assert alone["designed"] < alone["as_many_random"] < alone["now"]
+    assert list(out.glob("*poses*.src"))
+    assert "What it brings" in (out / "report.html").read_text(encoding="utf-8")
+
+    robot = load_robot("kuka_kr270")
+    lines = (out / "campaign.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 1 + 3 * 7
+    (drawn,) = draw_robots(robot, 1, 5)
+    fill(out / "campaign.csv", tmp_path / "log.csv", drawn.robot)
+    log = read_campaign(tmp_path / "log.csv", robot)
+    assert log.usable.tolist() == [False, True] * 7
+    # the run-up rows tell from which side all joints came
+    assert (np.abs(log.approach[1::2].sum(axis=1)) == 6).all()
+    answer = run_command([*words, tmp_path / "next", "--log", tmp_path / "log.csv"], monkeypatch, capsys)
+    assert answer.status == 0
+    second = json.loads((tmp_path / "next" / "campaign.json").read_text(encoding="utf-8"))
+    assert second["rows_of_log"] == 7
+    assert second["promise_mm"]["p95_max_now"] == pytest.approx(promised["p95_max_after"], rel=0.02)
+    assert not any("diagnose it" in note for note in second["notes"])
+
+
+def fill(empty: Path, file: Path, robot: Robot) -> None:
+    """Write what an instrument would see of a robot into an empty log."""
+    head, *lines = [line for line in empty.read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    names, rows = head.split(","), [line.split(",") for line in lines]
+    numbers = {name: [row[k] for row in rows] for k, name in enumerate(names)}
+    q = np.radians(np.array([numbers[f"q{k}_deg"] for k in range(1, 7)], float).T)
+    wrench = np.array([numbers[name] for name in ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")], float).T
+    log = Campaign(run=np.array(numbers["run"]), q=q, wrench=wrench, position=np.zeros((len(q), 3)))
+    at = names.index("x_mm")
+    for row, point in list(zip(rows, predict_campaign(robot, log).position * 1e3, strict=True))[1::2]:
+        row[at : at + 3] = [f"{value:.5f}" for value in point]
+    file.write_text("\n".join([head, *map(",".join, rows)]) + "\n", encoding="utf-8")
+
+
+def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
+    """Compliances make most of the band of a KR 270 that pushes with 1.6 kN; unloaded poses do not see them."""
+    plan = plan_job(load_job(small_job))
+    shops = Equipment(register=()), Equipment((0.0, 60.0), register=())
+    asked, loaded = (design_campaign(plan, shop, 3).notes for shop in shops)
+    assert any("--weights-kg" in note for note in asked)
+    assert not any("--weights-kg" in note for note in loaded)
+    # 1.4 kN sideways is what no weight shows
+    assert any("sideways with up to 1439 N" in note and "--pull-N 400" in note for note in loaded)
+    pulled = design_campaign(plan, Equipment((0.0, 60.0), 400.0, register=()), 3).notes
+    assert not any("--pull-N" in note for note in pulled)
+
+
+def test_poses_for_a_tracker_tell_base_and_tool_from_the_arm_unless_these_are_known() -> None:
+    assert Equipment().frames == ("base", "tool")
+    assert Equipment(register=()).frames == ()
+    assert Equipment(instrument="sockets").frames == ()
+    assert Equipment(register=("base", "tool"), instrument="sockets").frames == ("tool",)
+
+
+def test_a_plan_takes_another_robot_than_its_job_names(small_job, tmp_path, monkeypatch) -> None:
+    """A path of a folder counts from the working directory, a name is that of a shipped robot."""
+    write_robot_folder(load_robot("kuka_kr270"), tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    assert Path(load_job(small_job, "mine").robot) == (tmp_path / "mine").resolve()
+    assert Path(load_job(small_job, "ur10").robot).name == "ur10"
+    with pytest.raises(InputError, match="nobody"):
+        load_job(small_job, "nobody")
+
+
+def test_a_campaign_is_refused_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:
+    for more, words in ((["--weights-kg", "0,heavy"], "--weights-kg"), (["--register", "tip"], "--register")):
+        arguments = ["campaign", small_job, "--poses", "3", *more, "--out", tmp_path / "out"]
+        answer = run_command(arguments, monkeypatch, capsys)
+        assert answer.status == 2
+        assert answer.err.count("\n") == 1
+        assert words in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_log_with_unmeasured_run_up_rows_is_diagnosed(small_job, tmp_path, monkeypatch, capsys) -> None:
+    out = tmp_path / "poses"
+    words = ["campaign", small_job, "--poses", "12", "--weights-kg", "0,60", "--pull-N", "400", "--out", out]
+    assert run_command(words, monkeypatch, capsys).status == 0
+    robot = load_robot("kuka_kr270")
+    stiff = Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": 2e-7})
+    fill(out / "campaign.csv", tmp_path / "log.csv", fold_effects(robot, [stiff]))
+    words = ["diagnose", tmp_path / "log.csv", "--robot", "kuka_kr270", "--out", tmp_path / "diagnosed", "--assume-ok"]
+    assert run_command(words, monkeypatch, capsys).status == 0
+    known = load_robot(tmp_path / "diagnosed" / "robot").uncertainty
+    assert known is not None
+    assert known.grade == "measured"
+
+
+def test_twelve_poses_for_a_calibration_leave_less_than_random_ones() -> None:
+    """Robots drawn as wide as the fit takes them, measured exactly but for noise, fitted with their prior."""
+    robot = load_robot("kuka_kr270")
+    known = widen_uncertainty(robot, loaded=False)
+    reach = find_postures(robot, np.zeros((1, 6)), 0.5, None, seed=3, kept=40)
+    still = np.zeros((len(reach), 6))
+    scene = build_path_model(robot, reach, still)
+    path = linearise_path(scene, known, ForceSpread(0, 0, 0, "known"), np.ones(len(reach), bool))
+    design = take_frames(Design(known, path, 3e-5, ("base", "tool")), scene)
+    # a turned base moves all of the reach and is no error of the arm
+    turn = np.cross([0.0, 0.0, 1e-3], path.tip).reshape(-1)
+    free = Design(known, replace(path, model=turn.reshape(len(reach), 3, 1)), 3e-5, ("base", "tool"))
+    assert np.abs(take_frames(free, scene).path.model).max() < 1e-12
+    postures = find_postures(robot, np.zeros((1, 6)), 0.5, None, seed=4, kept=60)
+    candidates = list_candidates(robot, postures, [0.0], 0.0, known.unknowns)
+    choice = choose_measurements(design, candidates, 12)
+    random = np.random.default_rng(5)
+    rows = design.rows(candidates.slopes, candidates.tip, candidates.rotation)
+    truth = known.covariance**0.5 @ random.standard_normal((len(known.covariance), 20))
+
+    def fit(chosen: np.ndarray) -> float:
+        seen = rows[chosen].reshape(3 * len(chosen), -1)
+        shown = seen[:, : len(truth)] @ truth + 3e-5 * random.standard_normal((len(seen), truth.shape[1]))
+        prior = np.diag(1.0 / np.diag(design.start))
+        found = np.linalg.solve(seen.T @ seen / design.noise + prior, seen.T @ shown / design.noise)[: len(truth)]
+        left = design.path.model.reshape(-1, len(truth)) @ (truth - found)
+        return float(np.sqrt(np.mean(left**2)))
+
+    chance = [fit(random.choice(len(rows), 12, replace=False)) for _ in range(9)]
+    assert fit(choice.rows) < np.min(chance)
+
+
+def test_a_calibration_is_designed_as_wide_as_the_diagnosis_fits_one() -> None:
+    robot = load_robot("kuka_kr270")
+    width = {unknown.names[0].split()[0]: unknown.deviation[0] for unknown in widen_uncertainty(robot, False).unknowns}
+    for effect, scale in (("joint_offset", joint_offset.SCALE), ("link_geometry", link_geometry.SCALE["r"])):
+        assert width[effect] == pytest.approx(WIDE[effect][1] * scale, rel=0.01)
+    stiff = replace(robot, springs=(), link_elasticities=())
+    assert "gravity_sag" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=False).unknowns}
+    assert "joint_stiffness" in {unknown.effect for unknown in widen_uncertainty(stiff, loaded=True).unknowns}
+
+
+@pytest.mark.parametrize("instrument", ["sockets", "gauge", "probe", "plane", "sphere", "ball_bar"])
+def test_poses_for_an_instrument_without_positions_meet_its_places_and_narrow_the_band(instrument: str) -> None:
+    """In closed form: a row tells nothing beside its unknown place alone, and later ones no more than a position."""
+    design, q = make_design(("tool",))
+    robot = load_robot("kuka_kr270")
+    postures = find_postures(robot, q, 0.5, None, seed=1, kept=150)
+    middle = locate_frames(build_chain(robot), q).tcp_position.mean(axis=0)
+    length = {"ball_bar": 0.3, "sphere": 0.03, "sockets": 0.2}.get(instrument, 0.0)
+    found, sights = find_touching(robot, postures, middle, 0.5, instrument, 3, length, None, 0)
+    tip = locate_frames(build_chain(robot), found).tcp_position
+    for number in range(len(sights.names)):
+        own = sights.contact == number
+        if instrument in ("ball_bar", "sphere"):
+            own_sights = replace(sights.take(own), value=np.full(own.sum(), length))
+            centre = own_sights.start_places(tip[own])[number]
+            assert np.linalg.norm(tip[own] - centre, axis=1) == pytest.approx(length, abs=1e-6)
+        else:
+            away = np.ptp(tip[own], axis=0)
+            loose = instrument == "plane"
+            assert (away < 1e-8).sum() == (1 if loose else 3), away  # along the normal, or at one point
+    candidates = sight_candidates(list_candidates(robot, found, [0.0, 100.0], 300.0, design.known.unknowns), sights)
+    design, start = add_places(design, design.start, sights, tip, 12)
+    choice = choose_measurements(design, candidates, 30, start)
+    assert choice.rms[-1] < 0.9 * choice.rms[0] and (np.diff(choice.rms) <= 1e-12).all()
+    first = first_visits(candidates)
+    assert len(first) == len(sights.names) * (3 if instrument in ("ball_bar", "sphere") else 1)
+    unknown = max(len(first), 1)  # or the tool, where the place is known
+    assert choice.rms[unknown] == pytest.approx(choice.rms[0], rel=2e-3)
+    # a place that is met no more often than it takes is idle; both sockets of a plate are one place
+    if first:
+        idle = find_idle(candidates, np.array([*first, np.flatnonzero(sights.contact == 0)[1]]))
+        assert idle.tolist() == [name.split("/")[0] != "1" for name in sights.names]
+    stands, away = list_fixtures(instrument, sights, tip), length if instrument in ("ball_bar", "sphere") else 0.0
+    assert [stand.label for stand in stands] == list(sights.names)
+    for number, stand in enumerate(stands):
+        off = np.linalg.norm(tip[sights.contact == number] - stand.place, axis=1)
+        assert np.abs(off - away).max() < (0.3 if instrument == "plane" else 1e-6)
+    free = replace(candidates, sights=None)
+    plain, _ = make_design(("tool",))
+    assert choose_measurements(plain, free, 30).rms[-1] < choice.rms[-1]
+
+
+def test_sockets_are_put_up_elsewhere_where_the_arm_does_not_meet_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot("kuka_kr270")
+    q = make_design(("tool",))[1]
+    postures = find_postures(robot, q, 0.5, None, seed=1, kept=60)
+    middle = locate_frames(build_chain(robot), q).tcp_position.mean(axis=0)
+
+    def place(low: float) -> np.ndarray:
+        def bring(robot: Robot, q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+            return bring_tips(robot, q, wanted)[: 2 if np.linalg.norm(wanted[0] - middle) <= low else None]
+
+        monkeypatch.setattr(contacts, "bring_tips", bring)
+        found, sights = find_touching(robot, postures, middle, 0.5, "sockets", 2, 0.0, None, 0)
+        tip = locate_frames(build_chain(robot), found).tcp_position
+        return np.array([tip[sights.contact == k][0] for k in range(2)])
+
+    away = np.linalg.norm(place(0.0)[0] - middle)
+    moved = np.linalg.norm(place(1.01 * away) - middle, axis=1)
+    assert (moved > 1.01 * away).all()
+    with pytest.raises(InputError, match="in 2 postures, expected at least 3, wherever near the path"):
+        place(9.0)
+
+
+def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, tmp_path, monkeypatch, capsys) -> None:
+    """Joints are what is measured: the log is whole as it is written for a robot that is as modelled."""
+    out = tmp_path / "poses"
+    text = small_job.read_text(encoding="utf-8")
+    small_job.write_text(text.replace("[part]\n", "[part]\ntouched_off = false\n"), encoding="utf-8")
+    words = ["campaign", small_job, "--poses", "24", "--with", "sockets", "--length-mm", "200", "--register", "tool",
+             "--weights-kg", "0,60", "--sigma-mm", "0.02", "--out", out]  # fmt: skip
+    answer = run_command(words, monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    assert "instrument.toml" in (told := answer.out)
+    robot = load_robot("kuka_kr270")
+    log = read_campaign(out / "campaign.csv", robot, read_instrument(out / "instrument.toml"))
+    assert log.sights is not None and len(log.sights.names) == 6 and len(log.sights.known) == 3
+    assert log.usable.sum() == 25 and (log.sights.kind[log.usable] == CONTACT).all()
+    assert np.bincount(log.sights.contact[log.usable]).min() >= 2
+    again = [*words[:-1], tmp_path / "next", "--log", out / "campaign.csv", "--instrument", out / "instrument.toml"]
+    assert run_command(again, monkeypatch, capsys).status == 0
+    first, second = (json.loads((f / "campaign.json").read_text("utf-8")) for f in (out, tmp_path / "next"))
+    assert second["promise_mm"]["p95_max_now"] == pytest.approx(first["promise_mm"]["p95_max_after"], rel=0.1)
+    stands = first["stands"]
+    assert sorted(stand["label"] for stand in stands) == sorted(log.sights.names)
+    assert all(f"put up {stand['says']}" in told for stand in stands)
+    assert "Where it stands" in (out / "report.html").read_text("utf-8")
+    assert np.linalg.norm(np.subtract(stands[0]["position_mm"], stands[1]["position_mm"])) == pytest.approx(200, abs=3)
+    few = [*words[:3], "8", *words[4:-1], tmp_path / "few"]
+    answer = run_command(few, monkeypatch, capsys)
+    assert answer.status == 2 and "at least two a place" in answer.err

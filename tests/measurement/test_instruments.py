@@ -1,0 +1,388 @@
+"""Instruments other than a tracker: contacts, readings along a direction and ball bars instead of positions."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from commandline import Answer, run_command
+from simulated_campaigns import write_small_robot
+
+from compplan.diagnosis import diagnose_campaign
+from compplan.diagnosis.campaign_diagnosis import refuse_open_frames
+from compplan.diagnosis.data.channels import estimate_noises
+from compplan.effects import Effect, apply_effects, build_model, command_campaign, solve_model_poses
+from compplan.errors import InputError
+from compplan.measurement.campaign import Campaign
+from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.instrument import read_instrument
+from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations
+from compplan.measurement.reading import read_campaign
+from compplan.measurement.registration import campaign_gap, fitted_parts
+from compplan.robot import Array, Robot
+from compplan.uncertainty.assumed import robot_uncertainty
+
+TOOL = np.array([0.02, -0.03, 0.12])
+PLANTED = (
+    Effect("joint_offset", "joint_2", None, {"offset_rad": 1.2e-3}),
+    Effect("joint_offset", "joint_4", None, {"offset_rad": -2e-3}),
+    Effect("joint_offset", "joint_5", None, {"offset_rad": 1.5e-3}),
+)
+JOINTS = ",".join(f"q{k}_deg" for k in range(1, 7))
+SIGMA = 2e-5
+Run = Callable[..., Answer]
+Effects = tuple[Effect, ...]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    return lambda *words: run_command(words, monkeypatch, capsys)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return write_small_robot(tmp_path_factory.mktemp("small") / "small", gravity=False)
+
+
+def see(robot: Robot, q: Array, effects: Effects = PLANTED) -> Array:
+    """Return where the point of the tool truly is. Shape (n, 3). [m]"""
+    campaign = Campaign(np.array(["static"] * len(q)), q, np.zeros((len(q), 6)), np.zeros((len(q), 3)))
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign), effects))
+    return attained.position + attained.rotation @ TOOL
+
+
+def draw_poses(robot: Robot, count: int, seed: int) -> Array:
+    return np.random.default_rng(seed).uniform(robot.lower, robot.upper, (count, robot.nq)) * 0.9
+
+
+def touch(
+    robot: Robot, place: Array, count: int, rng: np.random.Generator, effects: Effects = PLANTED, sigma: float = SIGMA,
+    onto: Callable[[Array], Array] | None = None,
+) -> Array:  # fmt: skip
+    """Return poses, settled to the noise, with the true point at a place, or by it on a surface. Shape (count, nq)."""
+    start = see(robot, draws := draw_poses(robot, 400, int(rng.integers(1000))), effects)
+    q = draws[np.argsort(np.linalg.norm(start - place, axis=1))[: 2 * count]]
+    wanted = (place if onto is None else onto(see(robot, q, effects))) + rng.normal(0.0, sigma, (len(q), 3))
+    for _ in range(9):
+        point = see(robot, q, effects)
+        slopes = np.stack([(see(robot, q + 1e-6 * one, effects) - point) / 1e-6 for one in np.eye(robot.nq)], axis=-1)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slopes, rcond=1e-3), wanted - point)
+        q = q + np.clip(step, -0.2, 0.2)
+    good = np.linalg.norm(see(robot, q, effects) - wanted, axis=1) < 1e-7
+    good &= ((q > robot.lower) & (q < robot.upper)).all(axis=1)
+    assert good.sum() >= count
+    return q[good][:count]
+
+
+def write_log(file: Path, columns: str, rows: list[str]) -> Path:
+    file.write_text("\n".join([columns, *rows]) + "\n")
+    return file
+
+
+def degrees(q: Array) -> str:
+    return ",".join(f"{value:.7f}" for value in np.rad2deg(q))
+
+
+def socket_log(
+    robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA
+) -> tuple[Path, Path]:
+    """Write a log of two sockets 200 mm apart at three places, and its instrument file."""
+    rng, rows, said = np.random.default_rng(3), [], ["schema = 1", "[instrument]", "sigma_mm = 0.02"]
+    for number, place in enumerate(([1.0, 0.2, 0.7], [0.3, 1.0, 0.9], [0.8, -0.8, 1.1])):
+        along = rng.normal(size=3)
+        for socket in (0, 1):
+            middle = np.array(place) + socket * 0.2 * along / np.linalg.norm(along)
+            poses = touch(robot, middle, 15, rng, effects, sigma)
+            rows += [f"static{number},{number}/{socket},{degrees(q)}" for q in poses]
+        said += ["[[distance]]", f'between = ["{number}/0", "{number}/1"]', "mm = 200.0", "sigma_mm = 0.01"]
+    (folder / "sockets.toml").write_text("\n".join(said))
+    return write_log(folder / "sockets.csv", f"run,contact,{JOINTS}", rows), folder / "sockets.toml"
+
+
+def gauge_log(
+    robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA
+) -> tuple[Path, Path]:
+    """Write a log of six dial gauges whose zeros nobody knows, and its instrument file."""
+    rng, q = np.random.default_rng(4), draw_poses(robot, 150, 5)
+    unit = np.repeat(rng.normal(size=(6, 3)), 25, axis=0)
+    unit /= np.linalg.norm(unit, axis=1)[:, None]
+    zero = np.repeat(rng.uniform(-0.5, 0.5, 6), 25)
+    reading = np.einsum("ni,ni->n", unit, see(robot, q, effects)) - zero + rng.normal(0.0, sigma, 150)
+    rows = [
+        f"static,g{k // 25},{degrees(q[k])},{unit[k, 0]:.9f},{unit[k, 1]:.9f},{unit[k, 2]:.9f},{reading[k] * 1e3:.6f}"
+        for k in range(150)
+    ]
+    (folder / "gauge.toml").write_text("schema = 1\n[instrument]\nsigma_mm = 0.02\n")
+    head = f"run,contact,{JOINTS},dir_i,dir_j,dir_k,reading_mm"
+    return write_log(folder / "gauge.csv", head, rows), folder / "gauge.toml"
+
+
+def bar_log(
+    robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA
+) -> tuple[Path, Path]:
+    """Write a log of a ball bar about three centres that nobody knows, and its instrument file."""
+    rng, q = np.random.default_rng(6), draw_poses(robot, 150, 7)
+    centre = np.repeat([[0.9, 0.4, 0.2], [-0.2, 0.9, 0.4], [-0.7, -0.5, 0.6]], 50, axis=0)
+    length = np.linalg.norm(see(robot, q, effects) - centre, axis=1) + rng.normal(0.0, sigma, 150)
+    rows = [f"static,c{k // 50},{degrees(q[k])},{length[k] * 1e3:.6f}" for k in range(150)]
+    (folder / "bar.toml").write_text("schema = 1\n[instrument]\nsigma_mm = 0.02\n")
+    return write_log(folder / "bar.csv", f"run,contact,{JOINTS},distance_mm", rows), folder / "bar.toml"
+
+
+LOGS = {"sockets": socket_log, "gauge": gauge_log, "bar": bar_log}
+
+
+def make_sights(kind: int, **fields: Array) -> Observations:
+    given = {"direction": np.full((1, 3), np.nan), "value": np.full(1, np.nan), "origin": np.zeros((1, 3)), **fields}
+    return Observations(kind=np.array([kind]), contact=np.array([0]), names=("a",), **given)
+
+
+def test_each_kind_of_sight_says_what_its_equation_says() -> None:
+    point, place = np.array([[3.0, 4.0, 1.0]]), np.array([[0.0, 0.0, 1.0]])
+    contact = make_sights(CONTACT).gap(point, place)
+    np.testing.assert_allclose(contact, [[-3.0, -4.0, 0.0]])
+    reading = make_sights(READING, direction=np.array([[0.0, 1.0, 0.0]]), value=np.array([4.5])).gap(point, place)
+    np.testing.assert_allclose(reading, [[0.0, 0.5, 0.0]])
+    distance = make_sights(DISTANCE, value=np.array([5.5])).gap(point, place)
+    np.testing.assert_allclose(distance, [[0.3, 0.4, 0.0]])
+
+
+def test_a_turned_instrument_reads_along_its_own_axes(robot: Robot, tmp_path: Path) -> None:
+    said = "schema = 1\n[instrument]\nposition_mm = [100.0, 0.0, 0.0]\nrotation_deg = [0.0, 0.0, 90.0]\n"
+    (tmp_path / "gauge.toml").write_text(said)
+    rows = [f"static,g,{k},2,3,4,5,6,1,0,0,5" for k in range(1, 13)]
+    log = write_log(tmp_path / "gauge.csv", f"run,contact,{JOINTS},dir_i,dir_j,dir_k,reading_mm", rows)
+    sights = read_campaign(log, robot, read_instrument(tmp_path / "gauge.toml")).sights
+    assert sights is not None
+    np.testing.assert_allclose(sights.direction, np.tile([0.0, 1.0, 0.0], (12, 1)), atol=1e-12)
+    np.testing.assert_allclose(sights.origin, np.tile([0.1, 0.0, 0.0], (12, 1)))
+
+
+@pytest.mark.parametrize("kind", [CONTACT, READING, DISTANCE])
+def test_slopes_of_places_are_those_of_differences(kind: int) -> None:
+    unit, point, place = np.array([[0.6, 0.0, 0.8]]), np.array([[0.3, -0.2, 0.9]]), np.array([[0.1, 0.1, 0.1]])
+    sights = make_sights(kind, value=np.array([0.4]))
+    if kind == READING:
+        sights = make_sights(kind, value=np.array([0.4]), direction=unit)
+    slopes = sights.place_slopes()[0, :, 0]
+    direction = sights.directions(point, place)[0]
+    if kind != CONTACT:
+        slopes = np.outer(direction, direction) @ slopes
+    found = [(sights.gap(point, place + step) - sights.gap(point, place - step))[0] / 2e-6 for step in 1e-6 * np.eye(3)]
+    along = np.array(found).T if kind == CONTACT else np.outer(direction, direction) @ np.array(found).T
+    np.testing.assert_allclose(along, slopes, atol=1e-6)
+
+
+def test_a_number_along_one_direction_has_its_own_noise_and_not_that_of_three() -> None:
+    """Forty gauges read three times a stay along directions of their own; nothing states a sigma."""
+    rng, stays = np.random.default_rng(6), 400
+    unit = np.repeat(rng.normal(size=(stays, 3)), 3, axis=0)
+    unit /= np.linalg.norm(unit, axis=1)[:, None]
+    n = len(unit)
+    sights = Observations(
+        np.full(n, READING), np.repeat(np.arange(stays) % 40, 3), tuple(f"g{k}" for k in range(40)), np.zeros((n, 3)),
+        unit, rng.normal(0.0, SIGMA, n),
+    )  # fmt: skip
+    q = np.repeat(rng.uniform(-1.0, 1.0, (stays, 6)), 3, axis=0)
+    campaign = replace(command_campaign(q, on_path=False), sights=sights)
+    attained = SimpleNamespace(position=np.zeros((n, 3)), rotation=np.tile(np.eye(3), (n, 1, 1)))
+    noise = estimate_noises(campaign, attained)["position"]  # type: ignore[arg-type]
+    assert noise.sigma == pytest.approx(SIGMA, rel=0.08)
+
+
+def test_known_distances_compare_lengths_and_their_slopes() -> None:
+    known = KnownDistances(np.array([[0, 1]]), np.array([0.05]), np.array([1e-5]))
+    places = np.array([[0.03, 0.0, 0.0], [0.0, 0.04, 0.0]])
+    np.testing.assert_allclose(known.gap(places), [0.0], atol=1e-15)
+    moved = places + np.array([[1e-6, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert known.slopes(places)[0, 0, 0] == pytest.approx(-known.gap(moved)[0] / 1e-6, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_tool_and_unknown_places_follow_from_the_rows_of_a_robot_as_modelled(
+    name: str, robot: Robot, tmp_path: Path
+) -> None:
+    log, instrument = LOGS[name](robot, tmp_path, (), 0.0)
+    campaign = read_campaign(log, robot, read_instrument(instrument))
+    attained = solve_model_poses(build_model(robot, campaign))
+    parts = fitted_parts(campaign, ("tool",))
+    frames = fit_registration(campaign, attained.position, attained.rotation, parts)
+    np.testing.assert_allclose(frames.tool[0, :3, 3], TOOL, atol=2e-7)
+    point = attained.position + attained.rotation @ frames.tool[0, :3, 3]
+    assert np.abs(campaign_gap(campaign, point, frames)).max() < 2e-7
+
+
+def test_diagnosis_explains_what_gauges_show_to_their_noise(robot: Robot, tmp_path: Path) -> None:
+    log, instrument = gauge_log(robot, tmp_path)
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    assert diagnosis.gap.noise_floor == pytest.approx(SIGMA, rel=0.3)
+    assert diagnosis.gap.held_out_after < 2.0 * SIGMA
+    assert diagnosis.verdict.status in ("calibrated", "explained")
+    assert diagnosis.deliveries[0].kind != "nominal"
+
+
+def test_a_known_distance_is_as_sure_as_its_file_says_or_a_caliper(robot: Robot, tmp_path: Path) -> None:
+    rows = [f"static,{k % 2},{degrees(q)}" for k, q in enumerate(draw_poses(robot, 8, 1))]
+    log, file = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows), tmp_path / "known.toml"
+    for said, sigma in (("sigma_mm = 0.3", 3e-4), ("", 2e-5)):
+        file.write_text(f'schema = 1\n[[distance]]\nbetween = ["0", "1"]\nmm = 50.0\n{said}\n')
+        known = read_campaign(log, robot, read_instrument(file)).sights.known
+        assert (known.length.item(), known.sigma.item()) == pytest.approx((0.05, sigma))
+
+
+def test_scale_is_said_to_be_unknown_where_contacts_alone_were_seen(robot: Robot, tmp_path: Path) -> None:
+    rows = [f"static,{k % 2},{degrees(q)}" for k, q in enumerate(draw_poses(robot, 8, 1))]
+    log = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows)
+    bare, instrument = tmp_path / "bare.toml", tmp_path / "known.toml"
+    bare.write_text("schema = 1\n[instrument]\nsigma_mm = 0.02\n")
+    instrument.write_text('schema = 1\n[[distance]]\nbetween = ["0", "1"]\nmm = 50.0\n')
+    said = [note for note in read_campaign(log, robot, read_instrument(bare)).notes if "scale" in note]
+    assert len(said) == 1
+    assert not [note for note in read_campaign(log, robot, read_instrument(instrument)).notes if "scale" in note]
+
+
+def test_trackers_and_contacts_go_together_in_one_log(robot: Robot, tmp_path: Path) -> None:
+    rng, q = np.random.default_rng(1), draw_poses(robot, 12, 2)
+    touched = touch(robot, np.array([1.0, 0.2, 0.7]), 8, rng)
+    seen = see(robot, q)
+    rows = [f"static,,{degrees(one)},{p[0] * 1e3},{p[1] * 1e3},{p[2] * 1e3}" for one, p in zip(q, seen, strict=True)]
+    rows += [f"static,socket,{degrees(one)},,," for one in touched]
+    campaign = read_campaign(write_log(tmp_path / "both.csv", f"run,contact,{JOINTS},x_mm,y_mm,z_mm", rows), robot)
+    assert campaign.usable.all()
+    assert campaign.measured.sum() == 12
+    attained = solve_model_poses(apply_effects(build_model(robot, campaign), PLANTED))
+    frames = fit_registration(campaign, attained.position, attained.rotation, fitted_parts(campaign, ("base", "tool")))
+    np.testing.assert_allclose(frames.base, np.eye(4), atol=1e-4)
+    np.testing.assert_allclose(frames.places, [[1.0, 0.2, 0.7]], atol=5e-5)
+
+
+def test_what_gauges_leave_unexplained_counts_along_all_three_axes(robot: Robot, tmp_path: Path) -> None:
+    """Readings scatter by 0.3 mm where the robot is as modelled: 0.3 mm per axis is what the tip may be off."""
+    log, instrument = gauge_log(robot, tmp_path, (), 3e-4)
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    known = diagnosis.deliveries[0].uncertainty
+    assert known.unexplained == pytest.approx(np.sqrt(3.0) * 3e-4, rel=0.15)
+    assert known.calibration < 1.3
+
+
+def test_what_gauges_show_of_small_errors_holds_from_stay_to_stay_but_for_their_noise(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """Zeros of 60 to 100 urad: how much of them is there is known to what one number of 20 um says of it."""
+    small = tuple(replace(e, parameters={"offset_rad": 0.05 * e.parameters["offset_rad"]}) for e in PLANTED)
+    log, instrument = gauge_log(robot, tmp_path, small)
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    held = diagnosis.deliveries[0].visited
+    assert held is not None and held.spread < 0.1
+    # gauges put up anywhere turn with the arm: the first joint's zero is as unknown as before
+    known = diagnosis.deliveries[0].uncertainty
+    (zero,) = (u for u in known.unknowns if u.effect == "joint_offset" and u.joint == robot.joint_names[0])
+    (before,) = (u for u in robot_uncertainty(robot).unknowns if (u.effect, u.joint) == (zero.effect, zero.joint))
+    assert known.calibration * zero.deviation == pytest.approx(before.deviation, rel=1e-6)
+    assert np.sqrt(np.mean(((held.share - 1.0) / held.deviation) ** 2)) == pytest.approx(1.0, rel=0.15)
+
+
+def thin_bar_log(robot: Robot, folder: Path, kept: tuple[int, ...]) -> tuple[Path, Path]:
+    """Write a log of a ball bar with so many rows about each of its centres."""
+    log, instrument = bar_log(robot, folder)
+    head, *rows = log.read_text().splitlines()
+    return write_log(log, head, [row for k, row in enumerate(rows) if k % 50 < kept[k // 50]]), instrument
+
+
+def test_places_that_few_rows_stand_at_are_dropped_or_refused_in_one_line(robot: Robot, tmp_path: Path) -> None:
+    """Three distances are what an unknown centre takes; what was not read at a bar is no contact of a socket."""
+    log, instrument = thin_bar_log(robot, tmp_path, (9, 3, 4))
+    head, *rows = log.read_text().splitlines()
+    write_log(log, head, [*rows, rows[0].rpartition(",")[0] + ","])
+    campaign = read_campaign(log, robot, read_instrument(instrument))
+    assert campaign.sights is not None and campaign.sights.names == ("c0", "c2")
+    assert campaign.usable.tolist() == [True] * 9 + [False] * 3 + [True] * 4 + [False]
+    assert campaign.sights.contact[campaign.usable].tolist() == [0] * 9 + [1] * 4
+    assert [note for note in campaign.notes if "one direction a row" in note]
+    assert [note for note in campaign.notes if "contact 'c1' stands in 3 rows, expected at least 4" in note]
+    with pytest.raises(InputError, match="contact 'c0' stands in 2 rows, expected at least 4"):
+        read_campaign(*thin_bar_log(robot, tmp_path, (2, 3, 1))[:1], robot)
+    gauges, _ = gauge_log(robot, tmp_path)
+    head, *rows = gauges.read_text().splitlines()
+    seen = read_campaign(write_log(gauges, head, [*rows[:12], rows[30]]), robot).sights
+    assert seen is not None and seen.names == ("g0",)
+
+
+def test_poses_left_out_are_judged_though_few_rows_fix_where_a_bar_stood(robot: Robot, tmp_path: Path) -> None:
+    """Centres of four rows are open without one of them: 9 mm were once said of a robot that is .3 mm off."""
+    log, instrument = thin_bar_log(robot, tmp_path, (14, 4, 4))
+    diagnosis = diagnose_campaign(robot, read_campaign(log, robot, read_instrument(instrument)), register=("tool",))
+    with pytest.raises(InputError, match=r"0\.325 mm on all of them and 9\.09 mm on poses left out"):
+        refuse_open_frames(0.325e-3, 9.09e-3, diagnosis.fit.problem.campaign)
+    refuse_open_frames(0.325e-3, 0.5e-3, diagnosis.fit.problem.campaign)
+    # 22 rows, of which three centres and a tool take 12
+    assert diagnosis.gap.held_out_before == pytest.approx(diagnosis.gap.before * np.sqrt(22 / 10), rel=0.5)
+
+
+HEAD = f"run,contact,{JOINTS},dir_i,dir_j,dir_k,reading_mm,distance_mm"
+GOOD = "1,2,3,4,5,6"
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "message"),
+    [
+        (HEAD, f"static,a,{GOOD},0,0,1,5,7", "reading_mm and distance_mm"),
+        (HEAD, f"static,,{GOOD},,,,,7", "without a contact"),
+        (HEAD, f"static,a,{GOOD},0,0,2,5,", "unit vector"),
+        (HEAD, f"static,a,{GOOD},,,,,-7", "not above zero"),
+        (f"run,contact,{JOINTS},reading_mm", f"static,a,{GOOD},5", "dir_i dir_j dir_k"),
+        (f"run,contact,{JOINTS}", f"static,a,{GOOD}\nstatic,b,6,5,4,3,2,1", "in one row only"),
+        (f"run,{JOINTS}", f"static,{GOOD}", "expected a position, or contact"),
+    ],
+)
+def test_rows_that_contradict_themselves_are_refused(
+    head: str, row: str, message: str, robot: Robot, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        read_campaign(write_log(tmp_path / "bad.csv", head, row.split("\n")), robot)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("schema = 1\n[instrument]\nsigma = 1.0\n", "unknown key"),
+        ('schema = 1\n[[distance]]\nbetween = ["a", "a"]\nmm = 5.0\n', "itself"),
+        ('schema = 1\n[[distance]]\nbetween = ["a", "b"]\nmm = -5.0\n', "mm"),
+    ],
+)
+def test_instrument_files_with_mistakes_end_with_status_2(
+    text: str, message: str, robot: Robot, tmp_path: Path, run: Run
+) -> None:
+    (tmp_path / "i.toml").write_text(text)
+    log, _ = gauge_log(robot, tmp_path)
+    given = ["--robot", robot.folder, "--instrument", tmp_path / "i.toml", "--out", tmp_path / "out"]
+    result = run("diagnose", log, *given)
+    assert result.status == 2
+    assert message in result.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_reversed_directions_and_mixed_labels_are_asked_about(robot: Robot, tmp_path: Path, run: Run) -> None:
+    log, instrument = gauge_log(robot, tmp_path)
+    head, *rows = log.read_text().splitlines()
+    fields = [row.split(",") for row in rows]
+    turned = [",".join([*f[:8], *(str(-float(v)) for v in f[8:11]), f[11]]) for f in fields]
+    shuffled = [",".join([f[0], f"g{k % 6}", *f[2:]]) for k, f in enumerate(fields)]
+    for number, (changed, said) in enumerate(((turned, "reversed"), (shuffled, "labels"))):
+        other = write_log(tmp_path / f"other{number}.csv", head, changed)
+        given = ["--robot", robot.folder, "--instrument", instrument, "--out", tmp_path / "out"]
+        result = run("identify", other, *given)
+        assert result.status == 2
+        assert said in result.err
+
+
+def test_doctor_says_what_another_instrument_saw(robot: Robot, tmp_path: Path, run: Run) -> None:
+    rows = [f"static,{k % 2},{degrees(q)}" for k, q in enumerate(draw_poses(robot, 8, 1))]
+    log = write_log(tmp_path / "log.csv", f"run,contact,{JOINTS}", rows)
+    result = run("doctor", log, "--json")
+    assert "8 contacts at 2 places" in json.dumps(json.loads(result.out))

@@ -1,0 +1,125 @@
+"""One program of time, posture and promise: derivatives, closed forms, limits, and what it brings on a small job."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.limits import sample_use
+from compplan.job.job import check_job, load_job
+from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
+from compplan.plan.reversals import describe_reversals, list_reversals
+from compplan.plan.timing import cutting_runs, time_command
+from compplan.planning.candidates import judge_gain
+from compplan.posture.slides import count_reversals
+from compplan.reporting.writers.plan import write_plan
+
+PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
+CIRCLE: dict[str, Any] = {
+    "schema": 1, "robot": "kuka_kr270", "process": PUSH, "part": {"position_mm": [1700.0, 0.0, 800.0]},
+    "tool": {"position_mm": [0.0, 0.0, 300.0], "abc_deg": [0.0, 30.0, 0.0], "mass_kg": 8.0},
+    "toolpath": {"generator": "circle", "radius_mm": 120.0, "feed_mm_s": 500.0, "waypoints": 60},
+    "plan": {"tolerance_mm": 0.5, "inertia": False}, "sampling": {"chord_mm": 0.3},
+}  # fmt: skip
+
+
+def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
+    assert judge_gain("fast", 0.8, 3.0, 3.0) == 0.8
+    assert judge_gain("accurate", 1.0, 1.0, 0.9) == 0.95 and judge_gain("promise", 1.1, 0.5, 0.5) == np.inf
+    assert judge_gain("promise", 1.0, 0.5, 1.1) == 0.5 and judge_gain("accurate", 1.0, 0.5, 1.1) == 0.8
+    assert judge_gain("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge_gain("", 0.5, 1.01, 0.9) == np.inf
+
+
+def test_reversals_count_ways_of_a_stroke_and_more() -> None:
+    way = np.sin(np.linspace(0.0, 5.0 * np.pi, 400))
+    assert count_reversals(way, 0.01) == 5
+    assert count_reversals(way + 1e-3 * np.sin(np.arange(400.0)), 0.01) == 5
+    assert count_reversals(np.linspace(0.0, 1.0, 50), 0.01) == 0 and count_reversals(1e-3 * way, 0.01) == 0
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    cone = {"generator": "isf_cone", "diameter_mm": 200.0, "depth_mm": 20.0, "wall_angle_deg": 60.0,
+            "pitch_mm": 20.0, "feed_mm_s": 600.0, "step_mm": 12.0}  # fmt: skip
+    push = {"model": "constant", "force_N": [-300.0, 200.0, 400.0], "frame": "path"}
+    job = {**CIRCLE, "toolpath": cone, "process": push, "part": {"position_mm": [1750.0, 200.0, 700.0]}}
+    return plan_job(check_job(job, "job.toml"))
+
+
+def test_a_plan_that_is_bettered_is_solved_shorter_and_promises_no_less(plan: Plan) -> None:
+    assert plan.status == "solved", plan.explain_failures()
+    assert plan.task.start is not None and (found := plan.task.start.bettered) is not None
+    assert found.time[1] <= 1.001 * found.time[0] and found.band[1] <= 1.001 * found.band[0]
+    assert found.time[1] / found.time[0] + found.band[1] / found.band[0] < 1.95
+    assert found.least_time <= found.time[1]
+    assert any(note == found.sentence(plan.task.start.pace) for note in plan.notes)
+    told = plan.to_dict()
+    assert told["posture"]["program"]["time_s"] == {"graph": found.time[0], "program": found.time[1]}
+    assert {entry["axis"] for entry in told["reversals"]} == {*plan.robot.joint_names, "spin"}
+
+
+def test_its_page_and_programs_are_written(plan: Plan, tmp_path: Path) -> None:
+    write_plan(plan, tmp_path / "out")
+    assert "widest 95 % band" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+
+
+def test_its_run_holds_velocity_and_acceleration_at_every_millisecond(plan: Plan) -> None:
+    task = plan.task
+    runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    use = sample_use(plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits)
+    assert use["velocity"] < 1.001 and plan.timing.acceleration_ratio < 1.001
+    assert use["acceleration"] < 1.04  # a spline overshoots where acceleration, free of a limit of the jerk, jumps
+
+
+def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
+    found = {entry.axis: entry for entry in list_reversals(plan.task, plan.q)}
+    first = found[plan.robot.joint_names[0]]
+    assert first.assumed and first.turns >= 1  # a circle turns the first axis twice
+    reach = np.linalg.norm(plan.task.position[:, :2], axis=1)
+    assert first.price == pytest.approx(first.lost * np.sqrt((reach**2).mean()), rel=0.05)
+    assert "assumed" in describe_reversals(tuple(found.values()))
+
+
+def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judged(tmp_path: Path) -> None:
+    u = np.linspace(0.0, 1.0, 120)
+    rows = [f"{8.0 * np.sin(8.0 * np.pi * k):.6f},{500.0 * (k - 0.5):.6f},0,0,0,1,700" for k in u]
+    (tmp_path / "wave.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_s\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    job = {**CIRCLE, "toolpath": str(tmp_path / "wave.csv"), "plan": {"tolerance_mm": 8.0, "inertia": False},
+           "sampling": {"chord_mm": 1.0}, "posture": {"preset": "fast"}, "tolerance": {"tube": 0.8}}  # fmt: skip
+    del job["tool"]
+    plan = plan_job(check_job(job, "job.toml"))
+    assert plan.status == "solved", plan.explain_failures()
+    assert plan.task.start is not None and (found := plan.task.start.bettered) is not None
+    assert {"left", "up"} <= set(found.names) and found.time[1] < 0.98 * found.time[0]
+    assert 0.2e-3 < plan.after.max_deviation <= 6.41e-3
+    off = plan.task.position - plan.task.programmed
+    assert plan.after.deviation[plan.task.cut] == pytest.approx(off[plan.task.cut], abs=2e-6)
+    assert plan.promise is not None and plan.promise.greatest > plan.after.max_deviation
+
+
+def test_the_shipped_job_on_a_rail_is_solved_with_its_speed_eased_and_a_narrower_band_than_the_graphs_run() -> None:
+    plan = plan_job(load_job(Path(__file__).parents[2] / "examples" / "rail" / "circle.toml"))
+    assert (plan.status, plan.strategy) == ("solved", "nlp"), plan.explain_failures()
+    assert plan.robot.prismatic[0] and plan.task.start is not None
+    assert (found := plan.task.start.bettered) is not None
+    assert found.time[1] <= found.time[0] and found.band[1] < 0.9 * found.band[0]
+
+
+def test_an_eased_run_rings_less_and_knows_where(plan: Plan) -> None:
+    assert plan.task.start is not None and (pace := plan.task.start.pace) is not None
+    assert pace.slower.min() >= 1.0 and pace.slower.max() > 1.0
+    assert (np.diff(pace.places) >= 0.0).all() and plan.task.pace.max() == pytest.approx(pace.slower.max(), rel=0.05)
+    even = replace(plan.task, start=replace(plan.task.start, pace=None))
+    assert time_command(even, plan.task.q_start).time[-1] < time_command(plan.task, plan.task.q_start).time[-1]
+
+
+def test_a_mirror_strategy_keeps_the_posture_of_the_graph() -> None:
+    robot, nominal, options = prepare_job(check_job(CIRCLE, "job.toml"))
+    task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
+    assert task.start is not None and task.start.bettered is None
+
+

@@ -1,0 +1,295 @@
+"""The ladder graph: finds what brute force finds, keeps within limits, passes singularities or names the waypoint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arms import one_joint_arm
+
+from benchmarks.posture import brute_force, cam_default, cut_stations, mean_square, quantile
+from benchmarks.posture_cases import make_case
+from compplan.errors import InfeasibleError
+from compplan.plan.plan import PlanOptions, plan_compensation
+from compplan.posture.choose import choose_posture_path, sum_errors
+from compplan.posture.configuration import choose_posture
+from compplan.posture.costs import Weights
+from compplan.posture.initial_branches import PostureRequest
+from compplan.posture.lattice import orient_tool
+from compplan.posture.motion import MotionFigures, MotionPrice, measure_inertia_error
+from compplan.posture.search import Rungs, _Joints, _step
+from compplan.posture.settings import PostureSettings
+from compplan.posture.summary import summarise_costs
+from compplan.robot import load_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import build_arm
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import Toolpath
+
+FLAT = np.array([1.0, 0.0, 0.0])
+
+
+def straight_path(start: list[float], end: list[float], n: int = 120, force: float = 500.0) -> Toolpath:
+    position = np.linspace(start, end, n)
+    wrench = np.tile([force, 0.3 * force, force, 0.0, 0.0, 0.0], (n, 1))
+    return Toolpath(
+        position, np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 0.05), np.zeros(n, bool), wrench, frame="base"
+    )
+
+
+def check_on_path(robot, nominal: Toolpath, stance) -> None:
+    frames = locate_frames(build_arm(robot).chain, stance.q)
+    assert np.abs(frames.tcp_position - nominal.position).max() < 1e-6
+    assert np.abs(frames.tcp_rotation[:, :, 2] + stance.axis).max() < 1e-6
+    assert (stance.q >= robot.lower).all() and (stance.q <= robot.upper).all()
+
+
+@pytest.fixture(scope="module")
+def angled():
+    case = make_case("kuka_kr240", "circle", 45.0)
+    settings = PostureSettings(stations=160, weights={"travel": 0.0})  # what is left under load, alone
+    axes = case.job.T_base_part[:3, :3]
+    return case, choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+
+
+def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_cost_code(angled) -> None:
+    case, stance = angled
+    rows, share = cut_stations(case.nominal)
+    optimum = brute_force(case, rows[::2], share[::2] / share[::2].sum())
+    ours = mean_square(case, stance.q, rows[::2], share[::2] / share[::2].sum())
+    assert np.sqrt(ours / optimum) < 1.02
+
+
+def test_the_chosen_posture_leaves_no_more_than_the_cam_default(angled) -> None:
+    case, stance = angled
+    rows, share = cut_stations(case.nominal)
+    default = cam_default(case)
+    assert default is not None
+    chosen = quantile(case, stance.q, case.nominal, rows, share)
+    assert chosen <= quantile(case, default[0], case.nominal, rows, share)
+
+
+def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_accurate(angled) -> None:
+    case, greedy = angled
+    axes = case.job.T_base_part[:3, :3]
+    settings = PostureSettings(stations=160, motion=MotionFigures(stated=True))  # no assumed figure prices motion
+    stance = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+    plain = choose_posture(case.robot, case.nominal.position, tool_axes(case.nominal, case.job.tool_x_base))
+    costs = summarise_costs(build_chain(case.robot), case.robot, case.nominal, plain.q, PostureSettings(), axes)
+    # some micrometres less under load, for six times the travel, and inertia bends more than all of that
+    assert greedy.costs["sensitivity_rms_mm"] < costs["sensitivity_rms_mm"]
+    assert greedy.costs["joint_travel_deg"] > 5 * costs["joint_travel_deg"]
+    assert sum_errors(stance.costs) <= min(sum_errors(costs), sum_errors(greedy.costs))
+    assert stance.costs["joint_travel_deg"] < 1.5 * costs["joint_travel_deg"]
+
+
+def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
+    case, _ = angled
+    axes = case.job.T_base_part[:3, :3]
+    found = {
+        preset: choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes).costs
+        for preset in ("accurate", "smooth", "fast")
+        if (settings := PostureSettings(stations=120, preset=preset))
+    }
+    for preset, key, slack in (("accurate", "sensitivity_rms_mm", 1.001), ("smooth", "joint_travel_deg", 1.03),
+                               ("fast", "time_s", 1.001)):  # fmt: skip
+        assert found[preset][key] <= slack * min(costs[key] for costs in found.values())
+    assert found["accurate"]["deviation_rms_mm"] < 0.95 * found["smooth"]["deviation_rms_mm"]
+    assert found["smooth"]["joint_travel_deg"] < 0.5 * found["accurate"]["joint_travel_deg"]
+
+
+def test_the_margin_that_is_asked_for_is_kept_where_some_way_keeps_it() -> None:
+    case = make_case("kuka_kr270", "spiral", 45.0)  # the plain posture comes within 1.4 deg of a limit
+    settings = PostureSettings(motion=MotionFigures(stated=True))
+    stance = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
+    assert stance.keeps_margin and stance.costs["limit_distance_deg"] >= 10.0
+    assert stance.costs["joint_travel_deg"] < 0.5 * 2577  # deg that 2.6 micrometres less under load would travel
+
+
+def test_motion_is_priced_as_its_error_in_closed_form() -> None:
+    figures = MotionFigures(gear=4e-5, periods=60.0, lost=6e-5, frequency=5.0)
+    price = MotionPrice(np.array([1.5e3**2]), np.zeros(1, bool), figures)
+    gear, bend = 0.5 * 4e-5**2 + 0.25 * 6e-5**2, 2.0 * 2.5 * (10 * np.pi) ** 2
+    for travel in (0.3, 1e-3):  # more than a period over the whole cut, and less
+        share = min(travel / 0.1 * 60 / (2 * np.pi), 1.0)
+        expected = 0.1 * 1.5e3**2 * (gear * share**2 + (travel / bend) ** 2)
+        assert price.cost(np.array([travel**2]), 0, 0.1, 2.0, 2.5)[0] == pytest.approx(expected)
+
+
+def test_an_even_turn_bends_nothing_and_an_oscillating_joint_by_its_acceleration_over_w_squared(tmp_path) -> None:
+    length, amplitude, frequency = 1.5, 1e-3, 20.0
+    chain, n = build_chain(one_joint_arm(tmp_path, length)), 4001
+    position = np.column_stack([np.linspace(0.0, 1.0, n), np.zeros(n), np.zeros(n)])
+    nominal = Toolpath(position, np.tile([0, 0, 1.0], (n, 1)), np.full(n, 0.1), np.zeros(n, bool), frame="base")
+    t = np.linspace(0.0, 10.0, n)
+    assert measure_inertia_error(chain, 0.05 * t[:, None], nominal, frequency) == pytest.approx(0.0, abs=1e-12)
+    found = measure_inertia_error(chain, amplitude * np.sin(2 * np.pi * t)[:, None], nominal, frequency)
+    assert found == pytest.approx(length * amplitude / np.sqrt(2) / frequency**2, rel=0.02)
+
+
+def test_the_chosen_posture_puts_the_unloaded_tool_on_the_path_within_the_limits(angled) -> None:
+    case, stance = angled
+    check_on_path(case.robot, case.nominal, stance)
+    assert np.abs(np.diff(stance.q, axis=0)).max() < np.radians(20)
+
+
+def test_spin_turns_the_tool_about_its_own_axis(angled) -> None:
+    case, stance = angled
+    zero = np.zeros(len(case.nominal))
+    rotation = orient_tool(case.nominal, case.job.tool_x_base, np.arange(len(zero)), stance.spin, zero, zero)
+    frames = locate_frames(build_arm(case.robot).chain, stance.q)
+    assert np.abs(frames.tcp_rotation - rotation).max() < 1e-6
+
+
+def test_a_tool_along_axis_six_gains_nothing_from_rotation_and_the_stance_says_so() -> None:
+    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
+    free = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=20))
+    fixed = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=20, free_spin=False))
+    assert free.costs["sensitivity_rms_mm"] == pytest.approx(fixed.costs["sensitivity_rms_mm"], rel=1e-6)
+
+
+def test_the_smooth_preset_moves_the_joints_no_more_than_the_accurate_one() -> None:
+    case = make_case("staubli_tx200", "circle", 90.0)
+    travel = {}
+    for preset in ("accurate", "smooth"):
+        settings = PostureSettings(stations=60, preset=preset)
+        stance = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
+        travel[preset] = stance.costs["joint_travel_deg"], stance.costs["sensitivity_rms_mm"]
+    assert travel["smooth"][0] < travel["accurate"][0]
+    assert travel["smooth"][1] >= travel["accurate"][1]
+
+
+def test_a_path_through_a_wrist_singularity_is_followed() -> None:
+    # tool level and ahead: the wrist is straight where the path crosses the height of the forearm's line
+    robot = load_robot("kuka_kr270")
+    n = 160
+    position = np.column_stack([np.full(n, 1.7), np.zeros(n), np.linspace(1.0, 1.9, n)])
+    axis = np.tile([-1.0, 0.0, 0.0], (n, 1))
+    wrench = np.tile([-300.0, 0.0, 0.0, 0.0, 0.0, 0.0], (n, 1))
+    nominal = Toolpath(position, axis, np.full(n, 0.05), np.zeros(n, bool), wrench, frame="base")
+    stance = choose_posture_path(robot, nominal, np.array([0.0, 0.0, 1.0]), PostureSettings(stations=80))
+    check_on_path(robot, nominal, stance)
+    assert np.abs(np.diff(stance.q, axis=0)).max() < np.radians(20)
+    assert np.abs(stance.q[:, 4]).min() < np.radians(3) or stance.costs["dexterity_min"] > 0.03
+
+
+def test_a_path_that_no_posture_can_follow_is_refused_with_the_waypoint() -> None:
+    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, 0.0, 0.9], [3.6, 0.0, 0.9], 60)
+    with pytest.raises(InfeasibleError, match=r"no posture at waypoint \d+: .*out of reach") as caught:
+        choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=60))
+    reach = caught.value.waypoints[0]
+    assert nominal.position[reach, 0] > 2.2
+
+
+def test_a_change_of_configuration_is_made_in_rapid_moves_alone() -> None:
+    # two cuts that one configuration cannot both reach because joint 1 ends between them
+    robot = load_robot("kuka_kr270")
+    first, second = (
+        straight_path([-1.5, -0.5, 1.0], [-1.5, -0.1, 1.0], 30),
+        straight_path([-1.5, 0.1, 1.0], [-1.5, 0.5, 1.0], 30),
+    )
+    lift = np.array([[0.0, 0.0, 0.3]])
+    position = np.vstack([first.position, first.position[-1:] + lift, second.position[:1] + lift, second.position])
+    n = len(position)
+    rapid = np.zeros(n, bool)
+    rapid[30:33] = True
+    wrench = np.where(rapid[:, None], 0.0, np.r_[first.wrench[0]])
+    nominal = Toolpath(position, np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 0.05), rapid, wrench, frame="base")
+    narrow = replace(
+        robot,
+        joints=tuple(replace(j, lower=-3.12, upper=3.12) if j.name == "joint_1" else j for j in robot.joints),
+    )
+    stance = choose_posture_path(
+        narrow, nominal, FLAT, PostureSettings(stations=62, configuration={"shoulder": "front"})
+    )
+    check_on_path(narrow, nominal, stance)
+    jumps = np.flatnonzero(np.abs(np.diff(stance.q, axis=0)).max(axis=1) > np.radians(40)) + 1
+    assert set(jumps.tolist()) == {31}
+    with pytest.raises(InfeasibleError, match="no continuous motion"):
+        settings = PostureSettings(stations=62, configuration={"shoulder": "front"}, reconfigure=False)
+        choose_posture_path(narrow, nominal, FLAT, settings)
+
+
+def test_lead_and_lean_stay_within_their_cone_and_never_cost() -> None:
+    robot, nominal = load_robot("kuka_kr240"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 30)
+    upright = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=15))
+    free = choose_posture_path(
+        robot, nominal, FLAT, PostureSettings(stations=15, lead=np.radians(10), lean=np.radians(10))
+    )
+    tilt = np.degrees(np.arccos(np.clip(free.axis @ [0.0, 0.0, 1.0], -1, 1)))
+    assert tilt.max() < 10.0 + 1e-6
+    assert free.costs["sensitivity_rms_mm"] <= upright.costs["sensitivity_rms_mm"] * 1.001
+    check_on_path(robot, nominal, free)
+
+
+def test_a_rail_is_used_where_it_helps() -> None:
+    robot = load_robot("kuka_kr240_rail")
+    nominal = straight_path([1.5, 0.6, 1.2], [1.5, 3.4, 1.2], 60)
+    stance = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
+    check_on_path(robot, nominal, stance)
+    assert np.ptp(stance.q[:, 0]) > 1.0
+    assert stance.map.held_sensitivity.shape == (len(stance.map.length), 9)
+
+
+def test_the_map_holds_the_chosen_line() -> None:
+    robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
+    picture = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=20)).map
+    assert picture.sensitivity.shape == picture.reason.shape == (len(picture.length), len(picture.spin))
+    assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
+
+
+def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled) -> None:
+    case, stance = angled
+    request = PostureRequest(stance.settings, case.job.T_base_part[:3, :3])
+    options = PlanOptions(tool_x=case.job.tool_x_base, posture=request, inertia=False)
+    plan = plan_compensation(case.robot, case.nominal, options, name="angled")
+    assert plan.status == "solved"
+    assert plan.after.max_deviation < 1e-8
+    assert np.abs(plan.q - plan.task.q_start).max() < np.radians(5)
+    assert plan.task.start is not None and plan.task.start.stance is not None
+    assert np.abs(plan.task.start.stance.q - stance.q).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_five_thousand_waypoints_take_less_than_ten_seconds() -> None:
+    import time
+
+    case = make_case("kuka_kr240", "cone", 45.0)
+    from compplan.toolpath.toolpath import resample_toolpath
+
+    nominal = resample_toolpath(case.nominal, case.nominal.cutting_length / 5000)
+    request = PostureRequest(PostureSettings(), np.eye(3))
+    clock = time.process_time()
+    plan = plan_compensation(case.robot, nominal, PlanOptions(tool_x=FLAT, posture=request))
+    assert plan.status == "solved" and len(nominal) >= 5000
+    assert time.process_time() - clock < 10.0
+
+
+def test_a_step_of_the_search_finds_what_a_plain_loop_over_all_edges_finds(monkeypatch) -> None:
+    rng, g, b, nq = np.random.default_rng(3), 6, 3, 6
+    before, here = rng.uniform(-3, 3, (g, b, nq)), rng.uniform(-3, 3, (g, b, nq))
+    here[2, 1], before[4, 0] = np.nan, np.nan
+    last = np.r_[rng.uniform(0, 1, (g, b)), np.full((1, b), np.inf)]
+    last[4, 0] = np.inf
+    around = np.array([[(o - 1) % g, o, -1] for o in range(g)])
+    price = MotionPrice(rng.uniform(0, 1e6, nq), np.arange(nq) == 0, MotionFigures())
+    one = np.ones(1)
+    rungs = Rungs(np.ones(2), np.ones(2), one, 2.0 * one, 2.5 * one, one, 3.0 * one, price)
+    weights, passes = Weights(motion=0.1, time=0.2, rate=0.3, singularity=0.4), rng.random((b, b)) < 0.8
+    joints = _Joints(np.arange(nq) == 5, price.slides, np.full(nq, 2.0))
+    least, back = np.full((g, b), np.inf), np.zeros((g, b), int)
+    for o, t, w, s in np.ndindex(g, b, around.shape[1], b):
+        step = here[o, t] - before[around[o, w], s]
+        step[5] -= 2 * np.pi * np.round(step[5] / (2 * np.pi))
+        time = np.abs(step / 2.0).max()
+        stray = sum(price.cost(step[j] ** 2, j, 1.0, 2.0, 3.0) for j in range(nq))
+        cost = 0.1 * (step**2).sum() + (0.4 if s != t else 0.0) + stray + 0.2 * max(time, 2.0)
+        cost += last[around[o, w], s] + 0.3 * max(time / 0.5 - 2.0, 0.0) / 2.0
+        if passes[s, t] and np.abs(step[1:]).max() <= 2.5 and cost < least[o, t]:
+            least[o, t], back[o, t] = cost, around[o, w] * b + s
+    assert 5 < np.isfinite(least).sum() < g * b
+    for block in (60_000, 20):  # all targets at once, and one by one
+        monkeypatch.setattr("compplan.posture.search.BLOCK", block)
+        found, pointer = _step(last, before, here, around, 1, rungs, weights, joints, passes)
+        assert found == pytest.approx(least) and (pointer == back).all()

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.errors import InputError
+from compplan.job.job import check_job, load_job
+from compplan.job.loading import load_path
+from compplan.job.operations import split_job
+from compplan.job.tool_tables import read_tool_library
+from compplan.process.cutter import Cutter
+from compplan.process.engagement_search import find_engagement
+from compplan.process.materials import MATERIALS
+from compplan.process.stock import StockColumns, build_block, read_mesh
+from compplan.process.stock_table import Cut, take_away, triangulate_stock
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FLAT = Cutter(5e-3, 0.03)
+BLOCK = np.array([[-50.0, -50.0, -20.0], [50.0, 50.0, 0.0]])  # mm
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def line(*knots: tuple[float, float, float], step: float = 1.0) -> np.ndarray:
+    """Places along straight lines [m] from knots in mm."""
+    rows = [np.array([knots[0]], float)]
+    for a, b in itertools.pairwise(knots):
+        count = max(int(np.ceil(np.linalg.norm(np.subtract(b, a)) / step)), 1)
+        rows.append(np.array(a) + np.linspace(0, 1, count + 1)[1:, None] * np.subtract(b, a))
+    return np.vstack(rows) * 1e-3
+
+
+def cut(path: np.ndarray, axis: np.ndarray = UP, cutter: Cutter = FLAT) -> Cut:
+    cutting = np.ones(len(path), bool)
+    cutting[0] = False
+    return Cut(cutter, path, np.tile(axis, (len(path), 1)), cutting)
+
+
+def volume(stock: StockColumns) -> float:
+    """Volume of its closed mesh [mm3]."""
+    mesh = triangulate_stock(stock)
+    assert mesh.is_watertight
+    return float(mesh.volume * 1e9)
+
+
+def test_a_slot_is_missing_in_what_is_left_and_the_next_tool_meets_only_the_rest() -> None:
+    block = build_block(*(BLOCK * 1e-3), np.eye(3))
+    left = take_away(block, [cut(line((-60, 0, -3), (60, 0, -3)))])
+    assert volume(left) == pytest.approx(100 * 100 * 20 - 100 * 10 * 3, rel=1e-3)  # a grid of 0.5 mm
+    wider = cut(line((-60, 0, -3), (60, 0, -3)), cutter=Cutter(8e-3, 0.03))
+    found = find_engagement(wider.cutter, wider.position, wider.cutting, left)
+    assert found.section[60] == pytest.approx(6 * 3e-6, rel=0.01)
+
+
+@pytest.mark.parametrize("turn", [np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.3, 0.95]) / np.hypot(0.3, 0.95)])
+def test_a_slot_that_was_cut_from_another_side_is_missing_too(turn: np.ndarray) -> None:
+    block = build_block(*(BLOCK * 1e-3), np.eye(3))
+    path = line((-60, 47, 0), (60, 47, 0)) if turn[1] == 1.0 else line((-60, 0, -3), (60, 0, -3))
+    left = take_away(block, [cut(path, turn)])
+    y, z = np.meshgrid(np.arange(-50, 50, 0.05) + 0.025, np.arange(-20, 0, 0.05) + 0.025, indexing="ij")
+    height = (np.stack([0 * y, y, z], axis=-1) - 1e3 * path[0] * [0, 1, 1]) @ turn
+    aside = np.abs((y - 1e3 * path[0, 1]) * turn[2] - (z - 1e3 * path[0, 2]) * turn[1])
+    gone = float(((height > 0) & (aside < 5)).sum() * 0.05**2 * 100)
+    assert volume(left) == pytest.approx(200_000 - gone, rel=2e-3)
+    assert gone > 1000
+
+
+def write_bracket(folder: Path, more: str = "") -> Path:
+    """The bracket with one hole, in the pocket."""
+    text = (EXAMPLES / "two_tools" / "bracket.nc").read_text(encoding="utf-8")
+    text = text.replace("X5. Y5.", "X20. Y15.").replace("N230 X35.\n", "")
+    (folder / "bracket.nc").write_text(text, encoding="utf-8")
+    job = (EXAMPLES / "two_tools" / "bracket.toml").read_text(encoding="utf-8")
+    (folder / "job.toml").write_text(job + more, encoding="utf-8")
+    return folder / "job.toml"
+
+
+def test_a_drill_finds_the_pocket_that_the_tool_before_it_cut(tmp_path: Path) -> None:
+    pocket, hole = split_job(load_job(write_bracket(tmp_path)))
+    assert hole.before == (pocket,)
+    axial = {}
+    for name, job in (("after", hole), ("alone", hole.model_copy())):
+        if name == "alone":
+            job._before = ()
+        nominal, law = load_path(job)
+        assert law.cutting is not None
+        tip = nominal.position[law.cutting.engagement.touches & ~nominal.rapid, 2] * 1e3 - 700.0
+        axial[name] = tip.max()
+    assert [axial["alone"], axial["after"]] == pytest.approx([-1.0, -2.0])  # the pocket's floor is at -1
+
+
+def test_what_is_left_is_written_and_can_be_the_stock_of_the_next_job(tmp_path, monkeypatch, capsys) -> None:
+    job = write_bracket(tmp_path, "")
+    text = job.read_text(encoding="utf-8").replace('cycles = "expand"', 'cycles = "expand"\noperation = 2')
+    job.write_text(text, encoding="utf-8")
+    answer = run_command(["forces", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 0, answer.err
+    assert "stock.stl" in answer.out
+    left = read_mesh(tmp_path / "out" / "stock.stl", "mm", "", job)
+    hole = np.pi * 2.5**2 * 4.0  # below the floor of the pocket, nearly
+    assert left.volume * 1e9 == pytest.approx(50 * 40 * 10 - 507.0 - hole, rel=1.5e-3)
+
+
+def test_the_holder_of_a_tool_table_stands_on_the_tool_from_its_nose_up(tmp_path: Path) -> None:
+    entry = {"type": "flat end mill", "unit": "millimeters", "description": "x", "post-process": {"number": 3},
+             "geometry": {"DC": 10, "LB": 30, "LCF": 22, "NOF": 2},
+             "holder": {"unit": "inches", "gaugeLength": 2.0, "segments": [
+                 {"height": 1.0, "lower-diameter": 1.0, "upper-diameter": 1.5},
+                 {"height": 1.0, "lower-diameter": 1.5, "upper-diameter": 1.5}]}}  # fmt: skip
+    (tmp_path / "tools.json").write_text(json.dumps({"data": [entry], "version": 1}), encoding="utf-8")
+    (tool,) = read_tool_library(tmp_path / "tools.json")
+    assert tool.holder_mm == pytest.approx(np.array([(30, 25.4), (55.4, 38.1), (55.4, 38.1), (80.8, 38.1)]))
+    (tmp_path / "tools.csv").write_text("number,length_mm,holder_from_mm,holder_diameter_mm\n3,90,35,32\n")
+    assert read_tool_library(tmp_path / "tools.csv")[0].holder_mm == ((35.0, 32.0), (90.0, 32.0))
+
+
+def test_tools_and_materials_of_ones_own_stand_beside_those_that_ship(tmp_path: Path) -> None:
+    table = '[[tool]]\nnumber = 3\nname = "long"\nkind = "end mill"\nlength_mm = 90.0\ndiameter_mm = 8.0\nteeth = 2\n'
+    (tmp_path / "tools.toml").write_text(table, encoding="utf-8")
+    (tool,) = read_tool_library(tmp_path / "tools.toml")
+    assert (tool.number, tool.name, tool.kind, tool.length_mm, tool.teeth) == (3, "long", "mill", 90.0, 2)
+    (tmp_path / "tools.toml").write_text(table + "radius_mm = 1\n", encoding="utf-8")
+    with pytest.raises(InputError, match="choose from"):
+        read_tool_library(tmp_path / "tools.toml")
+    (tmp_path / "mine.toml").write_text("[mine]\ncutting_N_mm2 = [500.0, 200.0, 100.0]\n", encoding="utf-8")
+    process = {"model": "end_mill", "diameter_mm": 8.0, "spindle_rpm": 9000.0, "materials": "mine.toml"}
+    found = {}
+    for name in ("mine", "beech"):
+        data = {"schema": 1, "robot": "kuka_kr16_2", "toolpath": "x.csv", "process": {**process, "material": name}}
+        found[name] = check_job(data, tmp_path / "job.toml").process.resistance.cutting[0]
+    assert found == {"mine": 500.0, "beech": MATERIALS["beech"].cutting[0]}

@@ -1,0 +1,203 @@
+"""The page of a diagnosis: three answers on top, evidence below, nothing claimed that the verdict does not claim."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from compplan.diagnosis.results.change import state_change
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
+from compplan.diagnosis.results.small_errors import Group, SmallErrors
+from compplan.diagnosis.results.where import Split, spread_gap
+from compplan.effects import EFFECTS
+from compplan.effects.signature import Effect
+from compplan.measurement.campaign import Campaign
+from compplan.reporting.diagnosis_page import write_diagnosis_page
+from compplan.reporting.diagnosis_text import describe_how_far, describe_where, describe_which
+from compplan.reporting.effect_text import describe_change, describe_effect, describe_parameters, name_effect
+from compplan.reporting.gap_figures import _noise_share, draw_histogram, thin_dots
+from compplan.reporting.summaries import open_diagnosis
+from compplan.robot import load_robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.statics.chain import build_chain
+from compplan.statics.elastic import solve_equilibrium
+
+SIGMA = 3e-5
+PARAMETERS = {"compliance_change_rad_per_Nm": 2.6e-7}
+SPRING = {"effect": "joint_stiffness", "joint": "joint_3", "axis": None, "probability": 0.97}
+
+
+GAP = {
+    "before_rms_mm": 0.6, "after_rms_mm": 0.052, "held_out_before_rms_mm": 0.6, "held_out_after_rms_mm": 0.0525,
+    "noise_floor_mm": 1e3 * float(np.sqrt(3) * SIGMA),
+}  # fmt: skip
+TABLE = {
+    "verdict": {"status": "explained", "effects": [{**SPRING, "parameters": PARAMETERS}]}, "gap": GAP,
+    "candidates": [{**SPRING, "held_out_rms_mm": 0.0525}], "next_measurement": [],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def diagnosed() -> tuple[Any, Split]:
+    """Soften joint 3 by 60 %: what the page reads of a diagnosis that knows the truth, and where the gap lies."""
+    robot = load_robot("kuka_kr270")
+    rng = np.random.default_rng(1)
+    q = np.array([0.0, 0.4, -1.4, 0.0, 0.9, 0.0]) + rng.uniform(-1, 1, (120, 6)) * [1.2, 0.5, 0.5, 1.5, 0.6, 1.5]
+    force = rng.uniform(-1500, 1500, (120, 3))
+    force[::4] = 0.0
+    campaign = Campaign(
+        np.repeat(["static_1", "static_2"], 60), q, np.hstack([force, np.zeros((120, 3))]), np.zeros((120, 3)),
+        time=10.0 * np.arange(120),
+    )  # fmt: skip
+    soft = tuple(replace(s, compliance=1.6 * s.compliance) if s.joint == "joint_3" else s for s in robot.springs)
+    nominal = solve_equilibrium(build_chain(robot), q, campaign.wrench).position
+    noise = rng.normal(scale=SIGMA, size=(120, 3))
+    point = solve_equilibrium(build_chain(replace(robot, springs=soft)), q, campaign.wrench).position + noise
+    before = point - nominal
+    diagnosis = SimpleNamespace(
+        robot=robot, residual_before=before, residual_after=noise, registration=None, outliers=np.zeros(0, int),
+        fit=SimpleNamespace(problem=SimpleNamespace(campaign=replace(campaign, position=point), register=())),
+        deliveries=[SimpleNamespace(kind="causes")], noise="the log",
+        points=point, gap=SimpleNamespace(generic=2e-4, wrong=3e-4),
+        verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
+    )  # fmt: skip
+    return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {})
+
+
+def make_shares(soft: float) -> Shares:
+    """Give joint 3 a share by its stiffness, 4 % to small errors and the rest to noise."""
+    carried, nothing = Share(soft, soft - 0.02, soft + 0.01), Share(0.0, 0.0, 0.01)
+    carriers = (Carrier("joint_3", "joint_stiffness", carried, 0.97),) if soft else ()
+    return Shares(
+        {"joint_3": Share(soft, 0.0, soft), CALIBRATION: Share(0.04, 0.01, 0.06), UNEXPLAINED: nothing},
+        {"load": carried, UNEXPLAINED: nothing}, carriers, {"joint_3": {"joint_stiffness": soft}}, 0.96 - soft,
+    )  # fmt: skip
+
+
+def own_part(html: str) -> str:
+    return re.sub(r'<script type="text/plain" id="plotly-library">.*?</script>', "", html, flags=re.S)
+
+
+def test_the_three_answers_stand_on_top_and_name_place_cause_and_gain(
+    diagnosed: tuple[Any, Split], tmp_path: Path
+) -> None:
+    write_diagnosis_page(diagnosed[0], tmp_path / "report.html", diagnosed[1], None, TABLE)
+    html = own_part((tmp_path / "report.html").read_text())
+    found = re.search(r'<ol class="lede">(.*?)</ol>', html, re.S)
+    assert found
+    answers = re.findall(r"<li>(.*?)</li>", found.group(1))
+    assert len(answers) == 3
+    assert "joint_3 carries 94" in answers[0]
+    assert "by joint stiffness (probability 0.97, 95 %: 92\u00a0% to 95\u00a0% if so)" in answers[0]
+    assert "small errors everywhere (calibration) carry 4" in answers[0]
+    assert "the compliance of joint_3 differs from the model (probability 0.97)" in answers[1]
+    assert "to 52.5\u00a0µm rms, 1.01 times the noise floor of 52.0\u00a0µm" in answers[2]
+    assert (tmp_path / "report.html").stat().st_size < 6e6
+
+
+def test_unknown_and_none_are_said_plainly(diagnosed: tuple[Any, Split]) -> None:
+    unknown = describe_which({"status": "unknown", "effects": []}, ["It repeats with joint_4."], diagnosed[1])
+    assert unknown.startswith("Which: unknown;")
+    assert "It repeats with joint_4." in unknown
+    assert describe_which({"status": "none", "effects": []}, [], diagnosed[1]) == "Which: none; the residual is noise."
+
+
+def test_a_gap_of_noise_has_no_place(diagnosed: tuple[Any, Split]) -> None:
+    quiet = replace(diagnosed[1], shares=make_shares(0.0))
+    said = describe_where(TABLE["verdict"], quiet)
+    assert "no joint, frame, sensor or load is named that carries a part of it" in said
+
+
+def test_kinds_of_small_errors_that_both_halves_show_stand_beside_the_names(diagnosed: tuple[Any, Split]) -> None:
+    named = Group("joint_3", "load", Share(0.6, 0.0, 1.0), 0.9)
+    groups = (named, Group("joint_5", "geometry", Share(0.34, 0.3, 0.4), 0.96))
+    split = replace(diagnosed[1], small_errors=SmallErrors({}, {}, groups))
+    said = describe_where(TABLE["verdict"], split)
+    largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", 0.78)
+    assert "Most of the gap is small errors, as of a robot that was not calibrated. Something" in largest.verdict
+    assert "(95 %: 1\u00a0% to 6\u00a0%; both halves of the poses show geometry of joint_5 34\u00a0%)" in said
+
+
+def test_rivals_and_unexplained_structure_are_said(diagnosed: tuple[Any, Split]) -> None:
+    effect = {**SPRING, "ambiguous_with": [{"effect": "link_compliance", "joint": "joint_2", "axis": "ry"}]}
+    text = describe_which({"status": "partly_explained", "effects": [effect]}, [], diagnosed[1])
+    assert "these measurements fit joint stiffness, joint_3 as well as link compliance, joint_2 ry" in text
+    assert "structure is left that none of them explains" in text
+
+
+def test_what_a_calibration_takes_up_is_not_beyond_all_models(diagnosed: tuple[Any, Split]) -> None:
+    rest = {**diagnosed[1].shares.by_place, UNEXPLAINED: Share(0.1, 0.05, 0.2)}
+    split = replace(diagnosed[1], shares=replace(diagnosed[1].shares, by_place=rest))
+    verdict = {"status": "partly_explained"}
+    assert "no model explains 10" in describe_where(verdict, split)
+    taken = describe_where(verdict, split, taken_up=True)
+    assert "what has no name carries 10" in taken and "no model explains" not in taken
+
+
+def test_without_held_out_rows_no_figure_is_given() -> None:
+    assert "no figure" in describe_how_far({"before_rms_mm": 0.5})
+    # a folder that goes out came nearer: where its figure is above the one before, luck is why
+    for after, said in ((0.57, True), (0.40, False)):
+        text = describe_how_far({"held_out_before_rms_mm": 0.453, "held_out_after_rms_mm": after})
+        assert ("came nearer" in text and "luck" in text) is said
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_effect_of_the_vocabulary_has_words(name: str) -> None:
+    place = {"effect": name, "joint": "joint_2", "axis": "rx"}
+    assert "{" not in describe_effect(place)
+    assert "_" not in name_effect({"effect": name, "joint": None, "axis": None})
+
+
+def test_the_words_cover_the_effects_that_there_are() -> None:
+    folder = Path(__file__).parents[2] / "compplan" / "effects"
+    named = {file.stem for file in folder.glob("*.py") if re.search(r'^name = "', file.read_text(), re.M)}
+    assert named <= set(EFFECTS)
+
+
+def test_parameters_show_their_unit() -> None:
+    assert describe_parameters({"compliance_change_rad_per_Nm": 2.6e-7}) == "compliance change 2.60e−07 rad/(N m)"
+    assert describe_parameters({"offset_mrad": 0.25, "row": 120}) == "offset 0.250 mrad; row 120"
+    assert describe_parameters({"shift_mm": [0.1, 0.2, 0.0]}) == "shift [0.100, 0.200, 0] mm"
+
+
+def test_a_softer_joint_is_told_as_a_share_of_the_model_with_its_interval(
+    diagnosed: tuple[Any, Split], tmp_path: Path
+) -> None:
+    robot = load_robot("kuka_kr270")  # joint_3 yields 0.43 urad/(N m)
+    effect = Effect("joint_stiffness", "joint_3", None, {"compliance_change_rad_per_Nm": 3.913e-7})
+    width = Unknown("joint_stiffness", "joint_3", None, ("compliance_change_rad_per_Nm",), np.array([4.3e-9]))
+    told = state_change(robot, effect, Uncertainty("measured", "", (width,), calibration=2.0))
+    np.testing.assert_allclose(told["change_percent"], [91.0, 91.0 - 3.92, 91.0 + 3.92], atol=0.01)
+    assert describe_change(told) == "+91 % ± 4 %"
+    assert state_change(robot, replace(effect, joint="joint_2"), Uncertainty("measured", "", (width,))) == {}
+    verdict = {"status": "explained", "effects": [{**SPRING, "parameters": dict(effect.parameters), **told}]}
+    said = describe_which(verdict, [], diagnosed[1])
+    assert "joint_3 differs from the model (+91 % ± 4 %, probability 0.97)" in said
+    write_diagnosis_page(diagnosed[0], tmp_path / "report.html", diagnosed[1], None, {**TABLE, "verdict": verdict})
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "+91 % ± 4 %" in html and "95 %: 3.74e−07 to 4.08e−07" in html
+
+
+def test_the_noise_curve_is_what_three_normal_axes_give() -> None:
+    rng = np.random.default_rng(2)
+    distance = np.linalg.norm(rng.normal(scale=SIGMA, size=(200_000, 3)), axis=1)
+    for level in (0.5, 1.0, 2.0):
+        edge = level * SIGMA
+        assert _noise_share(np.array(edge), np.sqrt(3) * SIGMA) == pytest.approx((distance < edge).mean(), abs=3e-3)
+    figure = draw_histogram(distance, distance / 2, float(np.sqrt(3) * SIGMA))
+    assert sum(figure.data[0].y) == pytest.approx(100, abs=1e-6)
+    assert figure.data[2].name == "noise alone"
+
+
+def test_thinned_dots_keep_the_largest() -> None:
+    size = np.random.default_rng(3).uniform(size=20_000)
+    rows = thin_dots(size, 500)
+    assert len(rows) <= 500
+    assert int(np.argmax(size)) in rows

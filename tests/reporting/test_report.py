@@ -1,0 +1,486 @@
+"""Pages: self-contained, thin, honest about limits; robots drawn where they stand."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from robot_library import over_robots
+
+from compplan.errors import ShapeError
+from compplan.plan.approach import Passage
+from compplan.plan.between import Between
+from compplan.plan.compare import Comparison
+from compplan.plan.deflection import Bending
+from compplan.plan.evaluate import Evaluation, measure_margins
+from compplan.plan.result import Plan
+from compplan.plan.task import Command, PlanTask
+from compplan.plan.timing import state_timing
+from compplan.reporting import (
+    Chart,
+    Column,
+    PageTable,
+    Section,
+    TableCell,
+    describe_robot,
+    locate_links,
+    place_shapes,
+    render_page,
+    thin_path,
+    thin_rows,
+    write_page,
+)
+from compplan.reporting import figure as go
+from compplan.reporting.along_path import Stations, draw_lines, find_spans
+from compplan.reporting.compare_page import describe_comparison, write_compare_page
+from compplan.reporting.force_moves import describe_force, mark_force
+from compplan.reporting.page import share_values
+from compplan.reporting.panels import draw_small_multiples
+from compplan.reporting.path_scene import choose_magnification, draw_cell
+from compplan.reporting.plan_page import describe_plan, write_plan_page
+from compplan.reporting.posture_section import show_map
+from compplan.reporting.robot_scene import draw_robot, place_meshes, shade_faces
+from compplan.reporting.style import format_angle, format_length, format_number, format_percent, mark_decades
+from compplan.robot import load_robot
+from compplan.simulation.simulated_robot import build_simulated_robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.elastic import solve_equilibrium
+from compplan.toolpath.toolpath import Toolpath
+
+JOB = """\
+# A small circle. Assumed: where the
+# part stands. Nothing else.
+schema = 1
+name = "Small circle"
+robot = "kuka_kr270"
+[toolpath]
+generator = "circle"
+radius_mm = 30.0
+feed_mm_s = 20.0
+waypoints = 60
+[part]
+position_mm = [1700.0, 0.0, 900.0]
+[process]
+model = "constant"
+force_N = [300.0, 0.0, -600.0]  # assumed
+frame = "base"
+"""
+
+
+def make_plan(n: int = 400, name: str = "kuka_kr270") -> Plan:
+    """Bend a real robot along a path in joint space; the corrections leave a ten-thousandth."""
+    robot = load_robot(name)
+    chain = build_chain(robot)
+    angle = np.linspace(0, 2 * np.pi, n)
+    q = np.tile([0.2, 0.6, -1.6, 0.1, 1.0, 0.3], (n, 1))
+    q[:, 0] += 0.1 * np.sin(angle)
+    q[:, 1] += 0.1 * np.cos(angle)
+    frames, wrench = locate_frames(chain, q), np.tile([440.0, 1370.0, -635.0, 0.0, 0.0, 0.0], (n, 1))
+    away = solve_equilibrium(chain, q, wrench).position - frames.tcp_position
+    rapid, time, rotation = np.arange(n) < n // 20, np.linspace(0.0, 60.0, n), frames.tcp_rotation
+    nominal = Toolpath(frames.tcp_position + away, -rotation[:, :, 2], np.full(n, 0.05), rapid, wrench, "base")
+    task = PlanTask(
+        robot=robot, chain=chain, nominal=nominal, rotation=rotation, wrench=wrench, compensated=~rapid, q_start=q,
+        configuration={}, missed=np.zeros(n, bool), step_time=np.diff(time), velocity_limits=robot.velocity_limits,
+        acceleration_limits=robot.acceleration_limits, max_correction=1e-2, tolerance=1e-4, spin_free=True,
+    )  # fmt: skip
+    timing = replace(state_timing(task, q, time), feed=np.full(n, 0.05), share=np.ones(n))
+    before = Evaluation("as modelled", nominal.position + away, rotation, away, np.zeros(n), ~rapid)
+    after = replace(before, position=nominal.position + 1e-4 * away, deviation=1e-4 * away)
+    nowhere = Passage(np.zeros((0, 6)), np.zeros(0), np.zeros((0, 6)), np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
+    return Plan(
+        name="Circle <test>", task=task, strategy="nlp", command=Command(q), timing=timing, before=before, after=after,
+        margins=measure_margins(task, q, timing), approach=nowhere, retract=nowhere,
+        between=Between(*np.zeros((3, n - 1))),
+        bending=Bending(1e-3, 0.0, np.nan, False, np.full(2, np.nan), "assumed"),
+    )  # fmt: skip
+
+
+def page_data(html: str) -> dict[str, list[dict[str, object]]]:
+    """Read the charts back out of a page."""
+    found = re.search(r'<script type="application/json" id="page-data">(.*?)</script>', html, re.S)
+    assert found
+    data = json.loads(found.group(1))
+    return {**data, "charts": restore(data["charts"], data["shared"])}
+
+
+def restore(node: object, shared: list[object]) -> object:
+    """Put the values back that charts share, as the page's script does."""
+    if isinstance(node, list):
+        return [restore(value, shared) for value in node]
+    if not isinstance(node, dict):
+        return node
+    return shared[node["shared"]] if "shared" in node else {key: restore(value, shared) for key, value in node.items()}
+
+
+def own_part(html: str) -> str:
+    """Return a page without plotly's script."""
+    return re.sub(r'<script type="text/plain" id="plotly-library">.*?</script>', "", html, flags=re.S)
+
+
+def test_a_page_asks_the_network_for_nothing() -> None:
+    chart = Chart(go.Figure(go.Scatter(y=[1, 2])), "A line.")
+    html = own_part(render_page("Title", "Lede.", [Section("Part", [chart, chart])]))
+    assert not re.search(r'(src|href)\s*=\s*"(?!#|data:)', html)
+    assert not re.search(r"@import|url\(|https?://|fetch\(|XMLHttpRequest", html)
+
+
+def test_plotly_is_inlined_once_and_only_where_there_are_charts() -> None:
+    chart = Chart(go.Figure(go.Scatter(y=[1, 2])))
+    many, none = (render_page("T", "L", [Section("S", blocks)]) for blocks in ([chart, chart, chart], ["Text."]))
+    assert 0.6e6 < len(many) < 1.0e6
+    assert len(none) < 30_000
+    assert len(page_data(many)["charts"]) == 3
+
+
+def test_what_charts_repeat_is_written_once_and_read_back_whole() -> None:
+    x, colours = np.arange(300.0), ["rgb(1,2,3)"] * 150
+    bars = [go.Bar(x=x, y=x**k, marker={"color": colours}) for k in (1, 2)]
+    charts = [json.loads(go.Figure(bars).to_json()), json.loads(go.Figure(bars[:1]).to_json())]
+    stored = share_values(charts)
+    assert restore(stored["charts"], stored["shared"]) == charts
+    text = json.dumps(stored)
+    assert text.count(charts[0]["data"][0]["x"]["bdata"]) == 1
+    assert text.count("rgb(1,2,3)") == 150
+    assert len(stored["shared"]) == 2  # the first power of x is x
+
+
+def test_text_from_outside_cannot_become_markup() -> None:
+    evil = "<script>alert(1)</script>"
+    chart = Chart(go.Figure(go.Scatter(y=[1], name=evil)), evil)
+    html = own_part(render_page(evil, evil, [Section(evil, [evil, PageTable([Column(evil)], [[evil]]), chart])]))
+    assert evil not in html
+    assert page_data(html)["charts"][0]["data"][0]["name"] == evil  # type: ignore[index]
+
+
+def test_a_table_shows_units_dashes_and_tones() -> None:
+    table = PageTable([Column("joint"), Column("margin", "deg")], [["q1", TableCell(1.2345, "assumed")], ["q2", None]])
+    html = render_page("T", "L", [Section("S", [table])])
+    assert '<span class="unit">deg</span>' in html
+    assert "1.23</td>" in html
+    assert "assumed" in html
+    assert "–</td>" in html
+
+
+def test_the_foot_names_grade_sources_and_what_was_assumed() -> None:
+    robot = load_robot("kuka_kr270")
+    html = render_page("T", "L", [], provenance=describe_robot(robot, assumptions=["force level assumed"]))
+    assert "from published data, not measured on your robot" in html
+    assert "Mamedov 2018" in html
+    assert "Assumed, not measured" in html
+    assert "force level assumed" in html
+    assert any("masses" in line for line in describe_robot(robot).assumptions)
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    write_page(tmp_path / "page.html", "T", ["One.", "Two."], [])
+    before = (tmp_path / "page.html").read_text()
+    with pytest.raises(ValueError, match="zip"):
+        write_page(tmp_path / "page.html", "T", "L", [Section("S", [PageTable([Column("a")], [["x", "y"]])])])
+    assert (tmp_path / "page.html").read_text() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0123456, "0.0123"), (12345.6, "12\u202f346"), (0, "0"), (-1.5, "−1.50"), (7, "7")]
+)
+def test_numbers_show_their_significant_digits(value: float, text: str) -> None:
+    assert format_number(value) == text
+
+
+def test_lengths_angles_and_shares_choose_their_unit() -> None:
+    assert format_length(1.234e-6) == "1.23\u00a0µm"
+    assert format_length(1.234e-3) == "1.23\u00a0mm"
+    assert format_length(1e-12) == "below 0.01\u00a0µm"
+    assert format_angle(1e-6) == "1.00\u00a0µrad"
+    assert format_angle(np.pi) == "180\u00a0deg"
+    assert format_percent(0.99999) == "above 99.9\u00a0%"
+    assert format_percent(1.0) == "100\u00a0%"
+    assert mark_decades(1e-6, 1e-3)[1][1:5] == ["1\u00a0µm", "10\u00a0µm", "100\u00a0µm", "1\u00a0mm"]
+
+
+def test_thinning_keeps_the_ends_and_every_extreme() -> None:
+    rng = np.random.default_rng(3)
+    signals = rng.normal(size=(50_000, 3)).cumsum(axis=0)
+    signals[31_234, 1] = 1e4
+    signals[77, 2] = -1e4
+    rows = thin_rows(signals, 1000)
+    assert len(rows) < 1010
+    assert {0, 49_999, 31_234, 77} <= set(rows.tolist())
+    assert np.array_equal(signals[rows].max(axis=0), signals.max(axis=0))
+    assert np.array_equal(signals[rows].min(axis=0), signals.min(axis=0))
+
+
+def test_thinning_passes_over_missing_values_and_leaves_short_signals_alone() -> None:
+    signal = np.full(5000, np.nan)
+    signal[4321] = 1.0
+    assert 4321 in thin_rows(signal, 100)
+    assert np.array_equal(thin_rows(np.arange(10.0), 100), np.arange(10))
+
+
+def test_a_thinned_path_keeps_points_all_along_it() -> None:
+    path = np.column_stack([np.linspace(0, 1, 9000) ** 3, np.zeros(9000), np.zeros(9000)])
+    rows = thin_path(path, np.ones(9000), 300)
+    assert np.diff(path[rows, 0]).max() < 0.03
+
+
+@pytest.mark.parametrize("name", over_robots())
+def test_every_robot_is_drawn_where_the_chain_says_it_stands(name: str) -> None:
+    robot = load_robot(name)
+    rng = np.random.default_rng(5)
+    q = np.clip(rng.uniform(-1, 1, robot.nq), np.maximum(robot.lower, -3), np.minimum(robot.upper, 3))
+    frames = locate_frames(build_chain(robot), q[None])
+    pose = locate_links(robot, q)[robot.tcp]
+    assert np.allclose(pose[:3, 3], frames.tcp_position[0], atol=1e-12)
+    assert np.allclose(pose[:3, :3], frames.tcp_rotation[0], atol=1e-12)
+    shapes = place_shapes(robot, q)
+    assert len({shape.link for shape in shapes}) >= 5
+    near = min(np.linalg.norm(shape.vertices - pose[:3, 3], axis=1).min() for shape in shapes)
+    assert near < 0.3
+    assert all(0 <= value <= 1 for value in shade_faces(shapes).ravel())
+
+
+def test_the_tool_of_a_job_takes_the_place_of_the_folders_tool() -> None:
+    robot = load_robot("staubli_tx200")
+    pose = np.eye(4)
+    pose[:3, 3] = [0.1, 0.0, 0.2]
+    mounted = robot.with_tool(pose)
+    q = np.zeros(robot.nq)
+    shapes = place_shapes(mounted, q)
+    assert "tool0" in {shape.link for shape in place_shapes(robot, q)}
+    assert "tool0" not in {shape.link for shape in shapes}
+    tip = locate_links(mounted, q)[mounted.tcp][:3, 3]
+    assert np.linalg.norm(shapes[-1].vertices - tip, axis=1).min() < 0.03
+
+
+def test_a_wrong_number_of_joints_is_refused() -> None:
+    with pytest.raises(ShapeError, match=r"q has shape \(5,\), expected \(6,\)"):
+        draw_robot(load_robot("kuka_kr270"), np.zeros(5))
+
+
+def test_mesh_visuals_are_drawn_where_their_file_is_at_hand(tmp_path: Path) -> None:
+    import trimesh
+
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "part.stl")
+    robot = load_robot("kuka_kr270")
+    box = '<box size="0.84 0.8 0.06"/>'
+    urdf = robot.urdf.replace(f"<visual><origin xyz=\"0 0 0.03\"/><geometry>{box}", "<visual><geometry>"
+                              '<mesh filename="package://any/part.stl" scale="2 2 2"/>')  # fmt: skip
+    assert urdf != robot.urdf
+    here = place_shapes(replace(robot, urdf=urdf, folder=tmp_path), np.zeros(6))
+    gone = place_shapes(replace(robot, urdf=urdf, folder=tmp_path / "nowhere"), np.zeros(6))
+    assert len(here) == len(gone) + 1
+    assert np.allclose(np.ptp(here[0].vertices, axis=0), 0.4)
+
+
+def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
+    plan = make_plan()
+    write_plan_page(plan, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    size = plan.before.max_deviation
+    assert format_length(size) in " ".join(describe_plan(plan))
+    assert format_length(1e-4 * size) in " ".join(describe_plan(plan))
+    assert "Circle &lt;test&gt;" in html
+    assert "Infeasible" not in own_part(html)
+    assert len(page_data(html)["charts"]) >= 7
+
+
+def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> None:
+    from compplan.job.job import load_job
+    from compplan.plan.plan import plan_job
+
+    (tmp_path / "job.toml").write_text(JOB)
+    plan = plan_job(load_job(tmp_path / "job.toml"))
+    write_plan_page(plan, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "keeps the loaded tool within 0.01\u00a0µm of the path" in html
+    assert format_length(plan.before.max_deviation) in html
+    assert "job: Assumed: where the part stands." in html
+    assert "job: force_N: assumed" in html
+    assert plan.task.start is not None
+    assert plan.task.start.stance is not None
+    assert "Rotation about the tool axis against path length" in html
+    assert "errors of 10 % of the wrench" in html
+    assert f"<dd>{plan.judge}</dd>" in html
+
+
+def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
+    from compplan.job.job import load_job
+    from compplan.plan.compare import compare_job
+
+    (tmp_path / "job.toml").write_text(JOB)
+    comparison = compare_job(load_job(tmp_path / "job.toml"))
+    write_compare_page(comparison, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    for cell in comparison.cells:
+        for run in comparison.evaluations[cell.name].values():
+            assert f"{format_length(run.rms_deviation)}  ({format_length(run.max_deviation)})" in html
+
+
+def test_deviations_on_rapid_moves_count_for_nothing() -> None:
+    plan = make_plan()
+    wild = plan.after.deviation.copy()
+    wild[~plan.after.cut] = 1.0
+    assert describe_plan(replace(plan, after=replace(plan.after, deviation=wild))) == describe_plan(plan)
+
+
+def test_an_infeasible_plan_says_so_first_and_lists_its_waypoints(tmp_path: Path) -> None:
+    plan = make_plan()
+    failures = {**dict.fromkeys(range(100, 121), "position limit of joint_5"), 200: "correction limit"}
+    command = replace(plan.command, status="infeasible", failures=failures)
+    write_plan_page(replace(plan, command=command), tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "Infeasible: 22 of 400 waypoints fail (correction limit, position limit of joint_5)" in html
+    rows = re.findall(r"<tr><td[^>]*>(\d+)</td><td[^>]*>(\d+)</td>", html)
+    assert rows == [("100", "120"), ("200", "200")]
+
+
+def test_every_waypoint_that_fails_is_marked_however_many_there_are() -> None:
+    length, marked = np.linspace(0.0, 1.2, 3000), np.arange(0, 3000, 7)
+    stations = Stations(length, np.linspace(0.0, 60.0, 3000), marked, np.zeros((0, 2)))
+    figure = draw_lines(stations, {"deviation": np.ones(3000)}, "mm", title="deviation")
+    bands = np.array([[band.x0, band.x1] for band in figure.layout.shapes])
+    places = 1e3 * length[marked]
+    covered = ((bands[:, :1] <= places + 1e-9) & (places - 1e-9 <= bands[:, 1:])).any(axis=0)
+    assert covered.all()
+    assert len(bands) <= 240
+    few = replace(stations, marked=np.array([2999]))
+    assert len(draw_lines(few, {"deviation": np.ones(3000)}, "mm", title="deviation").layout.shapes) == 1
+
+
+def test_a_lowered_feed_is_named_with_its_place_and_the_busiest_joint(tmp_path: Path) -> None:
+    plan = make_plan()
+    run = plan.timing
+    feed, share, velocity, limiting = run.feed.copy(), run.share.copy(), run.velocity.copy(), run.limiting.copy()
+    feed[150:170], share[150:170], limiting[150:170] = 0.02, 0.4, 3
+    velocity[150:170, 3] = plan.robot.velocity_limits[3]
+    by_velocity = np.ones(len(feed), bool)
+    slow = replace(run, feed=feed, share=share, velocity=velocity, limiting=limiting, by_velocity=by_velocity)
+    write_plan_page(replace(plan, timing=slow), tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert "The feed is lowered at 20 waypoints (150-169): by the velocity limit of joint_4, down to 40 %" in html
+    assert "velocity of joint_4 (100\u00a0%)" in html
+    assert re.search(r">150</td><td[^>]*>169</td>", html)
+
+
+def test_the_page_of_fifty_thousand_waypoints_stays_small_and_keeps_its_peak(tmp_path: Path) -> None:
+    plan = make_plan(50_000)
+    after = plan.after.deviation.copy()
+    after[23_456] = [0.0, 0.0, 2e-4]
+    write_plan_page(replace(plan, after=replace(plan.after, deviation=after)), tmp_path / "report.html")
+    file = tmp_path / "report.html"
+    assert file.stat().st_size < 2e6
+    charts = [chart for chart in page_data(file.read_text())["charts"] if "planned" in names_of(chart)]
+    planned = next(trace["y"] for trace in charts[-2]["data"] if trace["name"] == "planned")  # type: ignore[union-attr]
+    import base64
+
+    values = np.frombuffer(base64.b64decode(planned["bdata"]), planned["dtype"])
+    assert np.nanmax(values) == pytest.approx(0.2, rel=1e-6)
+
+
+def names_of(chart: dict[str, Any]) -> set[str]:
+    return {trace.get("name", "") for trace in chart["data"]}
+
+
+def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
+    x, line = np.linspace(0.5, 1.5, 11), np.linspace(1.0, 2.0, 11)
+    panels = {f"strategy {k}": {"compliance": k * line, "wrench": 0.5 * k * line} for k in range(13)}
+    figure = draw_small_multiples(x, panels, ("true over modelled", "rms, mm"))
+    drawn = [trace.xaxis for trace in figure.data]
+    assert len(set(drawn)) == 13 and max(map(drawn.count, drawn)) == 2
+    assert sum(trace.showlegend for trace in figure.data) == 2
+    axes = [figure.layout[key] for key in figure.layout if str(key).startswith("yaxis")]
+    np.testing.assert_allclose([axis.range for axis in axes], np.tile([0.0, 1.06 * 24.0], (15, 1)))
+
+
+def test_a_held_rotation_is_drawn_as_a_line_along_the_path() -> None:
+    held = SimpleNamespace(spin=np.zeros(1), length=np.linspace(0, 1, 20), sensitivity=np.full((20, 1), 2e-4),
+                           reason=np.zeros((20, 1), int), chosen=np.zeros(20))  # fmt: skip
+    chart = show_map(held)  # type: ignore[arg-type]
+    assert [trace.type for trace in chart.figure.data] == ["scatter"]
+    np.testing.assert_allclose(chart.figure.data[0].y, 0.2)
+    turned = replace_attributes(held, spin=np.linspace(0, 3, 4), sensitivity=np.full((20, 4), 2e-4),
+                                reason=np.zeros((20, 4), int))  # fmt: skip
+    assert "All rotations are alike" in show_map(turned).caption  # type: ignore[arg-type]
+    turned.sensitivity = turned.sensitivity * np.linspace(1.0, 1.5, 4)
+    assert "alike" not in show_map(turned).caption  # type: ignore[arg-type]
+
+
+def replace_attributes(old: SimpleNamespace, **new: object) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(old), **new})
+
+
+def test_magnification_shows_the_deviation_without_hiding_the_path() -> None:
+    path = np.random.default_rng(1).uniform(size=(50, 3))
+    for size in (1e-7, 3e-4, 0.5):
+        deviation = np.full((50, 3), size / np.sqrt(3))
+        factor = choose_magnification(path, deviation)
+        assert factor >= 1
+        assert factor == 1 or 0.03 < factor * size < 0.1
+
+
+def test_spans_of_flags_are_found() -> None:
+    assert find_spans(np.array([1, 1, 0, 0, 1], bool)).tolist() == [[0, 1], [4, 4]]
+    assert find_spans(np.zeros(3, bool)).shape == (0, 2)
+
+
+def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_path: Path) -> None:
+    plan = make_plan(200)
+    left = {
+        "as modelled": {"none": 1.0, "mirror": 0.01, "nlp": 1e-5},
+        "compliance x 1.2": {"none": 1.2, "mirror": 0.19, "nlp": 0.2},
+    }
+    away = plan.before.deviation
+    runs = {cell: {name: replace(plan.before, deviation=share * away) for name, share in own.items()}
+            for cell, own in left.items()}  # fmt: skip
+    cells = tuple(build_simulated_robot(plan.robot, name) for name in left)
+    commands = dict.fromkeys(("none", "mirror", "nlp"), plan.command)
+    comparison = Comparison("Job", plan.task, cells, commands, runs)
+    text = describe_comparison(comparison)
+    assert "optimised (nlp) comes closest" in text
+    assert "(compliance x 1.2), mirror comes closest" in text
+    write_compare_page(comparison, tmp_path / "report.html")
+    html = own_part((tmp_path / "report.html").read_text())
+    assert html.count('<td class=" good">') == 2
+
+
+def test_moves_with_force_are_told_from_those_without():
+    wrench = np.zeros((6, 6))
+    wrench[2:4, 2] = 100.0
+    cut = np.array([False, True, True, True, True, True])
+    pushed = mark_force(wrench, cut)
+    assert pushed.tolist() == [False, False, True, True, True, False]  # a move carries force if either end does
+    length = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    said = describe_force(length, cut, pushed)
+    assert said.startswith("The tool carries force on 60") and "2 stretches" in said
+    assert describe_force(length, cut, cut) == "The tool carries force all along the cut."
+    assert describe_force(length, cut, ~cut & cut) == "No force is predicted."
+
+
+def test_meshes_of_a_cell_are_drawn_where_they_stand():
+    robot = load_robot("kuka_kr270")
+    q = np.array([0.3, -0.2, 0.4, 0.1, 0.6, 0.2])
+    box, ball = trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    part, tool = place_meshes(robot, q, [("part", "", box), ("tool", robot.flange, ball)])
+    assert part.vertices == pytest.approx(np.asarray(box.vertices))
+    assert tool.vertices.mean(axis=0) == pytest.approx(locate_links(robot, q)[robot.flange][:3, 3], abs=1e-9)
+    kinds = np.repeat([0, 1, 2], 5)
+    path = np.column_stack([np.linspace(1.0, 1.2, 15), np.zeros(15), np.ones(15)])
+    names = [trace.name for trace in draw_cell(robot, np.tile(q, (15, 1)), path, around=[part, tool], kinds=kinds).data]
+    assert names == ["kuka_kr270", "part", "tool", "cut with force", "cut without force", "rapid"]
+
+
+def test_only_plot_methods_touch_the_users_figures_and_nothing_their_backend() -> None:
+    """A notebook that writes a plan keeps its inline pictures."""
+    root = Path(__file__).parents[2] / "compplan"
+    texts = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in root.rglob("*.py")}
+    told = {"io/display.py", "io/lazy_imports.py"}  # the second puts it off
+    assert {name for name, text in texts.items() if "pyplot" in text} == told
+    assert not [name for name, text in texts.items() if "matplotlib.use(" in text]

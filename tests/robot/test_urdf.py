@@ -1,0 +1,125 @@
+"""URDFs that are odd in a lawful way: colours that are none, soft limits, more links than an arm has."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run_command
+
+from compplan.cli.doctor import examine_robot
+from compplan.errors import InputError
+from compplan.reporting.robot_scene import UNPAINTED, place_shapes
+from compplan.robot import load_robot
+from compplan.simulation.exact_model import read_exact_robot
+
+GOOD = Path(__file__).parents[1] / "bad_inputs" / "good"
+
+
+def write_robot(folder: Path, *, into_joint: str = "", before_end: str = "", encoding: str = "utf-8") -> Path:
+    """Copy the good robot; put XML into joint_1 and before the end."""
+    shutil.copytree(GOOD / "robot", folder)
+    text = (folder / "robot.urdf").read_text(encoding="utf-8")
+    start = text.index("</joint>", text.index('name="joint_1"'))
+    text = text[:start] + into_joint + text[start:].replace("</robot>", f"{before_end}</robot>")
+    (folder / "robot.urdf").write_text(text, encoding=encoding)
+    return folder
+
+
+def hang_links(count: int, *, chain: bool) -> str:
+    """Return links that hang on the base, or on one another."""
+    above = ["base_link", *(f"x{k}" if chain else "base_link" for k in range(count))]
+    return "".join(
+        f'<link name="x{k}"/><joint name="j{k}" type="fixed"><parent link="{above[k]}"/><child link="x{k}"/></joint>'
+        for k in range(count)
+    )
+
+
+@pytest.mark.parametrize("colour", ["orange", "1 0 0", "nan 0 0 1", "255 0 0 1", ""])
+def test_a_colour_that_is_none_is_drawn_grey_and_stops_no_plan(colour, tmp_path, capfd) -> None:
+    paint = f'<material name="m"><color rgba="{colour}"/></material>'
+    shown = f'<link name="deco"><visual><geometry><box size="1 1 1"/></geometry>{paint}</visual></link>'
+    hung = '<joint name="hang" type="fixed"><parent link="base_link"/><child link="deco"/></joint>'
+    robot = load_robot(write_robot(tmp_path / "robot", before_end=paint.replace('"m"', '"n"') + shown + hung))
+    deco = [shape for shape in place_shapes(robot, np.zeros(robot.nq)) if shape.link == "deco"]
+    assert [shape.colour for shape in deco] == [UNPAINTED]
+    read_exact_robot(tmp_path / "robot")
+    assert capfd.readouterr().err == ""
+
+
+def test_the_judge_reads_a_robot_that_is_written_in_latin_1(tmp_path) -> None:
+    folder = write_robot(tmp_path / "robot", before_end="<!-- f\u00fcr -->", encoding="latin-1")
+    text = (folder / "elasticity.toml").read_text(encoding="utf-8")
+    (folder / "elasticity.toml").write_bytes(f"# f\u00fcr\n{text}".encode("latin-1"))
+    plain = read_exact_robot(GOOD / "robot")
+    assert read_exact_robot(folder).model.nq == plain.model.nq
+
+
+@pytest.mark.parametrize(
+    "extra", ["<safety_controller/>", "<dynamics damping='x'/>", "<calibration rising='x'/>", "<limit/>", "<axis/>"]
+)
+def test_the_judge_reads_past_what_moves_nothing(extra, tmp_path, capfd) -> None:
+    folder = write_robot(tmp_path / "robot", into_joint=extra, before_end="<transmission/><gazebo><a/></gazebo>")
+    text = (folder / "robot.urdf").read_text()
+    (folder / "robot.urdf").write_text(re.sub(r' effort="[^"]*"', "", text, count=2))
+    plain, robot = load_robot(GOOD / "robot"), load_robot(folder)
+    assert [joint.upper for joint in robot.joints] == [joint.upper for joint in plain.joints]
+    judges = [read_exact_robot(place).model for place in (GOOD / "robot", folder)]
+    assert [str(joint) for joint in judges[0].joints] == [str(joint) for joint in judges[1].joints]
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("chain", [True, False])
+def test_a_urdf_of_20000_links_is_refused_in_one_line(chain, tmp_path, monkeypatch, capsys) -> None:
+    extra = hang_links(20_000, chain=chain)
+    shutil.copytree(GOOD, tmp_path / "work")
+    shutil.rmtree(tmp_path / "work" / "robot")
+    write_robot(tmp_path / "work" / "robot", before_end=extra)
+    answer = run_command(["plan", tmp_path / "work" / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert answer.status == 2
+    assert "at most 1000 are read" in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_judge_reads_a_chain_of_as_many_links_as_are_allowed(tmp_path) -> None:
+    known = len(load_robot(GOOD / "robot").joints) + 1
+    load_robot(write_robot(tmp_path / "robot", before_end=hang_links(1000 - known, chain=True)))
+    assert read_exact_robot(tmp_path / "robot").model.nq > 0
+
+
+@pytest.mark.parametrize(
+    ("soft", "ends"),
+    [("-0.1 0.2", (-0.1, 0.2)), ("-9 0.2", (None, 0.2)), ("0 0", (None, None)), ("-9 9", (None, None))],
+)
+def test_soft_limits_narrow_the_limits_and_the_doctor_says_so(soft, ends, tmp_path) -> None:
+    low, high = soft.split()
+    controller = f'<safety_controller soft_lower_limit="{low}" soft_upper_limit="{high}" k_velocity="1"/>'
+    plain = load_robot(GOOD / "robot").joints
+    robot = load_robot(write_robot(tmp_path / "robot", into_joint=controller))
+    place = next(k for k, joint in enumerate(robot.joints) if joint.name == "joint_1")
+    joint = robot.joints[place]
+    assert joint.lower == (plain[place].lower if ends[0] is None else ends[0])
+    assert joint.upper == (plain[place].upper if ends[1] is None else ends[1])
+    said = [remark.sentence for remark in examine_robot(robot) if "soft limits" in remark.sentence]
+    assert bool(said) == (ends != (None, None))
+    if said:
+        assert f"joint_1 to {np.degrees(joint.lower):.4g} .. {np.degrees(joint.upper):.4g} deg" in said[0]
+
+
+@pytest.mark.parametrize(("low", "high"), [("0.2", "-0.1"), ("nan", "1"), ("x", "1"), ("50", "51")])
+def test_soft_limits_that_make_no_sense_are_refused(low, high, tmp_path) -> None:
+    controller = f'<safety_controller soft_lower_limit="{low}" soft_upper_limit="{high}"/>'
+    with pytest.raises(InputError, match=r"joint 'joint_1': .*soft"):
+        load_robot(write_robot(tmp_path / "robot", into_joint=controller))
+
+
+def test_a_plan_says_that_soft_limits_narrow_a_joint(tmp_path, monkeypatch, capsys) -> None:
+    shutil.copytree(GOOD, tmp_path / "work")
+    shutil.rmtree(tmp_path / "work" / "robot")
+    controller = '<safety_controller soft_lower_limit="-1" soft_upper_limit="1"/>'
+    write_robot(tmp_path / "work" / "robot", into_joint=controller)
+    answer = run_command(["plan", tmp_path / "work" / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert "Soft limits of the URDF (<safety_controller>) narrow joint_1 to -57.3 .. 57.3 deg." in answer.out

@@ -1,0 +1,112 @@
+"""A Dask cluster of separate processes on this machine; one of its workers is killed on the way."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from montecarlo_cases import small_study
+
+from compplan.errors import InputError
+from compplan.studies.cluster import ask_scheduler
+from compplan.studies.runner import Settings, run_study
+from compplan.studies.workers import Workers
+
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+
+
+class Cluster:
+    """A scheduler and workers as processes of their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.log = folder / "scheduler.log"
+        self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", log=self.log)
+        self.address = self._wait_for(r"(tcp://127\.0\.0\.1:\d+)")
+
+    def start(self, kind: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "dask", kind, *arguments]
+        with log.open("wb") as out:
+            process = subprocess.Popen(command, stdout=out, stderr=out, env=ENVIRONMENT, cwd=self.folder)
+        self.processes.append(process)
+        return process
+
+    def add_worker(self, name: str) -> subprocess.Popen[bytes]:
+        options = [self.address, "--nworkers", "1", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name,
+                   "--local-directory", str(self.folder), "--memory-limit", "0"]  # fmt: skip
+        return self.start("worker", *options, log=self.folder / f"{name}.log")
+
+    def _wait_for(self, pattern: str) -> str:
+        for _ in range(300):
+            found = re.search(pattern, self.log.read_text()) if self.log.is_file() else None
+            if found:
+                return found.group(1)
+            time.sleep(0.1)
+        raise TimeoutError(self.log.read_text())
+
+    def stop(self) -> None:
+        for process in reversed(self.processes):
+            process.terminate()
+        for process in self.processes:
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@pytest.fixture()
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    cluster = Cluster(tmp_path)
+    try:
+        yield cluster
+    finally:
+        cluster.stop()
+
+
+@pytest.mark.slow
+def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from compplan.studies import runner
+
+    monkeypatch.setattr(runner, "MOST_SAMPLES", 40)
+    settings = Settings(samples=800, seed=5)
+    victim = cluster.add_worker("victim")
+    killed: list[int] = []
+
+    def watch(done: int, wanted: int) -> None:
+        if done >= 80 and not killed:
+            killed.append(done)
+            cluster.add_worker("heir")
+            victim.send_signal(signal.SIGKILL)
+
+    there = Workers(scheduler=cluster.address)
+    run = run_study(small_study(), settings, folder=tmp_path / "samples", workforce=there, progress=watch)
+    here = run_study(small_study(), settings, workforce=Workers(workers=1))
+    assert killed and victim.wait(10) == -signal.SIGKILL
+    for a, b in zip(run.judged, here.judged, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert len(list((tmp_path / "samples").glob("chunk-*.npz"))) == 20
+
+
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    from compplan.studies import cluster
+
+    monkeypatch.setattr(cluster, "PATIENCE", 1)
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        run_study(small_study(), Settings(samples=16, seed=1), workforce=Workers(scheduler="tcp://127.0.0.1:9"))
+
+
+def test_a_scheduler_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r'pip install "compplan\[cluster\]"'):
+        ask_scheduler("tcp://127.0.0.1:8786")

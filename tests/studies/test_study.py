@@ -1,0 +1,227 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from montecarlo_cases import cone_study, small_study
+from scipy.stats import binomtest
+
+from compplan.cli import group
+from compplan.errors import InputError, UnknownNameError
+from compplan.job.noise import NoiseTable
+from compplan.statics.sensitivity import attain_pose
+from compplan.studies.curves import trace_model_error
+from compplan.studies.evaluation import evaluate_points
+from compplan.studies.factors import draw_points
+from compplan.studies.runner import Settings, chunk_size, run_study
+from compplan.studies.sensitivity import measure_sensitivity
+from compplan.studies.statistics import estimate_mean
+from compplan.studies.storage import discard_chunks
+from compplan.studies.study import prepare_study
+from compplan.studies.summary import summarise_run
+from compplan.studies.workers import Workers
+
+HERE = Workers(workers=1)
+
+
+def test_a_sample_is_the_same_in_whatever_company_it_is_computed() -> None:
+    study = cone_study()
+    points = draw_points(study.surroundings.factors, 1, 4, range(24))
+    together = evaluate_points(study, points)
+    alone = evaluate_points(study, points[17:18])
+    np.testing.assert_allclose(alone.rms[0], together.rms[17], rtol=0, atol=1e-9)  # what the kernel stops at
+
+
+def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+    from compplan.studies import runner
+
+    monkeypatch.setattr(runner, "MOST_SAMPLES", 20)
+    settings = Settings(samples=50, seed=3)
+    one = run_study(small_study(), settings, workforce=HERE)
+    two = run_study(small_study(), settings, workforce=Workers(workers=2))
+    for a, b in zip(one.judged, two.judged, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from compplan.studies import runner
+
+    monkeypatch.setattr(runner, "MOST_SAMPLES", 16)
+    study, settings = small_study(), Settings(samples=64, seed=3)
+
+    def interrupt(done: int, wanted: int) -> None:
+        if done >= 32:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study, settings, folder=tmp_path, workforce=HERE, progress=interrupt)
+    assert len(list(tmp_path.glob("chunk-*.npz"))) == 2
+    (tmp_path / "chunk-000001.npz").write_bytes(b"cut off")
+    resumed = run_study(study, settings, folder=tmp_path, workforce=HERE)
+    assert resumed.reused == 1
+    whole = run_study(study, settings, workforce=HERE)
+    np.testing.assert_array_equal(resumed.judged.rms, whole.judged.rms)
+    np.testing.assert_array_equal(resumed.judged.along, whole.judged.along)
+    prolonged = run_study(study, Settings(samples=80, seed=3), folder=tmp_path, workforce=HERE)
+    assert prolonged.reused == 4
+    with pytest.raises(InputError, match=r"holds 5 finished chunks of another study .* --discard"):
+        run_study(study, Settings(samples=64, seed=4), folder=tmp_path, workforce=HERE)
+    assert len(list(tmp_path.glob("chunk-*.npz"))) == 5
+    discard_chunks(tmp_path)
+    other = run_study(study, Settings(samples=64, seed=4), folder=tmp_path, workforce=HERE)
+    assert other.reused == 0 and not np.array_equal(other.judged.rms, whole.judged.rms)
+
+
+def test_a_chunk_of_another_study_that_slips_in_is_not_taken(tmp_path: Path) -> None:
+    study = small_study()
+    run_study(study, Settings(samples=64, seed=3), folder=tmp_path / "a", workforce=HERE)
+    run_study(study, Settings(samples=64, seed=4), folder=tmp_path / "b", workforce=HERE)
+    (tmp_path / "b" / "chunk-000000.npz").replace(tmp_path / "a" / "chunk-000000.npz")
+    with pytest.raises(InputError, match="another study"):
+        run_study(study, Settings(samples=64, seed=3), folder=tmp_path / "a", workforce=HERE)
+
+
+def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    from compplan.studies import runner
+
+    monkeypatch.setattr(runner, "MOST_SAMPLES", 64)
+    settings = Settings(samples=1024, seed=3, stop_below=5e-5)
+    run = run_study(small_study(), settings, workforce=HERE)
+    assert run.stopped and len(run.judged.rms) < 1024
+    assert max(estimate_mean(run.judged.rms[:, k], 8).half_width for k in range(2)) < 5e-5
+
+
+@pytest.mark.slow
+def test_intervals_of_a_study_hold_as_often_as_they_say() -> None:
+    """400 small studies against a large one; binomial test at 1 %."""
+    study = prepare_study(small_study().task, NoiseTable(), ["none"], most_waypoints=4)
+    factors = study.surroundings.factors
+    truth = evaluate_points(study, draw_points(factors, 12345, 8, range(4096))).rms[:, 0].mean()
+    held = 0
+    for first in range(0, 400, 20):
+        points = [
+            draw_points(factors, seed, 8, range(32), sequence="latin_hypercube", total=32)
+            for seed in range(first, first + 20)
+        ]
+        rms = evaluate_points(study, np.vstack(points)).rms[:, 0].reshape(20, 32)
+        for row in rms:
+            interval = estimate_mean(row, 8)
+            held += interval.low <= truth <= interval.high
+    assert binomtest(held, 400, 0.95).pvalue > 0.01, held
+
+
+def test_total_indices_find_what_matters() -> None:
+    quiet = dict.fromkeys(NoiseTable.model_fields, 0.0)
+    kept = ("gear_periods", "correlation_mm", "plant_lag_ms", "plant_delay_ms", "expansion_per_K", "effects", "robot")
+    for key in kept:
+        del quiet[key]
+    noise = NoiseTable(**{**quiet, "wrench_level": 0.2, "joint_zero_deg": 0.0005})
+    study = prepare_study(small_study().task, noise, ["none"], most_waypoints=6)
+    found = measure_sensitivity(study, 1, base=64, workforce=HERE)
+    assert found is not None and set(found.groups) == {"wrench_level", "joint_zero"}
+    total = dict(zip(found.groups, found.total["none"], strict=True))
+    assert total["wrench_level"] > 0.9 and 0 <= total["joint_zero"] < 0.2
+
+
+def test_the_cost_of_being_wrong_is_least_where_the_model_is_right() -> None:
+    curves = trace_model_error(cone_study(), most_waypoints=30)
+    right = int(np.flatnonzero(curves.ratio == 1.0)[0])
+    for name in ("nlp", "force_sensor_full"):
+        assert curves.by_compliance[name].argmin() == right
+    # an offline plan pays for a wrong wrench, a force sensor does not
+    assert curves.by_wrench["nlp"][0] > 50 * curves.by_wrench["force_sensor_full"][0]
+    # a model of compliances that are all wrong by one factor: what is left is that share of the deflection
+    share = curves.by_compliance["nlp"][-1] / curves.by_compliance["none"][-1]
+    assert share == pytest.approx(1 - 1 / curves.ratio[-1], rel=0.05)
+    # force from the gears' deflections scales with them
+    assert curves.by_compliance["encoder_force"][-1] < 0.02 * curves.by_compliance["nlp"][-1]
+
+
+def test_the_summary_has_the_agreed_form() -> None:
+    study = cone_study()
+    run = run_study(study, Settings(samples=32, seed=1, replicates=4), workforce=HERE)
+    summary = summarise_run(run, None, name="cone")
+    assert (summary["schema"], summary["samples"], summary["seed"]) == (1, 32, 1)
+    assert set(summary["strategies"]) == set(study.strategies) and len(study.strategies) == 12  # no plain task is given
+    for figures in summary["strategies"].values():
+        rms = figures["rms_mm"]
+        assert rms["ci95"][0] <= rms["mean"] <= rms["ci95"][1] and rms["p50"] <= rms["p95"]
+        assert figures["rms_mm"]["mean"] <= figures["max_mm"]["mean"]
+        assert 0 <= figures["within_tolerance"] <= 1
+    # left alone, robots spread about the model bend on average as the model does
+    bent = attain_pose(study.task.chain, study.task.q_start, study.task.wrench, slope=False).position
+    size = 1e3 * np.linalg.norm(bent - study.task.position, axis=1)[study.cut]
+    left = summary["strategies"]["none"]
+    assert left["rms_mm"]["mean"] == pytest.approx(np.sqrt(np.mean(size**2)), rel=0.15)
+    assert left["mean_mm"]["mean"] == pytest.approx(size.mean(), rel=0.15)
+    assert left["max_mm"]["mean"] == pytest.approx(size.max(), rel=0.15)
+    assert (summary["tolerance_mm"], left["within_tolerance"]) == (0.1, 0.0)
+    assert len(summary["paired_differences"]) == 66
+    pair = next(p for p in summary["paired_differences"] if p["strategies"] == ["none", "nlp"])
+    means = [summary["strategies"][name]["rms_mm"]["mean"] for name in pair["strategies"]]
+    assert pair["rms_mm"]["mean"] == pytest.approx(means[1] - means[0])
+    assert pair["rms_mm"]["ci95"][1] < 0 and pair["second_better"] == 1.0
+    json.dumps(summary)
+
+
+def test_requests_that_cannot_be_met_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match="no strategy named 'luck'"):
+        prepare_study(small_study().task, strategies=["luck"])
+    with pytest.raises(InputError, match="at least 16"):
+        run_study(small_study(), Settings(samples=10, seed=1), workforce=HERE)
+
+
+def test_chunks_depend_on_the_study_alone() -> None:
+    assert chunk_size(small_study()) == chunk_size(small_study()) == 1024
+
+
+@pytest.fixture()
+def job_file(tmp_path: Path) -> Path:
+    file = tmp_path / "job.toml"
+    file.write_text(
+        'schema = 1\nname = "short circle"\nrobot = "staubli_tx200"\n'
+        '[toolpath]\ngenerator = "circle"\nradius_mm = 20.0\nfeed_mm_s = 20.0\nwaypoints = 16\n'
+        "[part]\nposition_mm = [1500.0, 0.0, 183.0]\n"
+        '[process]\nmodel = "constant"\nforce_N = [0.0, 300.0, 800.0]\n'
+        '[posture]\npreset = "smooth"\n'
+        "[noise]\nwrench_level = 0.1\n"
+    )
+    return file
+
+
+def test_the_command_writes_numbers_and_page_and_says_them_again(job_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ["montecarlo", str(job_file), "--samples", "16", "--out", str(out), "--workers", "1",
+                 "--replicates", "4", "--strategies", "none,mirror,secondary_encoder,online_pi,first_part"]  # fmt: skip
+    result = CliRunner().invoke(group, arguments, catch_exceptions=False)
+    assert result.exit_code == 0 and "secondary_encoder" in result.output
+    first = (out / "montecarlo.json").read_bytes()
+    summary = json.loads(first)
+    assert summary["samples"] == 16 and 0 <= summary["sensitivity"]["wrench_level"] <= 1.2
+    page = (out / "report.html").read_text()
+    for words in ("Which uncertainty matters", "The cost of being wrong", "Along the path", "2.294", "set in the job",
+                  "stiffness of the process", "quantised encoders"):  # fmt: skip
+        assert words in page, words
+    again = CliRunner().invoke(group, arguments, catch_exceptions=False)
+    assert again.exit_code == 0 and (out / "montecarlo.json").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--strategies", "luck"], "no strategy named"),
+        (["--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], "choose one"),
+        (["--replicates", "20"], "at least 40"),
+    ],
+)
+def test_the_command_refuses_in_one_sentence_and_writes_nothing(
+    job_file: Path, tmp_path: Path, extra: list[str], message: str
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=message):
+        arguments = ["montecarlo", str(job_file), "--samples", "16", "--out", str(out), *extra]
+        CliRunner().invoke(group, arguments, catch_exceptions=False, standalone_mode=False)
+    assert not out.exists()

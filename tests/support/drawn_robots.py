@@ -1,0 +1,161 @@
+"""Robots drawn from what is known of one, and how many of their true tips a band holds, by the exact equilibrium."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.effects import Effect, apply_effects, fold_effects, solve_model_poses
+from compplan.effects.forward_model import ForwardModel
+from compplan.measurement.distance import LEVEL
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import ErrorBand
+from compplan.uncertainty.perturbation import sample_alternatives, vary_model, vary_robot
+from compplan.uncertainty.sensitivities import pick_rows, select_model_rows, turn_wrench
+
+#: Waves that a drawn field is made of.
+WAVES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A smooth random error over the workspace: e(x) = a sum_k c_k cos(w_k . x + f_k), Gaussian of a given scale.
+
+    Attributes:
+        frequency: Shape (k, 3). [rad/m]
+        phase: Shape (k,). [rad]
+        amplitude: Shape (k, 3). [m]
+    """
+
+    frequency: Array
+    phase: Array
+    amplitude: Array
+
+    def at(self, position: Array) -> Array:
+        """Return the error at places in the base frame. Shape (n, 3). [m]."""
+        return np.asarray(np.cos(position @ self.frequency.T + self.phase) @ self.amplitude)
+
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """One robot that might be the true one.
+
+    Attributes:
+        robot: The robot with its drawn parameters.
+        field: What no parameter explains.
+        values: The parameters about the folder's. Shape (p,). [SI]
+    """
+
+    robot: Robot
+    field: Field
+    values: Array
+
+
+
+def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
+    """Draw parameters about the folder's values, as calibrated. Shape (count, p). [SI].
+
+    Where there are rival explanations, each draw takes one of each cause's, or the folder's, by their weights; the rest
+    of the covariance is normal about it.
+    """
+    random = np.random.default_rng(seed)
+    root, shifts = known.split_alternatives()
+    values = random.standard_normal((count, root.shape[1])) @ root.T
+    return np.asarray(values + sample_alternatives(known, shifts, count, random))
+
+
+def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
+    """Draw what no parameter explains of robot `number`: covariance exp(-d^2 / 2 l^2), by random waves."""
+    random = np.random.default_rng(seed + 7919 * (number + 1))
+    frequency = random.standard_normal((WAVES, 3)) / known.scale
+    phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
+    return Field(frequency, phase, known.smooth * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
+
+
+
+def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
+    """Draw robots that might be the true one; the same seed gives the same robots.
+
+    Springs may come out softer or stiffer than the folder's, below zero where the folder's width allows it: a spring in
+    series that takes away. What a folder of a robot cannot hold (a negative tilt of the base) is cut at zero.
+
+    Args:
+        robot: The robot; its uncertainty.toml, or widths assumed by its grade.
+        count: How many.
+        seed: Seed.
+    """
+    known = robot_uncertainty(robot)
+    for number, values in enumerate(draw_values(known, count, seed)):
+        drawn = robot
+        for unknown, own in split_unknowns(known.unknowns, values):
+            drawn, effect = vary_robot(drawn, unknown, own)
+            if effect is not None and effect.name == "base_compliance":
+                effect = replace(effect, parameters={k: max(v, 0.0) for k, v in effect.parameters.items()})
+            if effect is not None:
+                drawn = fold_effects(drawn, [effect])
+        yield Draw(drawn, draw_field(known, seed, number), values)
+
+
+
+class Sampled(NamedTuple):
+    """What drawn robots do; b draws, k rows.
+
+    Attributes:
+        held: Share of true tips, over draws and rows, that lie within the band.
+        by_row: The same at every row. Shape (k,).
+        rows: The rows. Shape (k,).
+        distance: Distance of the true tip from the planned one. Shape (b, k). [m]
+        oracle: Distance that holds them with 95 %, as who knows the truth of all draws has it. Shape (k,). [m]
+    """
+
+    held: float
+    by_row: Array
+    rows: NDArray[np.int_]
+    distance: Array
+    oracle: Array
+
+
+def sample_promise(
+    scene: ForwardModel, promise: ErrorBand, draws: int, seed: int, most: int = 24, *, true: Uncertainty | None = None,
+    hide: Callable[[np.random.Generator], Iterable[Effect]] = lambda random: (),
+) -> Sampled:  # fmt: skip
+    """Draw robots and forces, solve each exactly, and count how many tips the band holds.
+
+    Args:
+        scene: The robot at all rows of the path.
+        promise: The promise.
+        draws: How many robots.
+        seed: Seed.
+        most: Rows that are looked at, at most.
+        true: What the robots are drawn from; what the promise knows if left out.
+        hide: Draws effects that the promise knows nothing of.
+    """
+    rows, known = pick_rows(promise.cut, most), true or promise.known
+    rest = solve_model_poses(select_model_rows(scene, rows)).position
+    random = np.random.default_rng(seed + 1)
+    distance = np.zeros((draws, len(rows)))
+    for number, values in enumerate(draw_values(known, draws, seed)):
+        here = select_model_rows(vary_model(scene, known.unknowns, values), rows)
+        here = replace(here, wrench=draw_wrench(here.wrench, promise, random))
+        here = apply_effects(here, list(hide(random)))
+        tip = solve_model_poses(here).position + draw_field(known, seed, number).at(rest)
+        tip = tip + (known.repeatability or 0.0) * random.standard_normal(3)
+        distance[number] = np.linalg.norm(tip - rest, axis=1)
+    held = distance <= promise.radius[rows]
+    return Sampled(float(held.mean()), held.mean(axis=0), rows, distance, np.quantile(distance, LEVEL, axis=0))
+
+
+def draw_wrench(wrench: Array, promise: ErrorBand, random: np.random.Generator) -> Array:
+    """Draw the wrench that really acts. Shape (k, 6). [N, N m]."""
+    force = promise.force
+    turn = Rotation.from_rotvec(force.direction * random.standard_normal(3))
+    level = 1.0 + force.level * random.standard_normal() + force.path * random.standard_normal((len(wrench), 1))
+    return np.asarray(level * turn_wrench(wrench, turn))
