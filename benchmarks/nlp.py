@@ -53,8 +53,9 @@ def plan_job(root: Path, job: str) -> Planned:
             cycle = float(list(csv.DictReader(file))[-1]["time_s"])
     band = plan.get("error_band_mm") or plan.get("promise_mm") or {}
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Planned(plan["status"], plan["waypoints"], plan["error_after_mm"]["max"],
-                   plan["between_waypoints_mm"]["max"], cycle, band.get("p95_max"), cpu, plan.get("nlp") or {})  # fmt: skip
+    deviation, between = (plan[name]["max"] for name in ("error_after_mm", "between_waypoints_mm"))
+    return Planned(plan["status"], plan["waypoints"], deviation, between, cycle, band.get("p95_max"), cpu,
+                   plan.get("nlp") or {})  # fmt: skip
 
 
 def show(planned: Planned) -> str:
