@@ -25,7 +25,7 @@ from compplan.simulation.exact import build_exact_robot
 from compplan.simulation.inertia import fit_parabolas
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import Toolpath, place_toolpath
-from oracles.plan_check import check_plan
+from tests.oracles.plan_check import check_plan
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
 

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracles.forces import DrivenRows, _speeds
 from scipy.interpolate import CubicSpline
 
 from compplan.plan.agreement import _moving_feed
@@ -12,6 +11,7 @@ from compplan.plan.motion_limits import measure_use, spread_factors
 from compplan.plan.narrow import overlap_legs
 from compplan.plan.timing import find_slowdown, time_rapids
 from compplan.planning.timing import time_cut
+from tests.oracles.forces import DrivenRows, _speeds
 
 
 def times(along, speed):
