@@ -11,6 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from compplan.errors import ConvergenceError
+from compplan.plan.feed import time_run
 from compplan.plan.narrow import INERTIA_WINDOWS
 from compplan.plan.run_meter import RunMeter, TimedStart
 from compplan.plan.task import PlanTask
@@ -28,6 +30,8 @@ LEAST_GAIN, SAME = 0.01, 1e-3
 ALIKE = 1e-4
 #: A run whose time is this near to the least that the programmed feed allows has nothing to gain.
 AT_FEED = 1.02
+#: Share of the acceleration limits below which the arm's vibration is no matter of the posture (assumed).
+CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
 LONGEST = 8000
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
@@ -64,7 +68,7 @@ def better_start(start: Start, asked: Asked) -> Start:
     asked = replace(asked, meter=replace(asked.meter, energy=energy))
     task = asked.meter.state(start)
     gated = not preset or (preset == "fast" and len(task) > LONGEST)
-    if gated and not energy and asked.meter.time(task) <= AT_FEED * least_time(task):
+    if gated and not energy and _keeps_feed(task, asked.meter):
         return start
     measured = asked.meter.measure(start)
     if not measured:
@@ -86,6 +90,15 @@ def better_start(start: Start, asked: Asked) -> Start:
         runs = [entry for entry in runs if 1e3 * entry[0].still <= min(stance.compared.values()) * (1.0 + 1e-9)]
     taken = _choose_run(preset, first, runs, asked.meter)
     return start if taken is None else _take(start, first, taken, least_time(task))
+
+
+def _keeps_feed(task: PlanTask, meter: RunMeter) -> bool:
+    """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
+    try:
+        timing = time_run(task, task.q_start, meter.wish)[1]
+    except ConvergenceError:
+        return False
+    return bool(timing.time[-1] <= AT_FEED * least_time(task) and timing.acceleration_ratio < CALM)
 
 
 def _take(start: Start, first: TimedStart, taken: Candidate, least: float) -> Start:
