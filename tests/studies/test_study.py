@@ -231,3 +231,24 @@ def test_the_command_refuses_in_one_sentence_and_writes_nothing(
         arguments = ["montecarlo", str(job_file), "--samples", "16", "--out", str(out), *extra]
         CliRunner().invoke(group, arguments, catch_exceptions=False, standalone_mode=False)
     assert not out.exists()
+
+
+def test_compare_and_montecarlo_draw_from_one_statement_of_the_robot(tmp_path: Path) -> None:
+    """On an assumed robot both give the median rms of the mirrored program within the error of their samples."""
+    file = tmp_path / "job.toml"
+    file.write_text(
+        'schema = 1\nname = "circle"\nrobot = "kuka_kr270"\n'
+        '[toolpath]\ngenerator = "circle"\nradius_mm = 300.0\nfeed_mm_s = 100.0\nwaypoints = 40\n'
+        "[part]\nposition_mm = [1700.0, 0.0, 900.0]\ntouched_off = false\n"
+        '[process]\nmodel = "constant"\nforce_N = [440.0, 1370.0, -635.0]\nframe = "base"\n'
+        "[plan]\nrotate_about_tool_axis = false\nmax_correction_mm = 10.0\n"
+    )
+    common = [str(file), "--out", str(tmp_path / "compare")]
+    assert CliRunner().invoke(group, ["compare", *common], catch_exceptions=False).exit_code == 0
+    common = [str(file), "--samples", "256", "--workers", "1", "--no-sensitivity", "--strategies", "mirror",
+              "--out", str(tmp_path / "study")]  # fmt: skip
+    assert CliRunner().invoke(group, ["montecarlo", *common], catch_exceptions=False).exit_code == 0
+    one = json.loads((tmp_path / "compare" / "compare.json").read_text())["strategies"]["mirror"]["drawn_rms_mm"]
+    two = json.loads((tmp_path / "study" / "montecarlo.json").read_text())["strategies"]["mirror"]["rms_mm"]
+    assert one["median"] == pytest.approx(two["p50"], rel=0.15)
+    assert one["p95"] == pytest.approx(two["p95"], rel=0.2)
