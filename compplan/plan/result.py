@@ -151,6 +151,8 @@ class Plan(Shown):
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
+        elif task.touched is not None:
+            part = task.touched.spread_part(task.position)
         try:
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
                                 between=bow, motion=self.bending.motion, part=part, touched=task.touched)  # fmt: skip

@@ -30,6 +30,7 @@ from compplan.robot import Array
 from compplan.studies.factors import PARTS, Factors, link_blocks, to_normal
 from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import ForceSpread
 
 #: Assumed where neither job nor robot folder states one, an axis. [m]
@@ -168,9 +169,13 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     scale.append(noise.temperature_K * noise.expansion_per_K)
     parts += [at.attained.frames.tcp_rotation[:, :, k] for k in range(3)]
     scale += [noise.tool_frame_mm * 1e-3] * 3
-    lever = task.position - task.position.mean(axis=0)
-    parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)] + [np.cross(axis, lever) for axis in np.eye(3)]
-    scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
+    if task.touched is not None and read_placement(noise) is None:
+        parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
+        scale += [1.0] * 6
+    else:
+        axes, lever = np.eye(3), task.position - task.position.mean(axis=0)
+        parts += [np.broadcast_to(axis, lever.shape) for axis in axes] + [np.cross(axis, lever) for axis in axes]
+        scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
     parts += [move_by_effect(task, entry) for entry in noise.effects]
     scale += [1.0] * len(noise.effects)
     if noise.robot == "posterior":

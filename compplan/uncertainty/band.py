@@ -3,11 +3,11 @@
 To first order the tip is off by e = J p + u + r + f with independent normal parts: parameters p of covariance S, what
 no parameter explains u, repeatability r, force f. Its covariance is
 
-    V = k^2 (J S J^T + s_u^2/3 1) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
+    V = k^2 (J S J^T + V_u) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
 
-V_m of what the motion of the arm adds, about its mean, V_p of the place of the part where it is stated
-(`compplan.uncertainty.motion`). The radius that |e| keeps within with probability 0.95 is that quantile of a quadratic
-form (`compplan.measurement.distance`).
+V_u = s_u^2/3 1 where the part frame is absolute (`Slopes.smooth_columns`), V_m of what the motion of the arm adds,
+about its mean, V_p of the place of the part (`compplan.uncertainty.motion`). The radius that |e| keeps within
+with probability 0.95 is that quantile of a quadratic form (`compplan.measurement.distance`).
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ OTHER_CAUSES = {
 }  # fmt: skip
 #: Rows that are added where the motion moves the tip the most.
 MOVED = 60
+#: Components of smooth errors with a smaller share of the greatest eigenvalue are left out.
+LEAST_VALUE = 1e-8
 #: Drawn paths that tell what the whole path keeps within, and their seed.
 PATHS, SEED = 2000, 20260601
 
@@ -72,6 +74,7 @@ class Slopes:
         local: The same, from place to place. Shape (k, 3, 1). [m]
         moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
         tie: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
     """
 
     rows: NDArray[np.int_]
@@ -81,6 +84,22 @@ class Slopes:
     local: Array
     moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     tie: tuple[Array, Array] | None = None
+    touched: TouchedPart | None = None
+
+    def smooth_columns(self, known: Uncertainty) -> Array:
+        """Return the tip by one standard deviation of each component of what no parameter explains. (k, 3, c). [m]
+
+        Its axes are independent normal fields of covariance s_u^2/3 exp(-d^2 / 2 scale^2); a touched part moves along.
+        """
+        k = len(self.rows)
+        place = self.tip if self.touched is None else np.vstack([self.tip, self.touched.shown])
+        value, vector = np.linalg.eigh(np.exp(-0.5 * (cdist(place, place) / known.scale) ** 2))
+        kept = value > LEAST_VALUE * value.max(initial=0.0)
+        root = known.smooth * vector[:, kept] * np.sqrt(value[kept])
+        columns = np.einsum("kr,ij->kirj", root, np.eye(3)).reshape(len(place), 3, -1)
+        if self.touched is None:
+            return columns
+        return np.asarray(columns[:k] - self.touched.follow(columns[k:], self.tip))
 
     def columns(self, known: Uncertainty) -> tuple[Array, Array]:
         """Return the tip by one standard deviation of the robot and of what is apart. Shapes (k, 3, r), (k, 3, .). [m]
@@ -179,18 +198,18 @@ def linearise_path(
     tie = tie_force(known, force) if len(force.robot) else None
     model = measure_slopes(scene, known.unknowns, rows, rest)
     model = subtract_touch(model, rest.position, touched, known.unknowns)
-    return Slopes(rows, rest.position, model, shared, local, moved, tie)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
-    moved, shared = slopes.columns(known)
+    (moved, shared), smooth = slopes.columns(known), slopes.smooth_columns(known)
     force = np.concatenate([shared[:, :, :4], slopes.local], axis=2)
     part, away = shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
     return {
         "model": moved @ np.swapaxes(moved, 1, 2),
-        "unexplained": eye * known.smooth**2,
+        "unexplained": smooth @ np.swapaxes(smooth, 1, 2),
         "repeatability": eye * (known.repeatability or 0.0) ** 2,
         "force": force @ np.swapaxes(force, 1, 2),
         "motion": np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1) if len(away) else 0.0 * eye,
@@ -292,12 +311,8 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    size = known.smooth
-    if size > 0.0:
-        apart = cdist(slopes.tip, slopes.tip) / known.scale
-        value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
-        root = vector * np.sqrt(np.maximum(value, 0.0))
-        moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, count)), optimize=True)
+    smooth = slopes.smooth_columns(known)
+    moved += (smooth.reshape(3 * k, -1) @ random.standard_normal((smooth.shape[2], count))).reshape(k, 3, count)
     return np.asarray(moved)
 
 
