@@ -12,8 +12,8 @@ with probability 0.95 is that quantile of a quadratic form (`compplan.measuremen
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
-from compplan.uncertainty.improvements import Narrowing, list_knowable, rank_narrowings
+from compplan.uncertainty.ladder import Rung, Shop, climb_ladder, condition, pick_places
 from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.perturbation import sample_alternatives
 from compplan.uncertainty.sensitivities import (
@@ -130,7 +130,9 @@ class ErrorBand:
         force: How surely the force is known.
         assumed: What is assumed, one sentence each.
         without: What `greatest` would be if a part were nothing, by part. [m]
-        narrowings: What better knowledge of one cause would make of `greatest`, smallest first.
+        before: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
+        ladder: What each further measurement would make of `whole`, cheapest first.
+        cheapest: The cheapest measurements after which the band keeps the tolerance; none: none is needed or does.
         causes: The band where it is widest by each cause alone, in words of people. [m]
         motion: What the motion of the arm adds, None where it is not counted.
         placed: Whether the place of the part is counted.
@@ -147,7 +149,9 @@ class ErrorBand:
     force: ForceSpread
     assumed: tuple[str, ...]
     without: Mapping[str, float] = field(default_factory=dict)
-    narrowings: tuple[Narrowing, ...] = ()
+    before: tuple[float, float] | None = None
+    ladder: tuple[Rung, ...] = ()
+    cheapest: tuple[str, ...] = ()
     causes: Mapping[str, float] = field(default_factory=dict)
     motion: Motion | None = None
     placed: bool = False
@@ -220,7 +224,8 @@ def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
 def estimate_band(
     robot: Robot, scene: ForwardModel, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
-    touched: TouchedPart | None = None,
+    touched: TouchedPart | None = None, touchable: TouchedPart | None = None,
+    uncorrected: Array | None = None, tolerance: float = 0.0,
 ) -> ErrorBand:  # fmt: skip
     """Promise how far the true tip is from the planned one along a path.
 
@@ -234,6 +239,9 @@ def estimate_band(
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
         touched: The part as the robot found it by touching, or None where its frame is absolute.
+        touchable: The part as the robot would find it by touching, where its frame is absolute.
+        uncorrected: Deviation of the uncorrected program. Shape (n, 3). [m]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
 
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
@@ -253,29 +261,88 @@ def estimate_band(
 
     radius = band_radius(total, mean=mean)
     drawn = draw_paths(slopes, known)
+    whole = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between
+    before = None
+    if uncorrected is not None:
+        off = uncorrected if mean is None else uncorrected + mean
+        widest = float(band_radius(total, mean=off)[cut].max(initial=0.0))
+        farthest = np.linalg.norm(drawn + uncorrected[slopes.rows][:, :, None], axis=1).max(axis=0, initial=0.0)
+        before = (widest + between, max(widest, float(np.quantile(farthest, LEVEL))) + between)
+    ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance)
     return ErrorBand(
         radius=radius + left,
         parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
         covariance=total,
         cut=cut,
         between=between,
-        whole=float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between,
+        whole=whole,
         leading=lead_unknowns(slopes, known, parts),
         known=known,
         force=force,
         without={
             name: greatest(total - value, None if name == "motion" else mean) for name, value in spread.items()
         },
-        narrowings=rank_narrowings(
-            list_knowable(robot, known, slopes.columns(known)[0], parts),
-            lambda value: greatest(total - _spread(slopes.rows, value, n), mean),
-        ),
+        before=before,
+        ladder=ladder,
+        cheapest=cheapest,
         assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else []),
                  *([f"inertia and vibration: {motion.source}"] if motion is not None else [])),
         causes=name_causes(slopes, known, parts),
         motion=motion,
         placed=part is not None,
     )  # fmt: skip
+
+
+def _climb(
+    slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
+    between: float, touchable: TouchedPart | None, tolerance: float,
+) -> tuple[tuple[Rung, ...], tuple[str, ...]]:  # fmt: skip
+    """Predict the band of the whole cut after further measurements; nothing where nothing was differentiated."""
+    if not len(slopes.rows):
+        return (), ()
+    shop, k, touched = Shop(), len(slopes.rows), slopes
+    if touchable is not None:
+        model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
+        shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
+        touched = replace(slopes, model=model, shared=shared, touched=touchable)
+    poses, points = pick_places(k, shop.poses), pick_places(k, shop.points)
+    repeats, near = known.repeatability or 0.0, left[slopes.rows]
+    mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
+
+    def greatest(steps: Sequence[str]) -> float:
+        at = touched if "touch_off" in steps else slopes
+        (robot, shared), smooth = at.columns(known), at.smooth_columns(known)
+        pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
+        scatter = pushed[:, :, :1] * force.scatter / max(force.level, 1e-12)
+        pushed[:, :, 0] *= force.common / max(force.level, 1e-12)
+        of_robot = np.concatenate([robot, smooth, 0.0 * pushed, 0.0 * placed], axis=2)
+        # the frame of a measured part is another one than that of the next
+        of_part = np.concatenate([robot, smooth, pushed, placed], axis=2)
+        columns = np.concatenate([robot, smooth, pushed, 0.0 * placed], axis=2)
+        rows, sigmas = [np.zeros((0, columns.shape[2]))], [1.0]
+        if "force_log" in steps:
+            first = robot.shape[2] + smooth.shape[2]
+            turn = shop.force_direction / max(force.direction, 1e-12)
+            rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
+            sigmas += [shop.force_level / max(force.common, 1e-12), turn, turn, turn]
+        if "poses" in steps:
+            rows.append(of_robot[poses].reshape(-1, columns.shape[2]))
+            sigmas.append(float(np.hypot(shop.tracker, repeats)))
+        if "first_part" in steps:
+            rows.append(of_part[points].reshape(-1, columns.shape[2]))
+            sigmas.append(float(np.hypot(shop.probe, repeats)))
+        local = slopes.local
+        if {"force_log", "first_part"} & set(steps):
+            local = local * min(1.0, shop.force_level / max(force.path, 1e-12))
+        rest = np.concatenate([scatter, local, placed], axis=2)
+        covariance = condition(columns, rows, sigmas) + rest @ np.swapaxes(rest, 1, 2)
+        covariance = covariance + parts["repeatability"] + parts["motion"]
+        return float((band_radius(covariance, mean=mean) + near).max())
+
+    widened = (whole - between) / max(greatest(()), 1e-12)
+    steps = ["poses", "first_part"] + (["touch_off"] if touchable is not None else [])
+    steps += ["force_log"] if slopes.shared[:, :, :4].any() else []
+    return climb_ladder(whole, lambda chosen: widened * greatest(chosen) + between, steps, tolerance)
 
 
 def widen_to_path(drawn: Array) -> float:
