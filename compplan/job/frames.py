@@ -197,11 +197,13 @@ class PartTable(PoseTable):
 
     touched_off: Whether the part was found by touching it with this robot and tool; otherwise the frame is absolute in
         the robot base (tracker, calibrated cell).
+    touch_repeatability_mm: Standard deviation of a touched coordinate (assumed 0.02 mm).
     """
 
     points_mm: PointPairs | None = None
     datum_mm: Datums | None = None
     touched_off: bool = True
+    touch_repeatability_mm: float = Field(default=0.02, ge=0.0, le=10.0)
 
     @model_validator(mode="after")
     def _check_one(self) -> PartTable:
@@ -214,6 +216,10 @@ class PartTable(PoseTable):
     @property
     def touched_points(self) -> Array | None:
         """Touched points in the part frame; None where they are not stated. Shape (k, 3). [m]."""
+        if self.datum_mm is not None:
+            datum, pose = self.datum_mm, self.pose
+            touched = 1e-3 * np.asarray([*datum.plane, *datum.line, datum.point])
+            return np.asarray((touched - pose[:3, 3]) @ pose[:3, :3])
         return None if self.points_mm is None else 1e-3 * np.asarray(self.points_mm.nominal)
 
     @property

@@ -16,8 +16,8 @@ from compplan.job.names import EFFECTS
 #: Where the defaults come from, key by key.
 SOURCES: dict[str, str] = {
     "link_share": "assumed; share of a joint spring beyond its link-side encoder where one spring stands for both",
-    "part_frame_mm": "assumed: touched off with the robot",
-    "part_frame_deg": "assumed: touched off with the robot",
+    "part_frame_mm": "assumed; of a touched part [part] touch_repeatability_mm counts where this is not stated",
+    "part_frame_deg": "assumed; as part_frame_mm",
     "wrench_level": "what the force model states, else assumed; models of milling and forming err by 10 to 20 %",
     "wrench_direction_deg": "assumed",
     "wrench_path": "assumed; relative variation of the level along the path",

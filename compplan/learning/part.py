@@ -399,6 +399,7 @@ def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertaint
     force = band_radius(own[:, :, :1] @ np.swapaxes(own[:, :, :1], 1, 2))
     parts = {**promise.parts, "model": radius, "unexplained": np.zeros(n)}
     parts["force"] = np.interp(np.arange(n), rows, force)
-    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, narrowings=())
+    better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
+                     ladder=(), cheapest=())  # fmt: skip
     whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
     return replace(plan, learned=replace(better, whole=whole))

@@ -51,7 +51,7 @@ from compplan.uncertainty.band import band_radius
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.sensitivities import ForceSpread, pick_rows, read_force_spread
 from compplan.uncertainty.shrinkage import shrink_robot
-from compplan.uncertainty.touch_off import TouchOff, touch_part
+from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 
 @dataclass(frozen=True)
@@ -380,5 +380,5 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
         force=read_force_spread(job),
         tube=job.tolerance.tube,
         chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
-        touch=TouchOff(job.T_base_part, job.part.touched_points) if job.touched_off else None,
+        touch=read_touch(job) if job.touched_off else None,
     )

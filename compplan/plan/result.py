@@ -32,6 +32,7 @@ from compplan.statics.chain import locate_frames
 from compplan.uncertainty.band import ErrorBand, estimate_band
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
+from compplan.uncertainty.touch_off import read_touch, touch_part
 from compplan.version import VERSION
 
 #: Stretches and limits that a sentence lists, and its letters at most.
@@ -151,9 +152,16 @@ class Plan(Shown):
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
+        elif task.touched is not None:
+            part = task.touched.spread_part(task.position)
+        touchable = None
+        if task.touched is None and self.job is not None:
+            touchable = touch_part(task.robot, task.nominal, task.rotation, task.q_start, read_touch(self.job))
         try:
             return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
-                                between=bow, motion=self.bending.motion, part=part, touched=task.touched)  # fmt: skip
+                                between=bow, motion=self.bending.motion, part=part, touched=task.touched,
+                                touchable=touchable, uncorrected=self.before.deviation,
+                                tolerance=task.tolerance)  # fmt: skip
         except ConvergenceError:
             return None
 
@@ -372,11 +380,15 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             "widest_waypoint": widest,
             "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
             "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
-            "p95_max_if_known": [
-                {"cause": entry.cause, "known": entry.words, "p95_max": entry.promise * 1e3}
-                for entry in promise.narrowings
-            ],
         },
+        **({} if promise.before is None else {"error_band_before_mm": {
+            "p95_max": promise.before[0] * 1e3, "whole_path_p95": promise.before[1] * 1e3,
+        }}),
+        "ladder": [
+            {"step": rung.step, "p95_max": rung.band * 1e3, "alone_p95_max": rung.alone * 1e3, "keeps": rung.keeps,
+             "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in promise.cheapest}
+            for rung in promise.ladder
+        ],
         "promise_from": {
             "grade": known.grade,
             "source": known.source,

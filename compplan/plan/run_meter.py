@@ -190,5 +190,7 @@ def _spread_scene(
     shared, local = measure_force_slopes(scene, rows, force, rest)
     model = measure_slopes(scene, known.unknowns, rows, rest)
     model = subtract_touch(model, rest.position, touched, known.unknowns)
-    slopes = Slopes(rows, np.zeros((len(rows), 3)), model, shared, local)
+    if touched is not None:
+        shared = np.concatenate([shared, touched.spread_part(rest.position)], axis=2)
+    slopes = Slopes(rows, rest.position, model, shared, local, touched=touched)
     return np.asarray(sum(split_covariance(slopes, known).values()))

@@ -19,7 +19,9 @@ from compplan.plan.deflection import Bending
 from compplan.plan.task import PlanTask
 from compplan.robot import Array
 from compplan.uncertainty.band import CAUSES, ErrorBand
+from compplan.uncertainty.ladder import DO
 
+FORCE = "process force"
 #: Words of the verdict.
 KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
 #: Stretches beyond the tolerance that are listed.
@@ -269,14 +271,26 @@ def find_missing(case: Case) -> tuple[str, str] | None:
 
 
 def find_cause(case: Case, promise: ErrorBand) -> str:
-    """Name what makes the band widest where it is widest."""
+    """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
     left = float(case.left[promise.widest])
     causes = {**promise.causes, "what the plan itself leaves": left}
-    return max(causes, key=lambda name: causes[name])
+    largest = max(causes, key=lambda name: causes[name])
+    alone = {rung.step: rung.alone for rung in promise.ladder}
+    if largest not in (*CAUSES, FORCE) or not {"force_log", "poses"} <= set(alone):
+        return largest
+    if alone["force_log"] < alone["poses"]:
+        return FORCE
+    return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
 
 
 def find_change(case: Case, promise: ErrorBand, cause: str) -> str:
-    """Say what would change the verdict."""
+    """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
+    if promise.ladder and cause not in ("inertia and vibration", "place of the part", "repeatability"):
+        if promise.cheapest:
+            chosen = " and ".join(DO[step] for step in promise.cheapest)
+            return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
+        best = min(promise.ladder[1:], key=lambda rung: rung.band)
+        return f"No measurement suffices: all together leave {_mm(best.band)}. Allow more, or reduce the force."
     if cause == "inertia and vibration" and not case.inertia_wanted:
         return LET_COMPENSATE
     if cause in CHANGES:

@@ -8,6 +8,7 @@ from compplan.reporting.along_path import Stations, draw_lines
 from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell
 from compplan.reporting.style import CATEGORIES, format_length, format_percent, format_set_value
 from compplan.uncertainty.band import PARTS, ErrorBand
+from compplan.uncertainty.ladder import DO
 
 #: What the parts are called.
 WORDS = {
@@ -18,9 +19,6 @@ WORDS = {
     "motion": "inertia and vibration",
     "placement": "place of the part",
 }
-
-#: What better knowledge has to leave at most for a sentence of its own: a share of the promise.
-WORTH = 0.99
 
 
 def show_error_band(promise: ErrorBand, stations: Stations, tolerance: float) -> Section:
@@ -45,8 +43,8 @@ def show_error_band(promise: ErrorBand, stations: Stations, tolerance: float) ->
     )
     caption = "Distance from the path that holds the true tip with 95 %, and the same by each cause alone."
     blocks: list[Block] = [Chart(chart, caption, height=360, along=True), _table(promise)]
-    if promise.narrowings:
-        blocks.append(_narrowings(promise))
+    if promise.ladder:
+        blocks.append(_ladder(promise))
     if promise.leading:
         blocks.append(_leading(promise))
     if promise.assumed:
@@ -62,12 +60,8 @@ def describe_error_band(promise: ErrorBand, tolerance: float) -> str:
     )
     kept = "That keeps" if promise.whole <= tolerance else "That does not keep"
     text += f" {kept} the tolerance of {format_set_value(1e3 * tolerance)} mm."
-    best = promise.narrowings[0] if promise.narrowings else None
-    if best is not None and best.promise < WORTH * promise.greatest:
-        text += (
-            f" Knowing {best.words} would narrow the band at any point from {format_length(promise.greatest)} to"
-            f" {format_length(best.promise)}."
-        )
+    if promise.before is not None:
+        text += f" The uncorrected program: within {format_length(promise.before[1])} along the whole part."
     known = promise.known
     if known.grade != "measured":
         return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
@@ -104,13 +98,18 @@ def _table(promise: ErrorBand) -> PageTable:
     return PageTable(columns, rows, f"The band is widest at waypoint {widest}.")
 
 
-def _narrowings(promise: ErrorBand) -> PageTable:
+def _ladder(promise: ErrorBand) -> PageTable:
     rows: list[Row] = [
-        [entry.words, 1e3 * entry.promise, format_percent(1.0 - entry.promise / max(promise.greatest, 1e-12))]
-        for entry in promise.narrowings
-    ]
-    columns = [Column("if one knew"), Column("greatest of the band", "mm"), Column("narrower by")]
-    return PageTable(columns, rows, "What would narrow the band most; each alone, the rest as it is.")
+        [DO.get(rung.step, "as it is now"), 1e3 * rung.band, 1e3 * rung.alone, "yes" if rung.keeps else "no",
+         format_set_value(rung.minutes), rung.instrument or None]
+        for rung in promise.ladder
+    ]  # fmt: skip
+    columns = [
+        Column("measure, one after the other"), Column("band of the whole cut then", "mm"),
+        Column("after this alone", "mm"), Column("keeps"), Column("work, assumed", "min"), Column("with"),
+    ]  # fmt: skip
+    cheapest = " and ".join(DO[step] for step in promise.cheapest)
+    return PageTable(columns, rows, f"Cheapest that keeps the tolerance: {cheapest}." if cheapest else "")
 
 
 def _leading(promise: ErrorBand) -> PageTable:

@@ -53,7 +53,7 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     band = "not known" if verdict.band is None else format_mm(verdict.band)
     change = format_mm_change(plan.before.max_deviation, plan.after.max_deviation)
     figures = [
-        KeyFigure(band, "95 % band: the true tip stays that close to the path; "
+        KeyFigure(band, f"95 % band{_say_before(plan)}: the true tip stays that close to the path; "
                   f"the tolerance is {format_set_length(verdict.tolerance)}",
                   TONES[verdict.word] if verdict.word != "not_known" else ""),
         KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
@@ -68,6 +68,12 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
     todo = step or "Run the program without a part at reduced override, then cut and measure one part."
     stops = list_stops(plan.notes)
     return Summary(sentence, TONES[verdict.word], figures, picture, todo, stops, write_sheet(plan, folder))
+
+
+def _say_before(plan: Plan) -> str:
+    """Say the band of the uncorrected program, "" where it is not stated."""
+    before = None if plan.promise is None else plan.promise.before
+    return "" if before is None else f" (uncorrected program {format_mm(before[1])})"
 
 
 def first_sentence(text: str) -> str:

@@ -27,6 +27,7 @@ from compplan.robot import Array
 from compplan.studies.factors import Factors, to_normal
 from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import ForceSpread
 
 #: Knots of the noise along the path per correlation length, and their greatest number.
@@ -147,9 +148,14 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
     grown = solve_model_poses(replace(scene, growth=scene.growth + 1.0)).position
     parts = [grown - solve_model_poses(scene).position]
     scale = [noise.temperature_K * noise.expansion_per_K]
-    lever = task.position - task.position.mean(axis=0)
-    parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)] + [np.cross(axis, lever) for axis in np.eye(3)]
-    scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
+    if task.touched is not None and read_placement(noise) is None:
+        parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
+        scale += [1.0] * 6
+    else:
+        lever = task.position - task.position.mean(axis=0)
+        parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)]
+        parts += [np.cross(axis, lever) for axis in np.eye(3)]
+        scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
     parts += [move_by_effect(task, entry) for entry in noise.effects]
     scale += [1.0] * len(noise.effects)
     drawn = move_by_posterior(task, robot_uncertainty(task.robot))

@@ -3,17 +3,17 @@
 To first order the tip is off by e = J p + u + r + f with independent normal parts: parameters p of covariance S, what
 no parameter explains u, repeatability r, force f. Its covariance is
 
-    V = k^2 (J S J^T + s_u^2/3 1) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
+    V = k^2 (J S J^T + V_u) + s_r^2 1 + V_f + V_m + V_p,   k: the calibration on poses that the fit never saw,
 
-V_m of what the motion of the arm adds, about its mean, V_p of the place of the part where it is stated
-(`compplan.uncertainty.motion`). The radius that |e| keeps within with probability 0.95 is that quantile of a quadratic
-form (`compplan.measurement.distance`).
+V_u = s_u^2/3 1 where the part frame is absolute (`Slopes.smooth_columns`), V_m of what the motion of the arm adds,
+about its mean, V_p of the place of the part (`compplan.uncertainty.motion`). The radius that |e| keeps within
+with probability 0.95 is that quantile of a quadratic form (`compplan.measurement.distance`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
-from compplan.uncertainty.improvements import Narrowing, list_knowable, rank_narrowings
+from compplan.uncertainty.ladder import Rung, Shop, climb_ladder, condition, pick_places
 from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.perturbation import sample_alternatives
 from compplan.uncertainty.sensitivities import (
@@ -56,6 +56,8 @@ OTHER_CAUSES = {
 }  # fmt: skip
 #: Rows that are added where the motion moves the tip the most.
 MOVED = 60
+#: Components of smooth errors with a smaller share of the greatest eigenvalue are left out.
+LEAST_VALUE = 1e-8
 #: Drawn paths that tell what the whole path keeps within, and their seed.
 PATHS, SEED = 2000, 20260601
 
@@ -72,6 +74,7 @@ class Slopes:
         local: The same, from place to place. Shape (k, 3, 1). [m]
         moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
         tie: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
+        touched: The part as the robot found it by touching, or None where its frame is absolute.
     """
 
     rows: NDArray[np.int_]
@@ -81,6 +84,22 @@ class Slopes:
     local: Array
     moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     tie: tuple[Array, Array] | None = None
+    touched: TouchedPart | None = None
+
+    def smooth_columns(self, known: Uncertainty) -> Array:
+        """Return the tip by one standard deviation of each component of what no parameter explains. (k, 3, c). [m]
+
+        Its axes are independent normal fields of covariance s_u^2/3 exp(-d^2 / 2 scale^2); a touched part moves along.
+        """
+        k = len(self.rows)
+        place = self.tip if self.touched is None else np.vstack([self.tip, self.touched.shown])
+        value, vector = np.linalg.eigh(np.exp(-0.5 * (cdist(place, place) / known.scale) ** 2))
+        kept = value > LEAST_VALUE * value.max(initial=0.0)
+        root = known.smooth * vector[:, kept] * np.sqrt(value[kept])
+        columns = np.einsum("kr,ij->kirj", root, np.eye(3)).reshape(len(place), 3, -1)
+        if self.touched is None:
+            return columns
+        return np.asarray(columns[:k] - self.touched.follow(columns[k:], self.tip))
 
     def columns(self, known: Uncertainty) -> tuple[Array, Array]:
         """Return the tip by one standard deviation of the robot and of what is apart. Shapes (k, 3, r), (k, 3, .). [m]
@@ -111,7 +130,9 @@ class ErrorBand:
         force: How surely the force is known.
         assumed: What is assumed, one sentence each.
         without: What `greatest` would be if a part were nothing, by part. [m]
-        narrowings: What better knowledge of one cause would make of `greatest`, smallest first.
+        before: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
+        ladder: What each further measurement would make of `whole`, cheapest first.
+        cheapest: The cheapest measurements after which the band keeps the tolerance; none: none is needed or does.
         causes: The band where it is widest by each cause alone, in words of people. [m]
         motion: What the motion of the arm adds, None where it is not counted.
         placed: Whether the place of the part is counted.
@@ -128,7 +149,9 @@ class ErrorBand:
     force: ForceSpread
     assumed: tuple[str, ...]
     without: Mapping[str, float] = field(default_factory=dict)
-    narrowings: tuple[Narrowing, ...] = ()
+    before: tuple[float, float] | None = None
+    ladder: tuple[Rung, ...] = ()
+    cheapest: tuple[str, ...] = ()
     causes: Mapping[str, float] = field(default_factory=dict)
     motion: Motion | None = None
     placed: bool = False
@@ -179,18 +202,18 @@ def linearise_path(
     tie = tie_force(known, force) if len(force.robot) else None
     model = measure_slopes(scene, known.unknowns, rows, rest)
     model = subtract_touch(model, rest.position, touched, known.unknowns)
-    return Slopes(rows, rest.position, model, shared, local, moved, tie)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
     """Return the covariance of the tip that each part makes. Shape (k, 3, 3) each. [m^2]."""
     eye = np.broadcast_to(np.eye(3), (len(slopes.rows), 3, 3))
-    moved, shared = slopes.columns(known)
+    (moved, shared), smooth = slopes.columns(known), slopes.smooth_columns(known)
     force = np.concatenate([shared[:, :, :4], slopes.local], axis=2)
     part, away = shared[:, :, 4:], slopes.moved - (slopes.moved.mean(axis=0) if len(slopes.moved) else 0.0)
     return {
         "model": moved @ np.swapaxes(moved, 1, 2),
-        "unexplained": eye * known.smooth**2,
+        "unexplained": smooth @ np.swapaxes(smooth, 1, 2),
         "repeatability": eye * (known.repeatability or 0.0) ** 2,
         "force": force @ np.swapaxes(force, 1, 2),
         "motion": np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1) if len(away) else 0.0 * eye,
@@ -201,7 +224,8 @@ def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
 def estimate_band(
     robot: Robot, scene: ForwardModel, cut: NDArray[np.bool_], force: ForceSpread, *,
     left: Array | None = None, between: float = 0.0, motion: Motion | None = None, part: Array | None = None,
-    touched: TouchedPart | None = None,
+    touched: TouchedPart | None = None, touchable: TouchedPart | None = None,
+    uncorrected: Array | None = None, tolerance: float = 0.0,
 ) -> ErrorBand:  # fmt: skip
     """Promise how far the true tip is from the planned one along a path.
 
@@ -215,6 +239,9 @@ def estimate_band(
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
         touched: The part as the robot found it by touching, or None where its frame is absolute.
+        touchable: The part as the robot would find it by touching, where its frame is absolute.
+        uncorrected: Deviation of the uncorrected program. Shape (n, 3). [m]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
 
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
@@ -234,29 +261,88 @@ def estimate_band(
 
     radius = band_radius(total, mean=mean)
     drawn = draw_paths(slopes, known)
+    whole = float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between
+    before = None
+    if uncorrected is not None:
+        off = uncorrected if mean is None else uncorrected + mean
+        widest = float(band_radius(total, mean=off)[cut].max(initial=0.0))
+        farthest = np.linalg.norm(drawn + uncorrected[slopes.rows][:, :, None], axis=1).max(axis=0, initial=0.0)
+        before = (widest + between, max(widest, float(np.quantile(farthest, LEVEL))) + between)
+    ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance)
     return ErrorBand(
         radius=radius + left,
         parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
         covariance=total,
         cut=cut,
         between=between,
-        whole=float(radius[cut].max(initial=0.0)) * widen_to_path(drawn) + float(left[cut].max(initial=0.0)) + between,
+        whole=whole,
         leading=lead_unknowns(slopes, known, parts),
         known=known,
         force=force,
         without={
             name: greatest(total - value, None if name == "motion" else mean) for name, value in spread.items()
         },
-        narrowings=rank_narrowings(
-            list_knowable(robot, known, slopes.columns(known)[0], parts),
-            lambda value: greatest(total - _spread(slopes.rows, value, n), mean),
-        ),
+        before=before,
+        ladder=ladder,
+        cheapest=cheapest,
         assumed=(*list_assumed(robot), *([f"force: {force.source}"] if "assumed" in force.source else []),
                  *([f"inertia and vibration: {motion.source}"] if motion is not None else [])),
         causes=name_causes(slopes, known, parts),
         motion=motion,
         placed=part is not None,
     )  # fmt: skip
+
+
+def _climb(
+    slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
+    between: float, touchable: TouchedPart | None, tolerance: float,
+) -> tuple[tuple[Rung, ...], tuple[str, ...]]:  # fmt: skip
+    """Predict the band of the whole cut after further measurements; nothing where nothing was differentiated."""
+    if not len(slopes.rows):
+        return (), ()
+    shop, k, touched = Shop(), len(slopes.rows), slopes
+    if touchable is not None:
+        model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
+        shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
+        touched = replace(slopes, model=model, shared=shared, touched=touchable)
+    poses, points = pick_places(k, shop.poses), pick_places(k, shop.points)
+    repeats, near = known.repeatability or 0.0, left[slopes.rows]
+    mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
+
+    def greatest(steps: Sequence[str]) -> float:
+        at = touched if "touch_off" in steps else slopes
+        (robot, shared), smooth = at.columns(known), at.smooth_columns(known)
+        pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
+        scatter = pushed[:, :, :1] * force.scatter / max(force.level, 1e-12)
+        pushed[:, :, 0] *= force.common / max(force.level, 1e-12)
+        of_robot = np.concatenate([robot, smooth, 0.0 * pushed, 0.0 * placed], axis=2)
+        # the frame of a measured part is another one than that of the next
+        of_part = np.concatenate([robot, smooth, pushed, placed], axis=2)
+        columns = np.concatenate([robot, smooth, pushed, 0.0 * placed], axis=2)
+        rows, sigmas = [np.zeros((0, columns.shape[2]))], [1.0]
+        if "force_log" in steps:
+            first = robot.shape[2] + smooth.shape[2]
+            turn = shop.force_direction / max(force.direction, 1e-12)
+            rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
+            sigmas += [shop.force_level / max(force.common, 1e-12), turn, turn, turn]
+        if "poses" in steps:
+            rows.append(of_robot[poses].reshape(-1, columns.shape[2]))
+            sigmas.append(float(np.hypot(shop.tracker, repeats)))
+        if "first_part" in steps:
+            rows.append(of_part[points].reshape(-1, columns.shape[2]))
+            sigmas.append(float(np.hypot(shop.probe, repeats)))
+        local = slopes.local
+        if {"force_log", "first_part"} & set(steps):
+            local = local * min(1.0, shop.force_level / max(force.path, 1e-12))
+        rest = np.concatenate([scatter, local, placed], axis=2)
+        covariance = condition(columns, rows, sigmas) + rest @ np.swapaxes(rest, 1, 2)
+        covariance = covariance + parts["repeatability"] + parts["motion"]
+        return float((band_radius(covariance, mean=mean) + near).max())
+
+    widened = (whole - between) / max(greatest(()), 1e-12)
+    steps = ["poses", "first_part"] + (["touch_off"] if touchable is not None else [])
+    steps += ["force_log"] if slopes.shared[:, :, :4].any() else []
+    return climb_ladder(whole, lambda chosen: widened * greatest(chosen) + between, steps, tolerance)
 
 
 def widen_to_path(drawn: Array) -> float:
@@ -292,12 +378,8 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    size = known.smooth
-    if size > 0.0:
-        apart = cdist(slopes.tip, slopes.tip) / known.scale
-        value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
-        root = vector * np.sqrt(np.maximum(value, 0.0))
-        moved += size * np.einsum("kr,rcp->kcp", root, random.standard_normal((k, 3, count)), optimize=True)
+    smooth = slopes.smooth_columns(known)
+    moved += (smooth.reshape(3 * k, -1) @ random.standard_normal((smooth.shape[2], count))).reshape(k, 3, count)
     return np.asarray(moved)
 
 

@@ -3,7 +3,8 @@
 A part that was found with the robot stands where the controller showed the sagging arm at the touched points. With the
 pose c shown by the controller and the pose T(q) of the loaded arm, the part is displaced from the stated frame by the
 rigid motion D that fits D c = T(q) best. Loaded poses are compared with the path as D^-1 T(q): what bends or displaces
-the arm counts by its difference between path and touched points.
+the arm counts by its difference between path and touched points. Every touched coordinate is read with an independent
+error s, so that the fitted frame x of covariance s^2 F F^T (F: `linear_displacement`) adds to the error of the tip.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
 from compplan.effects.forward_model import ForwardModel
+from compplan.job.job import Job
 from compplan.robot import Array, Robot
 from compplan.robot.pose import fit_displacement, linear_displacement, see_position, see_rotation
 from compplan.robot.uncertainty import Unknown
@@ -27,6 +29,8 @@ from compplan.uncertainty.sensitivities import build_path_model, measure_slopes
 
 #: A touched point is reached where its pose is missed by less. [m, rad]
 REACHED = 1e-6
+#: Repeatability of a touched coordinate, one standard deviation (assumed: edge finder or wired probe). [m]
+TOUCH_REPEATABILITY = 2e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +40,13 @@ class TouchOff:
     Attributes:
         frame: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
         points: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
+        repeatability: Standard deviation of a touched coordinate. [m]
 
     """
 
     frame: Array
     points: Array | None = None
+    repeatability: float = TOUCH_REPEATABILITY
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +59,7 @@ class TouchedPart:
         shown: The touched points in the found frame, base axes. Shape (k, 3). [m]
         displacement: D, from the found frame to where the part stands by the robot model; None where nothing bends or
             displaces the arm there. Shape (4, 4). [m]
+        repeatability: Standard deviation of a touched coordinate. [m]
 
     """
 
@@ -60,6 +67,35 @@ class TouchedPart:
     q: Array
     shown: Array
     displacement: Array | None
+    repeatability: float = TOUCH_REPEATABILITY
+
+    def spread_part(self, position: Array) -> Array:
+        """Return how the fitted part moves by one standard deviation of the touched coordinates. Shape (n, 3, 6). [m]
+
+        Args:
+            position: Tip, base axes. Shape (n, 3). [m]
+
+        """
+        fit = linear_displacement(self.shown)
+        value, vector = np.linalg.eigh(fit @ fit.T)
+        return self._carry(self.repeatability * vector * np.sqrt(np.maximum(value, 0.0)), position)
+
+    def follow(self, moved: Array, position: Array) -> Array:
+        """Return how the fitted part moves with the touched points.
+
+        Args:
+            moved: Motion of the touched points by each of p causes. Shape (k, 3, p). [m]
+            position: Where on the part, base axes. Shape (n, 3). [m]
+
+        Returns:
+            Shape (n, 3, p). [m]
+
+        """
+        return self._carry(linear_displacement(self.shown) @ moved.reshape(-1, moved.shape[2]), position)
+
+    def _carry(self, twist: Array, position: Array) -> Array:
+        lever = position - self.shown.mean(axis=0)
+        return np.asarray(twist[:3] + np.cross(twist[3:].T[None], lever[:, None]).transpose(0, 2, 1))
 
     def see_position(self, position: Array) -> Array:
         """Return positions of the arm relative to the found frame, base axes. Shape (n, 3). [m]."""
@@ -75,6 +111,11 @@ class TouchedPart:
             return jacobian
         turn = self.displacement[:3, :3].T
         return np.concatenate([turn @ jacobian[:, :3], turn @ jacobian[:, 3:]], axis=1)
+
+
+def read_touch(job: Job) -> TouchOff:
+    """Return how the part of a job is touched: at the points of [part], or at three corners of the box of its cut."""
+    return TouchOff(job.T_base_part, job.part.touched_points, 1e-3 * job.part.touch_repeatability_mm)
 
 
 def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: TouchOff) -> TouchedPart:
@@ -98,7 +139,7 @@ def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: T
     row = cut[np.linalg.norm(path.position[cut] - points[:, None], axis=2).argmin(axis=1)]
     believed = believed_robot(robot)
     points, found = _reach_points(believed, points, path.position[row], rotation[row], q[row])
-    return TouchedPart(robot, found, points, _find_displacement(robot, believed, found))
+    return TouchedPart(robot, found, points, _find_displacement(robot, believed, found), touch.repeatability)
 
 
 def pick_corners(points: Array) -> Array:
@@ -169,7 +210,4 @@ def subtract_touch(
     if touched is None or not model.shape[2]:
         return model
     at = measure_slopes(stage_touch(touched), unknowns, np.arange(len(touched.q)))
-    twist = linear_displacement(touched.shown) @ (at * is_lasting(unknowns)).reshape(-1, at.shape[2])
-    lever = position - touched.shown.mean(axis=0)
-    moved = twist[:3] + np.cross(twist[3:].T[None], lever[:, None]).transpose(0, 2, 1)
-    return np.asarray(model - moved)
+    return np.asarray(model - touched.follow(at * is_lasting(unknowns), position))

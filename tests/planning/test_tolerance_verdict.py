@@ -104,7 +104,7 @@ def test_no_campaign_is_asked_for_where_the_first_joints_zero_makes_the_band() -
     robot = SimpleNamespace(actuated=[SimpleNamespace(name="joint_1")])
     case: Any = SimpleNamespace(status="solved", inertia_wanted=True, task=SimpleNamespace(robot=robot))
     for name, asked in (("joint_offset joint_1", True), ("joint_offset joint_2", False)):
-        promise: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"))
+        promise: Any = SimpleNamespace(leading=((name, 0.8),), known=SimpleNamespace(grade="measured"), ladder=())
         assert (find_change(case, promise, "geometry of the robot") == TOUCH_OFF) == asked
         promise.known.grade = "literature"  # it has more to learn from poses than that zero
         assert find_change(case, promise, "geometry of the robot") == MEASURE

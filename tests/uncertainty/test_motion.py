@@ -193,7 +193,9 @@ def test_a_plan_that_leaves_inertia_alone_has_it_in_its_band_and_its_verdict_say
 def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not() -> None:
     plain, placed = (
         plan_job(check_job({**JOB, **more}, "job.toml"))
-        for more in ({}, {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}})
+        for more in (
+            {"part": {**JOB["part"], "touched_off": False}}, {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}}
+        )
     )
     assert any("place of the part" in one for one in plain.verdict.left_out)
     assert not any("place of the part" in one for one in placed.verdict.left_out)

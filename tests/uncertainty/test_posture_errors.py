@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from arms import one_joint_arm
 
 from compplan.effects import solve_model_poses
 from compplan.effects.linearization import linearize_model
@@ -43,42 +41,6 @@ def known_by(*unknowns: Unknown, **more: float) -> Uncertainty:
     tool = Unknown("tool_frame", None, None, ("tx_m",), np.zeros(1))
     p = sum(len(unknown.keys) for unknown in unknowns) + 1
     return Uncertainty("measured", "made up", (*unknowns, tool), np.eye(p), repeatability=0.0, **more)
-
-
-def test_what_is_gained_by_knowing_a_compliance_or_the_force_has_a_closed_form(tmp_path: Path) -> None:
-    """dz = dC F L^2 and, by the force's level, 0.1 C F L^2, with C = 1e-6, F = 100 N, L = 1.5 m: 22.5 um for both.
-
-    A width of 30 % of C goes to 5 %; the force twice as well halves its part.
-    """
-    robot = one_joint_arm(tmp_path, length=1.5, compliance=1e-6)
-    robot = replace(robot, uncertainty=known_by(stiffness("joint_1", 3e-7)))
-    scene = build_path_model(robot, np.zeros((3, 1)), np.tile([0.0, 0, 100.0, 0, 0, 0], (3, 1)))
-    level = ForceSpread(0.1, 0.0, 0.0, "made up")
-    promise = estimate_band(robot, scene, np.ones(3, bool), level, left=np.full(3, 1e-6), between=2e-6)
-    unit = Z * 1e-6 * 100.0 * 1.5**2
-    assert promise.greatest == pytest.approx(unit * np.hypot(0.3, 0.1) + 3e-6, rel=2e-3)
-    best, second = promise.narrowings[:2]
-    assert (best.cause, best.words) == ("joint_stiffness joint_1", "the compliance of joint_1 to 5 %")
-    assert best.promise == pytest.approx(unit * np.hypot(0.05, 0.1) + 3e-6, rel=2e-3)
-    assert second.cause == "the force"
-    assert second.promise == pytest.approx(unit * np.hypot(0.3, 0.05) + 3e-6, rel=2e-3)
-    assert promise.without["model"] == pytest.approx(unit * 0.1 + 3e-6, rel=2e-3)
-    assert promise.without["force"] == pytest.approx(unit * 0.3 + 3e-6, rel=2e-3)
-
-
-def test_knowing_one_of_two_parameters_that_go_together_tells_the_other_too(tmp_path: Path) -> None:
-    """Two zeros of full correlation and equal width: knowing one to a quarter leaves a quarter of both together."""
-    robot = one_joint_arm(tmp_path, length=1.0, compliance=0.0)
-    zero = Unknown("joint_offset", "joint_1", None, ("offset_rad",), np.array([1e-5]))
-    turn = Unknown("link_geometry", "joint_1", "ry", ("ry_rad",), np.array([1e-5]))
-    tool = Unknown("tool_frame", None, None, ("tx_m",), np.zeros(1))
-    together = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    known = Uncertainty("measured", "made up", (zero, turn, tool), together, repeatability=0.0)
-    robot = replace(robot, uncertainty=known)
-    scene = build_path_model(robot, np.zeros((2, 1)), np.zeros((2, 6)))
-    promise = estimate_band(robot, scene, np.ones(2, bool), ForceSpread(0, 0, 0, "none"))
-    assert promise.greatest == pytest.approx(Z * 2e-5, rel=1e-3)
-    assert promise.narrowings[0].promise == pytest.approx(Z * 2e-5 / 4, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["kuka_kr270", "staubli_tx200"])
