@@ -2,9 +2,9 @@
 
 A SUITE is a folder of labelled campaigns (`python -m benchmarks.campaigns draw`). Each is fitted once; the claims are
 then judged with every mechanism, and without each of them in turn. A term of the map from evidence to probability is
-replaced by a fixed value near its mean over claims, so that the constant of the map need not be fitted again. Prints one row a
-mechanism: required effects that are named, false names, wrong ones among those stated .8 and more, and campaigns of
-unknown causes that are called unknown or partly explained.
+replaced by a fixed value near its mean over claims, so that the constant of the map need not be fitted again. Prints
+one row a mechanism: required effects that are named, false names, wrong ones among those stated .8 and more, and
+campaigns of unknown causes that are called unknown or partly explained.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ MECHANISMS: dict[str, tuple[Switch, ...]] = {
     "far zeros as couplings": ((f"{JUDGE}.name_far_zero", lambda finding: finding),),
     "unmodelled causes: leaving claims out": ((f"{CAUSES}._settle", _keep),),
     "unmodelled causes: special cases": ((f"{CAUSES}._simplify", _keep),),
-    "unmodelled causes: second start": ((f"{CAUSES}.WORTHWHILE", np.inf),),
+    "unmodelled causes: second start and claims taken up": ((f"{CAUSES}.WORTHWHILE", np.inf),),
 }
 
 
