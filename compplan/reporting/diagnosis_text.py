@@ -125,13 +125,6 @@ def describe_small_errors(errors: SmallErrors) -> str:
     return f"{text}. {'; '.join(groups)}: both halves of the poses show it." if groups else f"{text}."
 
 
-def describe_selection(before: float, after: float) -> str:
-    """Say why an error left may be stated above the one before: only a folder that came nearer goes out."""
-    if after <= before:
-        return ""
-    return "; the updated robot came nearer there, but so few rows show it that its figure allows for luck"
-
-
 def describe_how_far(gap: Mapping[str, float | None]) -> str:
     """Answer how far the gap shrinks, in a sentence."""
     before, after = gap.get("held_out_before_rms_mm"), gap.get("held_out_after_rms_mm")
@@ -142,7 +135,7 @@ def describe_how_far(gap: Mapping[str, float | None]) -> str:
     text += f"to {format_length(1e-3 * after)} rms"
     if floor:
         text += f", {format_number(after / floor, 3)} times the noise floor of {format_length(1e-3 * floor)}"
-    return f"{text}{describe_selection(before, after)}."
+    return f"{text}."
 
 
 def describe_structure(diagnosis: Diagnosis) -> list[str]:

@@ -1,6 +1,13 @@
 """A robot: its URDF chain from base to tool centre point, what bends in it, and the folder it lives in."""
 
-from compplan.robot.folder import find_robot_folder, load_robot, read_robot_folder, robot_folders, write_robot_folder
+from compplan.robot.folder import (
+    as_read,
+    find_robot_folder,
+    load_robot,
+    read_robot_folder,
+    robot_folders,
+    write_robot_folder,
+)
 from compplan.robot.model import (
     GRADES,
     SPRING_AXES,
@@ -24,6 +31,7 @@ __all__ = [
     "Mimic",
     "Robot",
     "Spring",
+    "as_read",
     "find_robot_folder",
     "load_robot",
     "read_robot_folder",

@@ -146,9 +146,18 @@ def read_elasticity(file: Path) -> ElasticityTable:
         InputError: With file and key, if it is not what it has to be.
     """
     table = read_toml_model(ElasticityTable, file)
+    check_grade(table, file)
+    return table
+
+
+def check_grade(table: ElasticityTable, file: Path) -> None:
+    """Refuse a grade that does not exist.
+
+    Raises:
+        InputError: With file and key.
+    """
     if table.grade not in GRADES:
         raise UnknownNameError("grade", table.grade, list(GRADES), file=file, where="grade")
-    return table
 
 
 def build_springs(table: ElasticityTable, joints: Sequence[Joint], file: Path) -> tuple[Spring, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,8 +16,8 @@ from pydantic import Field
 
 from compplan.errors import InputError, UnknownNameError
 from compplan.io.tables import escape_bytes, read_text, write_text
-from compplan.io.tomlfile import SchemaOne, StrictTable, read_toml_model
-from compplan.robot.elasticity import build_links, build_springs, read_elasticity
+from compplan.io.tomlfile import SchemaOne, StrictTable, check_table, read_toml_model
+from compplan.robot.elasticity import ElasticityTable, build_links, build_springs, check_grade, read_elasticity
 from compplan.robot.model import Array, Joint, Robot, roll_pitch_yaw_of
 from compplan.robot.uncertainty import FILE as UNCERTAINTY
 from compplan.robot.uncertainty import format_uncertainty, read_uncertainty
@@ -97,8 +99,43 @@ def read_robot_folder(folder: Path) -> Robot:
     for file in (urdf_file, elasticity_file):
         if not file.is_file():
             raise InputError(f"no {file.name} in this robot folder", file=folder)
-    text = read_text(urdf_file)
-    urdf, table = read_urdf(text, urdf_file), read_elasticity(elasticity_file)
+    robot = _assemble(read_text(urdf_file), read_elasticity(elasticity_file), folder)
+    nq = len(robot.joint_names)
+    return replace(
+        robot,
+        name=escape_bytes(folder.resolve().name),
+        effects=_read_effects(folder / "effects.toml"),
+        uncertainty=read_uncertainty(folder / UNCERTAINTY),
+        visited=read_visited(folder / VISITED, nq),
+    )
+
+
+def as_read(robot: Robot) -> Robot:
+    """Return a robot as it is read from the folder that `write_robot_folder` writes for it, without writing one.
+
+    Raises:
+        InputError: If the folder could not be read: a spring softer than any robot, a mass below zero.
+    """
+    folder = Path(robot.name) if robot.folder is None else robot.folder
+    springs = check_table(ElasticityTable, _as_toml(_elasticity_table(robot)), file=folder / "elasticity.toml")
+    check_grade(springs, folder / "elasticity.toml")
+    effects: tuple[Mapping[str, Any], ...] = ()
+    if robot.effects:
+        table = _as_toml(_effects_table(robot))
+        effects = _list_effects(check_table(EffectsTable, table, file=folder / "effects.toml"))
+    read = _assemble(_edit_urdf(robot), springs, folder)
+    return replace(read, name=robot.name, folder=robot.folder, effects=effects,
+                   uncertainty=robot.uncertainty, visited=robot.visited)  # fmt: skip
+
+
+def _as_toml(table: Mapping[str, Any]) -> dict[str, Any]:
+    return tomllib.loads(tomli_w.dumps(table))
+
+
+def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
+    """Build a robot without effects from its URDF and its elasticity; the folder is named in messages."""
+    urdf_file, elasticity_file = folder / "robot.urdf", folder / "elasticity.toml"
+    urdf = read_urdf(text, urdf_file)
     if table.tcp not in urdf.links:
         raise UnknownNameError("frame", table.tcp, list(urdf.links), file=elasticity_file, where="tcp")
     joints, base = urdf.chain_to(table.tcp)
@@ -121,7 +158,7 @@ def read_robot_folder(folder: Path) -> Robot:
             message = f"has {len(limits)} numbers, expected {nq}, one a joint"
             raise InputError(message, file=elasticity_file, where=name)
     return Robot(
-        name=escape_bytes(folder.resolve().name),
+        name=folder.name,
         urdf=text,
         joints=tuple(joints),
         bodies=tuple(body for body in urdf.bodies(chain_links) if body.link in arm_links),
@@ -138,9 +175,6 @@ def read_robot_folder(folder: Path) -> Robot:
         sources=dict(table.sources),
         grade=table.grade,
         folder=folder,
-        effects=_read_effects(folder / "effects.toml"),
-        uncertainty=read_uncertainty(folder / UNCERTAINTY),
-        visited=read_visited(folder / VISITED, nq),
     )
 
 
@@ -159,8 +193,7 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
     write_text(folder / "robot.urdf", _edit_urdf(robot))
     write_text(folder / "elasticity.toml", tomli_w.dumps(_elasticity_table(robot)))
     if robot.effects:
-        table = {"schema": 1, "effect": [dict(effect) for effect in robot.effects]}
-        write_text(folder / "effects.toml", tomli_w.dumps(table))
+        write_text(folder / "effects.toml", tomli_w.dumps(_effects_table(robot)))
     else:
         (folder / "effects.toml").unlink(missing_ok=True)
     if robot.uncertainty is not None:
@@ -216,8 +249,15 @@ def _read_effects(file: Path) -> tuple[Mapping[str, Any], ...]:
     """Read effects.toml as tables; `compplan.effects` knows what may stand in them."""
     if not file.exists():
         return ()
-    table = read_toml_model(EffectsTable, file)
+    return _list_effects(read_toml_model(EffectsTable, file))
+
+
+def _list_effects(table: EffectsTable) -> tuple[Mapping[str, Any], ...]:
     return tuple(entry.model_dump(exclude_none=True) for entry in table.effect)
+
+
+def _effects_table(robot: Robot) -> dict[str, Any]:
+    return {"schema": 1, "effect": [dict(effect) for effect in robot.effects]}
 
 
 def _edit_urdf(robot: Robot) -> str:

@@ -142,10 +142,6 @@ def test_what_a_calibration_takes_up_is_not_beyond_all_models(diagnosed: tuple[A
 
 def test_without_held_out_rows_no_figure_is_given() -> None:
     assert "no figure" in describe_how_far({"before_rms_mm": 0.5})
-    # a folder that goes out came nearer: where its figure is above the one before, luck is why
-    for after, said in ((0.57, True), (0.40, False)):
-        text = describe_how_far({"held_out_before_rms_mm": 0.453, "held_out_after_rms_mm": after})
-        assert ("came nearer" in text and "luck" in text) is said
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))

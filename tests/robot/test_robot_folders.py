@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,10 @@ import pytest
 from numpy.typing import NDArray
 from robot_library import REDUNDANT, over_robots
 from robot_sources import SOURCES
+
+from compplan.effects import Effect, fold_effects
+from compplan.errors import InputError
+from compplan.robot import as_read, read_robot_folder, robot_folders, write_robot_folder
 
 Array = NDArray[np.float64]
 
@@ -299,3 +304,35 @@ def test_only_neighbouring_links_touch_around_the_working_posture(name: str) -> 
         q = np.radians(WORKING_POSTURE_DEG[name])
         q[-6:] += rng.uniform(-spread, spread)
         assert not pin.computeCollisions(model, data, shapes, shape_data, q, True), np.degrees(q)
+
+
+def test_a_robot_as_read_is_the_one_that_its_written_folder_gives(tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    for number, source in enumerate(robot_folders().values()):
+        robot = read_robot_folder(source)
+        turning = next(joint for joint in robot.actuated if joint.kind != "prismatic")
+        step = dict(zip(("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad"), random.normal(0, 1e-4, 6), strict=True))
+        effects = [
+            Effect("link_geometry", turning.name, None, step),
+            Effect("backlash", turning.name, None, {"width_rad": 1.0 / 3e4}),
+        ]
+        robot = fold_effects(robot, effects)
+        write_robot_folder(robot, tmp_path / str(number))
+        written, read = read_robot_folder(tmp_path / str(number)), as_read(robot)
+        assert read.urdf == written.urdf and read.effects == written.effects
+        assert repr(read.springs) == repr(written.springs)
+        assert [j.placement.tolist() for j in read.joints] == [j.placement.tolist() for j in written.joints]
+        assert [j.axis.tolist() for j in read.joints] == [j.axis.tolist() for j in written.joints]
+        assert [(b.link, b.mass, b.centre.tolist()) for b in read.bodies] == [
+            (b.link, b.mass, b.centre.tolist()) for b in written.bodies
+        ]
+        assert [b.compliance.tolist() for b in read.link_elasticities] == [
+            b.compliance.tolist() for b in written.link_elasticities
+        ]
+
+
+def test_a_robot_that_could_not_be_read_is_none_as_read_either(tmp_path: Path) -> None:
+    robot = read_robot_folder(next(iter(robot_folders().values())))
+    softer = replace(robot, springs=(replace(robot.springs[0], compliance=1.0), *robot.springs[1:]))
+    with pytest.raises(InputError, match="compliance"):
+        as_read(softer)

@@ -28,7 +28,7 @@ from compplan.errors import UnknownNameError
 from compplan.io.tables import dump_json
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
-from compplan.reporting.diagnosis_text import describe_beside, describe_counting, describe_selection
+from compplan.reporting.diagnosis_text import describe_beside, describe_counting
 from compplan.reporting.effect_text import describe_change
 from compplan.reporting.writers.diagnosis import deliver_diagnosis
 
@@ -111,7 +111,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
         f"on rows not in the fit {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
-        f"noise floor {gap.noise_floor * 1e3:.3f} mm{describe_selection(gap.held_out_before, gap.held_out_after)}"
+        f"noise floor {gap.noise_floor * 1e3:.3f} mm"
     )
     if len(diagnosis.outliers):
         count = len(diagnosis.outliers)

@@ -138,12 +138,14 @@ def deliver_folders(
     ]  # fmt: skip
     rest = folds.hold_out(trusted, background=False)
     places = {fit.search.ledger.signatures[claim.signature].place for claim in trusted}
-    return tuple(
+    stated = [
         replace(
             one, visited=list_visits(fit, one.state, forms, places, rest, one.held, seen),
             held=one.held.correct_for_selection(fold, seen),
         ) for forms, one in delivered
-    ) or (nothing,)  # fmt: skip
+    ]  # fmt: skip
+    # nothing goes out whose stated error is not below that of the robot as it is
+    return tuple(one for one in stated if one.held.of(seen).rms < plain.of(seen).rms) or (nothing,)
 
 
 def _forms(model: Sequence[Claim] | StackedModel) -> list[int]:

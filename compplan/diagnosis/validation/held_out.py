@@ -1,4 +1,4 @@
-"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the exact model.
+"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the robot as read from its folder.
 
 Frames that are registered belong to the campaign and not to the robot: a later campaign brings its own, fitted to its
 rows with everything else fixed. So they are fitted here, to the errors of all rows at once, each predicted by a robot
@@ -22,11 +22,12 @@ from compplan.diagnosis.evidence.evidence import Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
 from compplan.diagnosis.search.polish import register_again
 from compplan.diagnosis.search.search import Claim, Search, search_models
-from compplan.diagnosis.search.state import Fit, FitState, advance_state, attain_state, stands
-from compplan.errors import ConvergenceError
+from compplan.diagnosis.search.state import Fit, FitState, advance_state, stands
+from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
+from compplan.errors import ConvergenceError, InputError
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.registration import CONTACTS
-from compplan.robot import Array
+from compplan.robot import Array, as_read
 
 #: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
 #: drifts).
@@ -294,13 +295,20 @@ def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: 
 
 
 def predict_gap(fit: Fit, state: FitState) -> Array | None:
-    """Return measured minus predicted positions of the exact model, or None without equilibrium. Shape (n, 3). [m]"""
+    """Return measured minus predicted positions of the robot as read from its folder. Shape (n, 3). [m]
+
+    None where the folder could not be read, or its robot finds no equilibrium.
+    """
+    problem = fit.problem
     try:
-        scene, attained = attain_state(fit.problem, state)
-    except ConvergenceError:
+        read = as_read(fold_effects(problem.robot, state.effects[len(robot_effects(problem.robot)) :]))
+        scene = build_model(read, problem.campaign, registration=state.registration)
+        scene = apply_effects(scene, robot_effects(read))
+        attained = solve_model_poses(scene)
+    except (ConvergenceError, InputError):
         return None
-    gap = position_residual(fit.problem.campaign, scene, attained)
-    return gap if np.isfinite(gap[fit.problem.campaign.usable]).all() else None
+    gap = position_residual(problem.campaign, scene, attained)
+    return gap if np.isfinite(gap[problem.campaign.usable]).all() else None
 
 
 def _take_away(whole: ChannelProducts, part: ChannelProducts) -> ChannelProducts:

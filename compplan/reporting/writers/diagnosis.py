@@ -13,6 +13,7 @@ from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
 from compplan.diagnosis.results.delivery import Delivery
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.where import Split, split_diagnosis
+from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import replace_folder
@@ -22,6 +23,9 @@ from compplan.reporting.writers.recording import write_gap
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign
+
+#: A written robot reproduces the predictions in memory to this (theory: rounding of the solved equilibrium). [m]
+SAME_POSITION = 1e-9
 
 
 def deliver_diagnosis(
@@ -71,8 +75,8 @@ def write_diagnosis(
         for number, delivery in enumerate(diagnosis.deliveries):
             folder = part / delivery.folder(number)
             read = deliver_robot_folder(diagnosis.robot_of(delivery), folder, diagnosis.robot)
+            after = measure_gap(diagnosis, read, delivery, folder)
             if number == 0:
-                after = measure_gap(diagnosis, read, delivery)
                 table["gap"] = {**table["gap"], "after_rms_mm": round(1e3 * after, 5)}
             if delivery.state.registration is not None:
                 write_registration(delivery.state.registration, folder / "registration.toml")
@@ -82,10 +86,17 @@ def write_diagnosis(
     return table
 
 
-def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery) -> float:
-    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]"""
+def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: Path) -> float:
+    """Return the root mean square gap of a robot as read from its folder over the rows that are no outliers. [m]
+
+    Raises:
+        InputError: If the folder predicts other positions than the model that was judged.
+    """
     campaign = diagnosis.fit.problem.campaign
     gap = predict_campaign(robot, campaign, registration=delivery.state.registration, later=False).gap
     good = campaign.usable.copy()
+    off = float(np.abs(gap[good] - delivery.residual[good]).max(initial=0.0))
+    if off > SAME_POSITION:
+        raise InputError(f"the robot as read differs by {1e3 * off:.3g} mm from the one that was judged", file=folder)
     good[diagnosis.outliers] = False
     return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))
