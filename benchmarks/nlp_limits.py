@@ -1,6 +1,6 @@
 """One small job of the program of posture and speed, and how much of each of its limits the solution uses.
 
-    python -m benchmarks.nlp_limits [--out docs/concepts]
+    python -m benchmarks nlp_limits [--out docs/concepts]
 
 A circle with waves on a stretch, beside a rail: spin, lead, lean, rail and the place in the tube are free. The
 program is solved once from the graph's posture, for time alone. Shares are worked out anew at its
