@@ -9,7 +9,7 @@ from __future__ import annotations
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
     "Does the tip go where the plan says?": ("plan_check", "moving", "planted"),
-    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "limits", "nlp_limits"),
+    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "nlp", "limits"),
     "Is a program read, and written, as the controller would?": ("truth",),
     "Is the force right?": (
         "engagement", "milling", "force_logs", "drilling",

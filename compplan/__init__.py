@@ -99,8 +99,8 @@ _MODULES = {
     "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run"),
-    "plan.nlp": ("build_nlp", "solve_nlp"),
-    "plan.path_problem": ("PathProblem", "ProgramRows"),
+    "planning.nlp": ("build_program", "solve_program"),
+    "planning.problem": ("PlanningProblem",),
     "plan.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),
