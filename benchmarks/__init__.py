@@ -1,26 +1,23 @@
 """Studies that judge compplan from outside, sorted by what they ask.
 
-Each is run by `python -m benchmarks.NAME` (`--help`, or its first lines, say what it takes); `python -m benchmarks`
-lists them. A page of figures is written by `python -m benchmarks.results NAME`, which runs what it needs.
+Each is run by `python -m benchmarks NAME` (`--help`, or its first lines, say what it takes); `python -m benchmarks`
+lists them. A page of figures is written by `python -m benchmarks results NAME`, which runs what it needs.
 """
 
 from __future__ import annotations
 
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
-    "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock"),
-    "Is the posture a good one, and what does a plan cost?": (
-        "posture", "planner", "nlp", "redundant_peers", "limits", "viewer",
-    ),
-    "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
+    "Does the tip go where the plan says?": ("plan_check", "moving", "planted"),
+    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "nlp", "limits"),
+    "Is a program read, and written, as the controller would?": ("truth",),
     "Is the force right?": (
         "engagement", "milling", "force_logs", "drilling",
     ),
     "Is the cause found?": (
-        "campaigns", "outsider", "diagnosis_score", "diagnosis_report", "rival", "calibrate_certainty",
-        "planned_paths",
+        "outsider", "diagnosis_score", "rival",
     ),
     "Do measuring and learning make the next part better?": ("loop", "shop"),
-    "Does it bear bad files and kills?": ("bad_inputs", "bad_inputs.cam_mutants", "kills"),
+    "Does it bear bad files?": ("bad_inputs", "bad_inputs.cam_mutants"),
     "What is written from all this?": ("results", "freeform"),
 }  # fmt: skip

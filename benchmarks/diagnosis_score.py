@@ -1,6 +1,6 @@
 """Ask the product and the plain rival about the same labelled campaigns and score both side by side.
 
-    python -m benchmarks.diagnosis_score SUITE.. --product-tree . --out OUT
+    python -m benchmarks diagnosis_score SUITE.. --product-tree . --out OUT
 
 A suite is a folder of cases (robot/, measurements.csv, fresh.csv, truth.json). Every answer is kept in OUT/NAME, one
 JSON a case, so that an interrupted run goes on where it stopped; OUT/scores.json and OUT/scores.md hold the table.
@@ -24,6 +24,7 @@ from benchmarks.contestants import (
     ask_product,
     ask_rival,
     frames_of,
+    miss_figaroh,
     read_truth,
     refused,
     write_whole,
@@ -136,15 +137,26 @@ def describe_cases(scores: dict[str, list[Score]]) -> str:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write.")
 @click.option("--workers", type=click.IntRange(1, 2), default=2, show_default=True, help="Processes.")
 @click.option("--rival/--no-rival", default=True, show_default=True, help="Ask the plain rival as well.")
-def main(suites: tuple[Path, ...], product_tree: Path, name: str, out: Path, workers: int, rival: bool) -> None:
+@click.option("--geometry", is_flag=True, help="Ask a plain calibration of geometry and compliances as well.")
+@click.option("--figaroh-python", type=click.Path(path_type=Path, exists=True), help="Interpreter that has FIGAROH.")
+def main(
+    suites: tuple[Path, ...], product_tree: Path, name: str, out: Path, workers: int, rival: bool, geometry: bool,
+    figaroh_python: Path | None,
+) -> None:  # fmt: skip
     """Score the product beside the plain rival on labelled campaigns."""
     cases = list_cases([suite.resolve() for suite in suites])
     scores: dict[str, list[Score]] = {}
     summaries: dict[str, Table] = {}
-    for contestant in (["rival"] if rival else []) + [name]:
+    asked = ["rival"] * rival + ["geometry"] * geometry
+    if figaroh_python is not None:
+        if missed := miss_figaroh(figaroh_python):
+            raise click.UsageError(f"FIGAROH cannot be asked: {missed}")
+        asked.append(f"figaroh={figaroh_python.absolute()}")
+    for contestant in [*asked, name]:
         answers = answer_all(cases, contestant, product_tree.resolve(), out.resolve(), workers)
-        scores[contestant] = score_all(cases, answers)
-        summaries[contestant] = summarise(scores[contestant])
+        short = contestant.split("=")[0]
+        scores[short] = score_all(cases, answers)
+        summaries[short] = summarise(scores[short])
     write_whole(out / "scores.json", json.dumps(summaries, indent=1) + "\n")
     text = write_table(dict(reversed(summaries.items())))
     write_whole(out / "scores.md", text + "\n" + describe_cases(scores))

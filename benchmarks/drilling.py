@@ -1,4 +1,4 @@
-"""Drilling beside published figures and a second relation: `python -m benchmarks.drilling`.
+"""Drilling beside published figures and a second relation: `python -m benchmarks drilling`.
 
 Published thrust and torque stand in PUBLISHED, each with its source. More could not be read: of the papers that hold
 tables of them (Kyratsis and others 2018, Machines 6, 24, Al7075; Karkalos and others 2019, Machines 7, 13, Al6082;

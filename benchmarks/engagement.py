@@ -1,4 +1,4 @@
-"""Engagement beside a fine voxel sweep, and its cost: `python -m benchmarks.engagement [--cost]`.
+"""Engagement beside a fine voxel sweep, and its cost: `python -m benchmarks engagement [--cost]`.
 
 The sweep shares nothing with the product: a block of cubes, a cutter that is moved on by less than a cube, and the
 cubes that it takes away in each move. What is compared a path: the volume removed in each move (section times step),

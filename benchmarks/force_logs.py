@@ -1,4 +1,4 @@
-"""Drawn force logs and what `compplan forces --log` makes of them: `python -m benchmarks.force_logs [--logs 40]`.
+"""Drawn force logs and what `compplan forces --log` makes of them: `python -m benchmarks force_logs [--logs 40]`.
 
 Each log is the force of known coefficients along half a level of the shipped pocket, with an offset, a drift, a lag and
 noise of 30 % of the force, white or, in every second log, hanging together from row to row. Asked is how often the

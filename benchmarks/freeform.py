@@ -1,6 +1,6 @@
 """Make the freeform example: a part with a wavy top, the tool that mills it, its fixture, and the raster path on it.
 
-Run `python -m benchmarks.freeform` to write paths/freeform.csv and the meshes beside it anew.
+Run `python -m benchmarks freeform` to write paths/freeform.csv and the meshes beside it anew.
 """
 
 from __future__ import annotations

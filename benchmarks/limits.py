@@ -1,6 +1,6 @@
 """Whether a timed plan holds its limits at every millisecond: velocity, acceleration, jerk, torque.
 
-    python -m benchmarks.limits JOB [JOB ...]
+    python -m benchmarks limits JOB [JOB ...]
 
 The run is a cubic spline over time, at rest at both ends of every run, sampled every millisecond; rates are differences
 of the samples. Torques are MuJoCo's inverse dynamics of the robot folder, read by the check's own reader.

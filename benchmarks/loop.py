@@ -1,6 +1,6 @@
 """The loop in virtual shops, to a second, different part: the product sees programs in and measurements out only.
 
-    python -m benchmarks.loop --shops 40 --seed 0 --out DIR     files of every shop, rounds.json and report.html in DIR
+    python -m benchmarks loop --shops 40 --seed 0 --out DIR     files of every shop, rounds.json and report.html in DIR
 
 A shop (`benchmarks.shop`) hides three effects and everyday errors. It plans path A with the nominal folder and measures
 twelve poses that `compplan campaign` designs for it, in a frame of the tracker's own; the log is diagnosed; it plans
@@ -13,8 +13,8 @@ anew by 7 %: the true 95 % point, and the share of tips within.
 `probe` measures no poses, and the part with a probe along one normal at a time. By the commands alone, and beside each
 other:
 
-    for kind in tracker sockets dial ballbar; do python -m benchmarks.loop --shops 1 --with $kind --out DIR/$kind; done
-    python -m benchmarks.results instruments
+    for kind in tracker sockets dial ballbar; do python -m benchmarks loop --shops 1 --with $kind --out DIR/$kind; done
+    python -m benchmarks results instruments
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own

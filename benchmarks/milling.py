@@ -1,4 +1,4 @@
-"""Mean wrench and ripple of a milling cutter beside a simulation in time: `python -m benchmarks.milling`.
+"""Mean wrench and ripple of a milling cutter beside a simulation in time: `python -m benchmarks milling`.
 
 The simulation goes tooth by tooth and knows neither arcs nor averages: at each instant every piece of every tooth
 stands somewhere; how far outside of everything that was swept until one tooth ago it stands there is its chip

@@ -1,6 +1,6 @@
 """The nonlinear program beside another state of the project: status, exactness, cycle, band and CPU of shipped jobs.
 
-    python -m benchmarks.nlp [--beside CHECKOUT] [--jobs paths/circle_10mm.toml,...]
+    python -m benchmarks nlp [--beside CHECKOUT] [--jobs paths/circle_10mm.toml,...]
 
 Every job is planned by the command line in a process of its own, here and in the other checkout, one after the other.
 """

@@ -1,6 +1,6 @@
 """Time the planner: solver time a waypoint at growing length, beside a plain solution waypoint by waypoint.
 
-    python -m benchmarks.planner [--sizes 500 5000 50000] [--plain 300] [--json FILE]
+    python -m benchmarks planner [--sizes 500 5000 50000] [--plain 300] [--json FILE]
 
 The path is the ISF cone of paths/isf_cone_50k.toml, thinned or at its full length; limits as in the job. The plain
 solution solves the same pose equations of the same loaded chain for each waypoint by scipy.optimize.least_squares,

@@ -1,6 +1,6 @@
 """Planted mistakes: is a plan that rests on one called solved?
 
-python -m benchmarks.planted [--list FILE ..] [--only WORD] [--out FILE]
+python -m benchmarks planted [--list FILE ..] [--only WORD] [--out FILE]
 
 Without --list all three lists are planted. A list is a TOML file of [[mistake]] tables: name, area, file (in
 compplan/), old, new (text of that file, old replaced once), job (one of JOBS, or of the list's own [[job]] tables:

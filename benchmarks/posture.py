@@ -1,6 +1,6 @@
-"""Postures chosen by compplan against the CAM default, against brute force, and against inverse kinematics of others.
+"""Postures chosen by compplan against the CAM default and against brute force.
 
-Run `python -m benchmarks.posture --out posture.json` (12 jobs; `--jobs 0 5` for some, `--place`, `--peers` for more).
+Run `python -m benchmarks posture --out posture.json` (12 jobs; `--jobs 0 5` for some, `--place` for more).
 
 For every job: the 95 % deviation that remains after compensation under 10 % error of the wrench and 10 % of every
 compliance, with the CAM default (one configuration, tool x fixed in the part), with the accurate preset, and with the
@@ -22,7 +22,6 @@ import pinocchio as pin
 from scipy.ndimage import minimum_filter1d
 
 from benchmarks.posture_cases import Array, Case, list_cases
-from benchmarks.posture_peers import run_peer
 from compplan.errors import CompplanError
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
@@ -206,15 +205,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, nargs="*", help="numbers of the jobs, 0 to 11; all if left out")
     parser.add_argument("--place", action="store_true", help="also search the place of the part")
-    parser.add_argument("--peers", action="store_true", help="also run pink's inverse kinematics on every path")
     parser.add_argument("--out", type=Path, help="write the rows as JSON")
     options = parser.parse_args()
     cases = list_cases()
     rows = []
     for number in options.jobs if options.jobs is not None else range(len(cases)):
         row = run_case(cases[number], options.place)
-        if options.peers and (default := cam_default(cases[number])) is not None:
-            row |= run_peer(cases[number], default[0][0])
         rows.append(row)
         print(json.dumps(row), flush=True)
         if options.out:

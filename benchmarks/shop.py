@@ -1,8 +1,8 @@
 """A virtual shop to play the loop with: it runs programs on a robot with hidden errors, and measures.
 
-    python -m benchmarks.shop measure POSES/campaign.csv --robot kuka_kr270 --seed 7 --out log.csv    fills in the log
-    python -m benchmarks.shop cut PLAN --robot kuka_kr270 --seed 7 --out part1.csv         cuts and probes a part
-    python -m benchmarks.shop tell --robot kuka_kr270 --seed 7                             what it hides
+    python -m benchmarks shop measure POSES/campaign.csv --robot kuka_kr270 --seed 7 --out log.csv    fills in the log
+    python -m benchmarks shop cut PLAN --robot kuka_kr270 --seed 7 --out part1.csv         cuts and probes a part
+    python -m benchmarks shop tell --robot kuka_kr270 --seed 7                             what it hides
 
 The robot of a seed is always the same: a MuJoCo model of the folder's arm that hides three effects (every third seed
 one that is in no vocabulary) and everyday errors of every axis, under a process that pushes harder or softer than

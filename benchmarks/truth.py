@@ -1,6 +1,6 @@
 """What both readers make of the programs of tests/truth: a table, docs/what_is_read.md.
 
-python -m benchmarks.truth [--check]
+python -m benchmarks truth [--check]
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HEAD = """# What is read
 
 Programs in the exact form of common posts, heads and ends included (`tests/truth`). Every move, rapid end and arc of a
 reading is compared with the moves that the standards ask for, worked out by hand. The first reader makes plans, the
-second one (`tests/oracles/cam`) shares nothing with it and serves tests alone. Written by `python -m benchmarks.truth`.
+second one (`tests/oracles/cam`) shares nothing with it and serves tests alone. Written by `python -m benchmarks truth`.
 
 """
 

@@ -1,4 +1,4 @@
-"""No number that a command writes changes unmeant: tables, summaries, charts and sentences of pages.
+"""No number that a command writes changes unmeant: tables and summaries.
 
 What is looked at before a command computes is asked of the same runs.
 """

@@ -1,4 +1,4 @@
-"""Run every bad input: `python -m benchmarks.bad_inputs [--table NAME] [--only TEXT] [--part K/N] [--out FILE]`.
+"""Run every bad input: `python -m benchmarks bad_inputs [--table NAME] [--only TEXT] [--part K/N] [--out FILE]`.
 
 With `--mutate N --seed S [--first K]` it runs N mutants of robots, logs and jobs instead, under the same watchdog.
 """
@@ -21,7 +21,7 @@ from benchmarks.bad_inputs.tables import BadInput, read_tables
 
 def main() -> None:
     """Print how many answers are wrong and which, and leave with 1 if there are any."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.bad_inputs", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks bad_inputs", description=__doc__)
     parser.add_argument("--table", help="only this table")
     parser.add_argument("--only", default="", help="only cases whose name holds this")
     parser.add_argument("--part", default="1/1", help="share of the cases: 2/5 is the second of five parts")

@@ -1,6 +1,6 @@
 """Mutants of CAM files: whatever is in a file, it is read or refused in one line, in bounded time and memory.
 
-    python -m benchmarks.bad_inputs.cam_mutants FORMAT --count 10000 --seed 1 [--from FOLDER]
+    python -m benchmarks bad_inputs.cam_mutants FORMAT --count 10000 --seed 1 [--from FOLDER]
 
 FORMAT is the name of a reader. Mutants are drawn by the seed from the small program of that language in `cam/`, and
 from the files of a folder where one is named. It prints how many were read, refused and failed, the slowest one and

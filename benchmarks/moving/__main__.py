@@ -1,6 +1,6 @@
 """Claim beside truth on arms in motion: share of true tips in the band by speed, `keeps` that were wrong, share solved.
 
-    python -m benchmarks.moving --out DIR [--jobs 60] [--arms 20] [--seed 0] [--limit 150] [--no-inertia]
+    python -m benchmarks moving --out DIR [--jobs 60] [--arms 20] [--seed 0] [--limit 150] [--no-inertia]
 
 Jobs are short, within reach, of any shipped robot (half of them graded as identified, with narrow widths), at feeds
 from 6 to 350 mm/s (`benchmarks.moving.job`). The controller is ideal: drives go through the rows of joints.csv at their
@@ -88,7 +88,7 @@ def run_job(folder: Path, seed: int, arms: int, *, inertia: bool, limit_s: float
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.moving", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks moving", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--jobs", type=int, default=60)
     parser.add_argument("--arms", type=int, default=20)

@@ -1,4 +1,4 @@
-"""Draw campaigns from outside: `python -m benchmarks.outsider --seeds 0:60 --out DIR`, one folder a seed."""
+"""Draw campaigns from outside: `python -m benchmarks outsider --seeds 0:60 --out DIR`, one folder a seed."""
 
 from __future__ import annotations
 

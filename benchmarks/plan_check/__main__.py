@@ -1,6 +1,6 @@
 """Plan all shipped jobs and the own ones, judge them in the cell, and print claim beside truth.
 
-    python -m benchmarks.plan_check --out DIR [--jobs NAME ...] [--drawn N [--seed S]] [--keep] [--limit SECONDS]
+    python -m benchmarks plan_check --out DIR [--jobs NAME ...] [--drawn N [--seed S]] [--keep] [--limit SECONDS]
 
 Writes DIR/plan_check.json and DIR/plan_check.md. Exit status 1 where an answer cannot be trusted.
 """
@@ -87,7 +87,7 @@ def _kept(folder: Path) -> Outcome | None:
 
 def main() -> None:
     """Run the check."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.plan_check", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks plan_check", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     parser.add_argument("--jobs", nargs="+", help="names of jobs; default: all")
     parser.add_argument("--keep", action="store_true", help="judge plans that an earlier run left in DIR")

@@ -1,6 +1,6 @@
 """Draw jobs nobody wrote: any shipped robot, tool, place, path, force and wish, each from a seed.
 
-    python -m benchmarks.plan_check --out DIR --drawn 40 [--seed 0]
+    python -m benchmarks plan_check --out DIR --drawn 40 [--seed 0]
 
 The part stands where some posture in the middle of the joints' ranges holds the tool, so that most of a path can be
 followed; whether it all can is for the planner to say. Every answer but a wrong one will do: "solved" is judged.

@@ -1,6 +1,6 @@
 """Evidence pages: one page a question, docs/results/NAME.md, each written by the command that measures it.
 
-    python -m benchmarks.results [NAME ...] [--out docs/results] [--real DIR]
+    python -m benchmarks results [NAME ...] [--out docs/results] [--real DIR]
 
 A page is one file here and one line in `PAGES`: `TITLE`, `QUESTION`, `METHOD`, `LIMITS` and
 `measure(settings) -> Findings`. README and manual quote figures from the pages' "In short" alone.

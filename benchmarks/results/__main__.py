@@ -1,4 +1,4 @@
-"""Measure what docs/results says: `python -m benchmarks.results [NAME ...] [--out DIR] [--real DIR]`."""
+"""Measure what docs/results says: `python -m benchmarks results [NAME ...] [--out DIR] [--real DIR]`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write_page(name: str, page: ModuleType, found: Findings, seconds: float, fol
         "## How it was measured\n\n" + page.METHOD,
         "## Limitations\n\n" + "\n".join(f"- {line}" for line in page.LIMITS),
         "## Made by\n\n"
-        f"    python -m benchmarks.results {name}\n\n"
+        f"    python -m benchmarks results {name}\n\n"
         f"{datetime.now(UTC):%Y-%m-%d}, commit {describe_tree()}, {describe_machine()}, Python "
         f"{platform.python_version()}, {versions}; {seconds / 60.0:.0f} min. The cores may have had other work.",
     ]

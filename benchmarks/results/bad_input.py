@@ -10,7 +10,7 @@ from benchmarks.results.findings import Findings, Settings, draw_table, run_benc
 TITLE = "Bad input: is every mistake answered in one line?"
 QUESTION = "Wrong jobs, robots, logs, CAM files and command lines: is each refused in one line, with nothing written?"
 METHOD = (
-    "`python -m benchmarks.bad_inputs` runs entries of `tests/bad_inputs/`, each one edit of a good workspace with the "
+    "`python -m benchmarks bad_inputs` runs entries of `tests/bad_inputs/`, each one edit of a good workspace with the "
     "answer that it deserves; here every sixtieth entry. The rest: [trust](../trust.md)."
 )
 LIMITS = ("The tables hold mistakes that somebody thought of.",)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 
 from benchmarks.diagnosis_score import write_table
-from benchmarks.diagnosis_sections import word_of
 from benchmarks.results.findings import ROOT, Findings, Settings, run_benchmark
 
 TITLE = "Diagnosis: does it name the hidden effect?"
 QUESTION = "On drawn campaigns whose effects are withheld: how often is the right effect named at its place?"
 METHOD = (
     "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither the "
-    "product nor the other generator. `benchmarks.diagnosis_report` asks the product by its command line, a plain "
+    "product nor the other generator. `benchmarks.diagnosis_score` asks the product by its command line, a plain "
     "rival (least squares with the whole vocabulary, greedy, with BIC), a plain calibration (geometry: all lengths, "
     "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares stand with 95 % Wilson "
     "intervals."
@@ -24,6 +23,8 @@ LIMITS = (
     "FIGAROH fits geometry to 400 rows at rest at most, without what the nominal springs bend; it has no compliances.",
 )
 SEEDS = "200:236"
+#: What the contestants are called on the page.
+WORDS = {"product": "compplan", "rival": "plain rival", "geometry": "plain calibration", "figaroh": "FIGAROH"}
 SINGLES, DOUBLES = "singles placed", "doubles complete"
 NOTHING, SURE = "nothing there or everyday errors: no false name", "wrong among claims stated .8 and more"
 
@@ -32,10 +33,9 @@ def measure(settings: Settings) -> Findings:
     """Draw, ask and score."""
     run_benchmark("benchmarks.outsider", "--seeds", SEEDS, "--out", settings.work / "suite")
     peer = ["--figaroh-python", settings.figaroh] if settings.figaroh else []
-    run_benchmark("benchmarks.diagnosis_report", "--suites", settings.work / "suite", "--product-tree", ROOT, *peer,
+    run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT, "--geometry", *peer,
                   "--out", settings.work / "scores")  # fmt: skip
-    results = json.loads((settings.work / "scores" / "results.json").read_text("utf-8"))
-    scores = results["suites"]["suite"]
+    scores = json.loads((settings.work / "scores" / "scores.json").read_text("utf-8"))
     table = write_table({"compplan" if name == "product" else name: found for name, found in scores.items()}).strip()
     ours, rival = scores["product"]["shares"], scores["rival"]["shares"]
 
@@ -46,8 +46,8 @@ def measure(settings: Settings) -> Findings:
         f"{key}: {_hits(ours[key])}, the plain rival {_hits(rival[key])}."
         for key in ours if ours[key]["count"] and rival[key]["count"] and _loses(key, ours[key], rival[key])
     ]  # fmt: skip
-    if results["figaroh"] != "run":
-        worse.append(f"FIGAROH was {results['figaroh']}.")
+    if settings.figaroh is None:
+        worse.append("FIGAROH was not run: no --figaroh-python.")
     return Findings(
         (
             f"Single effects are named at their place in {beside(SINGLES)}.",
@@ -55,7 +55,7 @@ def measure(settings: Settings) -> Findings:
             f"Where nothing is wrong, nothing is named in {beside(NOTHING)}.",
             f"Claims stated with .8 and more are wrong in {beside(SURE)}.",
             "Error of a later campaign over its noise floor, median: "
-            + ", ".join(f"{word_of(name)} {found['fresh_over_floor_median']:.2f}" for name, found in scores.items())
+            + ", ".join(f"{WORDS[name]} {found['fresh_over_floor_median']:.2f}" for name, found in scores.items())
             + f", nominal robot {scores['product']['nominal_over_floor_median']:.2f}.",
         ),
         (table,),

@@ -11,7 +11,7 @@ from benchmarks.results.findings import Findings, Settings, draw_table, run_benc
 TITLE = "Forces: are the predicted cutting forces right?"
 QUESTION = "How far are engagement, mean force and ripple from simulations in time?"
 METHOD = (
-    "`python -m benchmarks.engagement` sweeps a block of cubes; `benchmarks.milling` cuts tooth by tooth in time; "
+    "`python -m benchmarks engagement` sweeps a block of cubes; `benchmarks.milling` cuts tooth by tooth in time; "
     "neither shares code with the models of the product. `benchmarks.force_logs` draws force logs with offset, drift, "
     "lag and noise and fits them; `benchmarks.drilling` holds drills against published figures and a second relation."
 )

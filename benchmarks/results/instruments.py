@@ -15,7 +15,7 @@ from benchmarks.results.loop import read_rounds
 TITLE = "Without a tracker: what do sockets, a dial gauge or a ball bar bring?"
 QUESTION = "The same robots are measured with other instruments. How far is the tip off, beside what a tracker brings?"
 METHOD = (
-    "`python -m benchmarks.loop --shops N --seed 1 --with tracker|sockets|dial|ballbar --out DIR` plays N shops of "
+    "`python -m benchmarks loop --shops N --seed 1 --with tracker|sockets|dial|ballbar --out DIR` plays N shops of "
     f"[the loop](loop.md) with each instrument. A tracker sees {POSES} poses, the others {SEATED}; `compplan campaign` "
     "designs each. An independent simulation fills in what they read, with 20 µm of noise. Gauges, bars and plates are "
     "put up by hand, 3 mm off per axis; a gauge leans by 2 mrad. Weights hang at the tool, and but for sockets it is "

@@ -14,7 +14,7 @@ from benchmarks.results.findings import Findings, Settings, draw_table, run_benc
 TITLE = "The loop: what do poses and a first part bring?"
 QUESTION = "A robot hides three errors and the force is not the predicted one. How far is each program's tip off?"
 METHOD = (
-    "`python -m benchmarks.loop` ([commands](../first_part.md)): MuJoCo robots with three hidden effects, every third "
+    "`python -m benchmarks loop` ([commands](../first_part.md)): MuJoCo robots with three hidden effects, every third "
     "with one in no vocabulary, everyday errors of every axis, frames that the product does not know; it sees programs "
     "in and measurements out. Path B lies elsewhere. True rms deviation across the path, the force that of the shop; "
     "bands are held against parts whose force is drawn anew by 7 %. So is that of the part that teaches: a noise floor "

@@ -15,7 +15,7 @@ QUESTION = (
     "the planner; and is anything called solved that is not?"
 )
 METHOD = (
-    "`python -m benchmarks.plan_check` plans every shipped job by the command line and brings `joints.csv` to rest in "
+    "`python -m benchmarks plan_check` plans every shipped job by the command line and brings `joints.csv` to rest in "
     "a MuJoCo cell of its own, at the waypoints and between them (joint moves, straight moves, cubic spline). It reads "
     "robot, job and force law itself. Drawn jobs take robot, tool, place, path and force from a random draw. Planted "
     "mistakes are errors put into the planner on purpose."
@@ -23,7 +23,7 @@ METHOD = (
 LIMITS = (
     '"After, as modelled" says that the equations are solved. It says nothing about your robot.',
     "The arm is brought to rest, so these plans leave the inertia of the motion alone (`inertia = false`). Arms in "
-    "motion: `python -m benchmarks.moving`.",
+    "motion: `python -m benchmarks moving`.",
     '"20 % softer" is a robot whose compliances are all 20 % larger than the model\'s. The 20 % are assumed.',
     "Robots are models from papers and data sheets. Nobody has cut a part with these programs and told us.",
 )

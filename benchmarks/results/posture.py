@@ -9,7 +9,7 @@ from benchmarks.results.findings import Findings, Settings, draw_table, run_benc
 TITLE = "Posture: does the choice of spin and configuration pay?"
 QUESTION = "How much deviation does the chosen posture leave, beside the CAM default and a brute-force optimum?"
 METHOD = (
-    "`python -m benchmarks.posture` ([method](../../benchmarks/posture.md)): the 95 % value of what remains after "
+    "`python -m benchmarks posture` ([method](../../benchmarks/posture.md)): the 95 % value of what remains after "
     "compensation under 10 % error of each wrench component and each compliance (assumed), from Pinocchio's Jacobians. "
     "Brute force tries all configurations and rotations in steps of 1 degree and shares no cost code with the search. "
     "Joint motion is not priced here."

@@ -38,7 +38,7 @@ METHOD = (
 LIMITS = (
     "Robots are models; force, lost motion and most uncertainties are assumed: the promise is as sure as they are.",
     "The jobs were made by the author of the program, with feeds that the joints cannot hold everywhere.",
-    "Brute force and random samples stand in `python -m benchmarks.redundant_peers`; MoveIt and PyRoki are not run.",
+    "MoveIt and PyRoki are not run.",
 )
 WAYS = ("CAM posture", "graph", "program", "promise", "fast")
 

@@ -16,7 +16,7 @@ METHOD = (
     "Whole commands as a user runs them, user and system time of the process, one thread for linear algebra. "
     "The first job ran once before, so that Python had its modules compiled. `two_rails` is the shipped arm on a rail "
     "with a second rail across under it, along a wave of 237 points, which the plan divides. "
-    "`python -m benchmarks.planner` times the solver at two lengths of one path, beside a plain solution of the same "
+    "`python -m benchmarks planner` times the solver at two lengths of one path, beside a plain solution of the same "
     "equations by `scipy.optimize.least_squares` in the same run."
 )
 LIMITS = (

@@ -1,4 +1,4 @@
-"""Diagnose a campaign the plain way: python -m benchmarks.rival LOG.csv --robot DIR --out FILE."""
+"""Diagnose a campaign the plain way: python -m benchmarks rival LOG.csv --robot DIR --out FILE."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def test_a_page_of_results_says_question_losses_limits_and_where_it_comes_from(n
     for title in ("In short", "What falls short", "How it was measured", "Limitations"):
         assert len(read_section(name, title).split()) > 4
     made = read_section(name, "Made by")
-    assert f"python -m benchmarks.results {name}" in made
+    assert f"python -m benchmarks results {name}" in made
     assert re.search(r"\d{4}-\d\d-\d\d, commit [0-9a-f]{7,}", made) and "casadi" in made and "cores" in made
 
 

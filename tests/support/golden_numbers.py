@@ -1,5 +1,6 @@
-"""Every number that commands write, folded place by place; `python tests/support/golden_numbers.py` writes them anew.
-them anew.
+"""Every number of tables and summaries that commands write, folded place by place.
+
+`python tests/support/golden_numbers.py` writes them anew.
 
 A number that changes is not wrong for that: whoever means the change looks at it, and writes the file anew. Who does
 not mean it has mixed up a unit, a sign or a place.
@@ -7,7 +8,6 @@ not mean it has mixed up a unit, a sign or a place.
 
 from __future__ import annotations
 
-import base64
 import csv
 import json
 import os
@@ -19,7 +19,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from click.testing import CliRunner
 
 from benchmarks.bad_inputs.running import load_commands
@@ -51,7 +50,7 @@ COMMANDS = {
 #: Words of keys under which no number of the subject stands.
 IDLE = (
     "solve_time", "map_time", "took", "elapsed", "cpu", "seconds", "version", "fingerprint", "sha", "manifest",
-    "made_with", "origin", "duration", "evaluations",
+    "made_with", "made_by", "origin", "duration", "evaluations",
 )  # fmt: skip
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?![\w])")
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
@@ -76,7 +75,7 @@ def run_command_line(words: str, folder: Path) -> tuple[Path, str]:
 
 
 def fold_outputs(out: Path, printed: str) -> Folded:
-    """Fold all numbers of the files of a folder: of each place their count, sum of sizes, and sum by their order."""
+    """Fold the numbers of tables and summaries: of each place their count, sum of sizes, and sum by order."""
     numbers: dict[str, list[float]] = defaultdict(list)
     for file in sorted(out.rglob("*")):
         name = str(file.relative_to(out))
@@ -88,21 +87,13 @@ def fold_outputs(out: Path, printed: str) -> Folded:
             with file.open(encoding="utf-8") as rows:
                 for row in csv.DictReader(line for line in rows if not line.startswith("#")):
                     _gather(row, name, numbers)
-        elif file.suffix == ".html":
-            page = file.read_text(encoding="utf-8")
-            body = re.search(r'id="page-data"[^>]*>(.*?)</script>', page, re.DOTALL)
-            assert body is not None
-            _gather(json.loads(body.group(1)), name, numbers)
     told = re.sub(r"\d+(?:\.\d+)? ?s\b", "", printed)  # times that anything took
     _gather(told, "printed", numbers)
     return {place: _fold(values) for place, values in sorted(numbers.items())}
 
 
 def _gather(value: Any, place: str, into: dict[str, list[float]]) -> None:
-    if isinstance(value, dict) and {"bdata", "dtype"} <= value.keys():  # plotly's way to write an array
-        numbers = np.frombuffer(base64.b64decode(value["bdata"]), dtype=value["dtype"]).astype(float)
-        into[place] += numbers[np.isfinite(numbers)].tolist()
-    elif isinstance(value, dict):
+    if isinstance(value, dict):
         for key, one in value.items():
             if not any(idle in str(key) for idle in IDLE):
                 _gather(one, f"{place}/{key}", into)

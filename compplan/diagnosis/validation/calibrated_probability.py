@@ -15,8 +15,8 @@ MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
 #: The map from evidence to log odds, fitted by penalised logistic regression to the claims of development campaigns and
-#: of parts of measured ones, where a claim is right as often as parts without a common pose weigh it, too (study:
-#: python -m benchmarks.calibrate_certainty): constant, margin (arsinh of it over its scale), share of halves that
+#: of parts of measured ones, where a claim is right as often as parts without a common pose weigh it, too (assumed: the
+#: study of November 2026 is not kept): constant, margin (arsinh of it over its scale), share of halves that
 #: repeat the claim, and logarithms with their signs turned: of the probability that a cause without a name would be
 #: explained as fully, and of the likeness of what is left. No weight may be negative. The number of values of a form
 #: does not stand here: the margin has paid for it.

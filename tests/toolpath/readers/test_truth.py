@@ -38,7 +38,7 @@ def test_the_table_of_what_is_read_is_as_it_would_be_written_now() -> None:
     page = truth.PAGE.read_text(encoding="utf-8")
     names = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")][1:]
     assert names == NAMES
-    assert page == truth.write_page(), "python -m benchmarks.truth writes it"
+    assert page == truth.write_page(), "python -m benchmarks truth writes it"
 
 
 def test_a_wrong_move_is_seen() -> None:
