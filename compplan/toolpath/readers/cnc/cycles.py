@@ -13,6 +13,9 @@ MOST_HOLES = 10_000
 MOST_PECKS = 10_000
 #: How far a deep-hole cycle stays above the depth before when it comes back (G83) or goes back (G73). [mm]
 PECK_CLEARANCE_MM = 0.254
+#: Least depth of a last peck of its own (at most a tenth of Q): less remains where a file rounds Q to 0.001 mm or
+#: 0.0001 inch; assumed. [mm]
+LEAST_PECK_MM = 0.005
 PECK_NOTE = (
     f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
     "assumed, the control's own setting is not in the file"
@@ -161,7 +164,7 @@ def _list_pecks(code: float, clear: float, bottom: float, state: State, path: Pa
     if (clear - bottom) / max(least, 1e-9) > MOST_PECKS:
         raise path.error(f"a hole of more than {MOST_PECKS} pecks, of {least:g} mm")
     depths, peck = [clear], first
-    while clear - depths[-1] + peck < clear - bottom - 1e-9:
+    while depths[-1] - peck > bottom + min(LEAST_PECK_MM, 0.1 * peck):
         depths.append(depths[-1] - peck)
         peck = max(peck - words.get("J", 0.0), least) if "I" in words else peck
     return [*depths[1:], bottom]
