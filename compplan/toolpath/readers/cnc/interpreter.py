@@ -105,7 +105,7 @@ class Interpreter:
         """Read every line; refuse a corner that no move follows, and stop what still turns."""
         self.flow.run(lines)
         if self.motion.corner is not None:
-            self.flow.line = self.motion.corner.line
+            self.flow.line = self.motion.corner[0].line
             raise self.error("a rounded or cut corner has no straight move after it")
         self.origins.check_offsets()
         end_machine(self.state, self.log, self.flow.line)

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import (
-    NOTHING,
     Arc,
     Point,
     arc_about,
     centre_from_radius,
     combine,
-    cross,
-    dot,
     fits_circle,
 )
 from compplan.toolpath.readers.cnc.cycles import run_cycle
@@ -23,71 +19,9 @@ from compplan.toolpath.readers.cnc.frames import Frames
 from compplan.toolpath.readers.cnc.path import PathWriter
 from compplan.toolpath.readers.cnc.state import FARTHEST_WITHOUT_POINT, PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.cnc.words import CORNER_WORDS
+from compplan.toolpath.readers.contour import Corner, Element, join_corner
 from compplan.toolpath.readers.course import cut_turning
 from compplan.toolpath.readers.plain import read_place
-
-
-@dataclass(frozen=True)
-class CutCorner:
-    """Hold a straight move that ends in a corner, until the move after it is known.
-
-    Args:
-        kind: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length).
-        size: The size. [mm]
-        start: Where the move begins. [mm]
-        point: The corner. [mm]
-        feed: Feed of the move. [mm/s]
-        line: Line of its block.
-
-    """
-
-    kind: str
-    size: float
-    start: Point
-    point: Point
-    feed: float
-    line: int
-
-
-def cut_corner(corner: CutCorner, end: Point) -> tuple[Point, Point, Arc | None]:
-    """Return where the first move ends, where the second begins, and the arc between them (None: a straight cut).
-
-    With the angle t by which the path turns, a rounding of radius r begins r tan(t / 2) before the corner, and a
-    chamfer of length c begins c / (2 cos(t / 2)) before it.
-
-    Args:
-        corner: The corner.
-        end: Where the second move ends. [mm]
-
-    Raises:
-        ValueError: If the moves are too short, or turn back on each other.
-
-    """
-    before, after = combine(1.0, corner.point, -1.0, corner.start), combine(1.0, end, -1.0, corner.point)
-    lengths = math.hypot(*before), math.hypot(*after)
-    if min(lengths) <= NOTHING:
-        raise ValueError("a corner needs a move before and a move after it")
-    one, other = combine(1.0 / lengths[0], before, 0.0, before), combine(1.0 / lengths[1], after, 0.0, after)
-    normal = cross(one, other)
-    turn = math.atan2(math.hypot(*normal), dot(one, other))
-    if turn > math.radians(179.9):
-        raise ValueError("the path turns back at this corner")
-    if turn < 1e-6 or corner.size == 0.0:
-        return corner.point, corner.point, None
-    reach = {
-        "ROUND": corner.size * math.tan(0.5 * turn), "LEG": corner.size,
-        "CHAMFER": 0.5 * corner.size / math.cos(0.5 * turn),
-    }[corner.kind]  # fmt: skip
-    if corner.size < 0.0 or reach > min(lengths) + 1e-6:
-        raise ValueError(f"a corner of {corner.size:g} mm takes {reach:g} mm of moves of {min(lengths):g} mm")
-    first, last = combine(1.0, corner.point, -reach, one), combine(1.0, corner.point, reach, other)
-    if corner.kind != "ROUND":
-        return first, last, None
-    size = math.hypot(*normal)
-    normal = combine(1.0 / size, normal, 0.0, normal)
-    centre = combine(1.0, first, corner.size, cross(normal, one))
-    return first, last, arc_about(first, last, centre, normal, right_hand=True)
-
 
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
@@ -117,7 +51,8 @@ class Motion:
     def __init__(self, path: PathWriter, frames: Frames) -> None:
         self.path, self.state, self.log, self.options, self.error = path, path.state, path.log, path.options, path.error
         self.frames = frames
-        self.corner: CutCorner | None = None
+        #: A straight move that a corner ends, until the move after it is known.
+        self.corner: tuple[Element, Corner] | None = None
         self.proofs: set[tuple[float, ...]] = set()
 
     def is_steady(self) -> bool:
@@ -254,17 +189,19 @@ class Motion:
         if axis is not None:
             raise self.error("a rounded or cut corner while rotary axes turn is not read")
         path, before = self.path, self.corner
+        element = Element(start, target, (), feed, path.line)
         if before is not None:
             try:
-                first, start, arc = cut_corner(before, target)
+                first, joint, element = join_corner(*before, element, " mm")
             except ValueError as fault:
-                raise self.error(f"{fault}, in the block of line {before.line}") from None
-            path.cut_line(first, before.feed)
-            if arc is not None:
-                path.cut_arc(arc, start, feed)
-            elif start != first:
-                path.cut_line(start, feed)
-        self.corner = CutCorner(*asked, start, target, feed, self.path.line) if asked else None
+                raise self.error(f"{fault}, in the block of line {before[0].line}") from None
+            path.cut_line(first.end, first.feed)
+            if joint is not None and joint.centre is not None:
+                arc = arc_about(joint.start, joint.end, joint.centre, joint.normal, right_hand=joint.right_hand)
+                path.cut_arc(arc, joint.end, feed)
+            elif joint is not None:
+                path.cut_line(joint.end, feed)
+        self.corner = (element, Corner(*asked, None, path.line)) if asked else None
         if asked is None:
             path.cut_line(target, feed)
         self.state.position = target
