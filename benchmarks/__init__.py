@@ -10,7 +10,7 @@ from __future__ import annotations
 QUESTIONS: dict[str, tuple[str, ...]] = {
     "Does the tip go where the plan says?": ("plan_check", "moving", "planted", "posture_lock"),
     "Is the posture a good one, and what does a plan cost?": (
-        "posture", "planner", "redundant_peers", "limits", "nlp_limits", "viewer",
+        "posture", "planner", "nlp", "redundant_peers", "limits", "viewer",
     ),
     "Is a program read, and written, as the controller would?": ("truth", "cam_chain"),
     "Is the force right?": (

@@ -13,9 +13,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "what_is_read.md"
 sys.path.insert(0, str(ROOT / "tests"))
 
-from oracles.cam.cam import read_moves  # noqa: E402
-from oracles.cam.moves import CannotTellError  # noqa: E402
 from truth_cases import Case, find_difference_from, find_wrong_move, list_cases  # noqa: E402
+
+from tests.oracles.cam.cam import read_moves  # noqa: E402
+from tests.oracles.cam.moves import CannotTellError  # noqa: E402
 
 HEAD = """# What is read
 

@@ -99,8 +99,8 @@ _MODULES = {
     "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run"),
-    "plan.nlp": ("build_nlp", "solve_nlp"),
-    "plan.path_problem": ("PathProblem", "ProgramRows"),
+    "planning.nlp": ("build_program", "solve_program"),
+    "planning.problem": ("PlanningProblem",),
     "plan.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),
@@ -115,14 +115,10 @@ _MODULES = {
     "learning.campaign": ("PoseCampaign", "Equipment", "design_campaign"),
     "learning.part": ("LearnedPart", "learn_from_part"),
     "reporting.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
-    "plan.correction_loop": ("largest_pole",),
-    "plan.strategies.online_correction": ("LOOPS",),
     "posture.place": ("PlaceResult", "place_part"),
     "robot.folder_template": ("write_skeleton",),
     "statics.chain": ("build_chain", "joint_jacobian", "locate_frames"),
     "statics.elastic": ("solve_equilibrium",),
-    "studies.curves": ("trace_model_error",),
-    "studies.encoder_table": ("compare_encoders",),
     "studies.sensitivity": ("measure_sensitivity",),
 }  # fmt: skip
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -39,13 +39,4 @@ EFFECTS: Registry[Any] = Registry[Any]((
 #: Strategies of a plan: a file with `words` and `command_path(task)`.
 STRATEGIES: Registry[Any] = Registry[Any](("none", "mirror", "iterated_mirror", "nlp")).install("strategies")
 #: Strategies that read sensors while the part is cut: a file with `words` and `prepare(task, maps)`.
-ONLINE: Registry[Any] = Registry[Any]((
-    "secondary_encoder",
-    "both_encoders",
-    "encoder_force",
-    "force_sensor_reduced",
-    "force_sensor_full",
-    "online_pi",
-    "online_pid",
-    "first_part",
-))  # fmt: skip
+ONLINE: Registry[Any] = Registry[Any](("secondary_encoder", "both_encoders", "force_sensor"))

@@ -9,6 +9,12 @@ from typing import Any
 from compplan.errors import InputError
 
 CAM = "a CAM system checks finished walls and stock; delete it"
+DRAWN = "robots are drawn from the robot folder's uncertainty.toml, or by its grade; state it there and delete the key"
+#: Keys of [noise] that repeat what the robot folder knows.
+OF_ROBOT = (
+    "robot", "joint_compliance", "link_compliance", "joint_zero_deg", "geometry_mm", "geometry_deg", "tool_frame_mm",
+    "backlash_deg", "gear_error_deg", "gear_periods", "repeatability_mm",
+)  # fmt: skip
 #: Removed keys, dotted, and what to do instead.
 REMOVED = {
     "coupling": "the force is that of the tool on its path; delete it",
@@ -20,6 +26,9 @@ REMOVED = {
     "process.holder_mm": CAM,
     "tool.process.part": CAM,
     "tool.process.holder_mm": CAM,
+    **dict.fromkeys((f"noise.{key}" for key in OF_ROBOT), DRAWN),
+    **dict.fromkeys(("noise.tracker_mm", "noise.tracker_mm_per_m"), "no strategy measures a first part; delete it"),
+    **dict.fromkeys(("noise.plant_lag_ms", "noise.plant_delay_ms"), "no strategy runs a control loop; delete it"),
 }
 
 

@@ -66,7 +66,7 @@ class Equipment:
         purpose: What the poses are for: PATH or CALIBRATION.
         instrument: What sees the tip, of `INSTRUMENTS`.
         places: Unknown places at which it stands; None: as many as `PLACES` says.
-        length: Length of a ball bar, radius about a sphere, or distance of two sockets of a plate; None: as `LENGTHS`
+        length: Length of a ball bar, or distance of two sockets of a plate; None: as `LENGTHS`
             says. [m]
     """
 
@@ -213,7 +213,7 @@ def put_up(
     """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
     places = PLACES[shop.instrument] if shop.places is None else shop.places
     length = LENGTHS.get(shop.instrument, 0.0) if shop.length is None else shop.length
-    return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids, shop.seed)
+    return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids)
 
 
 def _choose(

@@ -1,4 +1,4 @@
-"""Candidates for instruments that see no positions: sockets, dial gauges, probes, planes, spheres, a ball bar.
+"""Candidates for instruments that see no positions: sockets, dial gauges, a ball bar.
 
 A shop puts them up where the campaign says, by hand: places are unknown within centimetres, and every place is met
 more than once. What each kind tells stands in `compplan.measurement.observations`.
@@ -18,17 +18,14 @@ from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
-TRACKER, SOCKETS, GAUGE, PROBE, PLANE, SPHERE, BALL_BAR = INSTRUMENTS = (
-    "tracker", "sockets", "gauge", "probe", "plane", "sphere", "ball_bar",
-)  # fmt: skip
+TRACKER, SOCKETS, GAUGE, BALL_BAR = INSTRUMENTS = ("tracker", "sockets", "gauge", "ball_bar")
 #: Kind of a row, and places that are put up where nobody says how many.
-KINDS = {SOCKETS: CONTACT, GAUGE: READING, PLANE: READING, SPHERE: DISTANCE, BALL_BAR: DISTANCE}
-PLACES = {SOCKETS: 3, GAUGE: 6, PROBE: 0, PLANE: 3, SPHERE: 3, BALL_BAR: 3}
-#: Length of a ball bar, radii of a sphere and the ball that touches it together, and distance of the sockets of a plate
-#: from each other, where nobody says. [m] (assumed)
-LENGTHS = {BALL_BAR: 0.3, SPHERE: 0.03}
-#: Half of the side of a plane that the probe may touch [m] (assumed), and how surely a plate's distance is known. [m]
-SIDE, SURE = 0.15, 2e-5
+KINDS = {SOCKETS: CONTACT, GAUGE: READING, BALL_BAR: DISTANCE}
+PLACES = {SOCKETS: 3, GAUGE: 6, BALL_BAR: 3}
+#: Length of a ball bar where none is stated. [m] (assumed)
+LENGTHS = {BALL_BAR: 0.3}
+#: Standard deviation of the distance of two sockets of a plate. [m] (assumed)
+SURE = 2e-5
 #: Steps to bring the tip to a place, how near it has to come [m], and the greatest turn of a joint in one. [rad]
 STEPS, NEAR, TURN = 15, 1e-9, 0.2
 #: How an instrument is put up, {at} in the robot's base frame.
@@ -36,13 +33,10 @@ SETUP = {
     SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
     GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
            " farther that way; zero it anywhere and leave it",
-    PLANE: "plane {label} through ({at}) mm, {side} mm wide, its normal along ({along}): align it well, the normal"
-           " counts as exact",
-    SPHERE: "sphere {label} with its centre at ({at}) mm; its radius and that of the tool's ball are {mm} mm together",
     BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: as far as the stand is"
               " off, the bar's length has to give; write the distance of both balls' centres down, not its change",
 }  # fmt: skip
-#: Normals of planes, ways of dials and plates, place by place.
+#: Directions of dials and plates, place by place.
 NORMALS = np.eye(3)[[2, 0, 1]]
 
 
@@ -57,7 +51,6 @@ class _Meeting:
     instrument: str
     length: float
     scene: CollisionScene | None
-    random: np.random.Generator
 
     def meet(self, centre: Array, number: int) -> list[Array]:
         """Return postures in which the arm meets a place [m], the `number`-th, or each socket of its plate."""
@@ -67,9 +60,6 @@ class _Meeting:
             away = self.tip[nearest] - centre
             away[:, 2] = np.abs(away[:, 2]) + 1e-3  # the stand is below
             wanted = centre + self.length * away / np.linalg.norm(away, axis=1)[:, None]
-        elif self.instrument == PLANE:
-            beside, normal = self.random.uniform(-SIDE, SIDE, wanted.shape), NORMALS[number % 3]
-            wanted = wanted + beside - np.outer(beside @ normal, normal)
         half, met = 0.5 * self.length * NORMALS[(number + 1) % 3], []
         for shift in (-half, half) if self.instrument == SOCKETS and self.length > 0.0 else (np.zeros(3),):
             found = bring_tips(self.robot, self.postures[nearest], wanted + shift)
@@ -81,7 +71,7 @@ class _Meeting:
 
 def find_touching(
     robot: Robot, postures: Array, middle: Array, lowest: float, instrument: str, places: int, length: float,
-    scene: CollisionScene | None, seed: int,
+    scene: CollisionScene | None,
 ) -> tuple[Array, Observations]:  # fmt: skip
     """Find postures in which the tip is where an instrument sees it. Shape (k, nq) [rad or m], and what it sees.
 
@@ -92,19 +82,15 @@ def find_touching(
         lowest: Lowest place of the path over the base plane. [m]
         instrument: One of `INSTRUMENTS`, no tracker.
         places: How many places.
-        length: Length of the ball bar, radii of the sphere and the ball of the tool together, or distance of two
-            sockets of a plate, 0 for single ones. [m]
+        length: Length of the ball bar, or distance of two sockets of a plate, 0 for single ones. [m]
         scene: What may touch what, or None.
-        seed: Seed.
 
     Raises:
         InputError: If the arm meets some place fewer than three times.
     """
     tip = locate_frames(build_chain(robot), postures).tcp_position
     q, label, names = [], [], list[str]()
-    if instrument == PROBE:
-        return _probe_anywhere(postures, tip, NORMALS)
-    meeting = _Meeting(robot, postures, tip, lowest, instrument, length, scene, np.random.default_rng(seed))
+    meeting = _Meeting(robot, postures, tip, lowest, instrument, length, scene)
     offered, chosen = _near(tip, middle), np.empty((0, 3))
     for number in range(places):
         most = 0
@@ -135,14 +121,6 @@ def find_touching(
         known = KnownDistances(pairs, np.full(places, length), np.full(places, SURE))
     kind, value = np.full(n, KINDS[instrument]), np.full(n, length if instrument in LENGTHS else 0.0)
     return np.concatenate(q), Observations(kind, contact, tuple(names), np.zeros((n, 3)), direction, value, known)
-
-
-def _probe_anywhere(postures: Array, tip: Array, normals: Array) -> tuple[Array, Observations]:
-    """Return postures, once for each normal, and what a probe sees: it reads zero at a place that is known."""
-    m = 3 * len(postures)
-    direction = np.tile(normals, (len(postures), 1))
-    read = Observations(np.full(m, READING), np.full(m, -1), (), np.repeat(tip, 3, axis=0), direction, np.zeros(m))
-    return np.repeat(postures, 3, axis=0), read
 
 
 def bring_tips(robot: Robot, q: Array, wanted: Array) -> Array:
@@ -183,7 +161,7 @@ def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> t
         place = own.start_places(tip[rows])[number] if instrument in LENGTHS else tip[rows].mean(axis=0)
         says = SETUP[instrument].format(
             at=", ".join(f"{1e3 * v:.0f}" for v in place + 0.0), label=label, mm=f"{value:g}",
-            along=", ".join(f"{v:g}" for v in own.direction[0]), side=f"{2e3 * SIDE:.0f}",
+            along=", ".join(f"{v:g}" for v in own.direction[0]),
         )  # fmt: skip
         stands.append(Fixture(label, place, says))
     return tuple(stands)

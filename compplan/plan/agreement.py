@@ -113,9 +113,6 @@ def _fit(task: PlanTask, strategy: str, wish: FeedRequest, progress: Callable[[s
     for last in range(DIVISIONS + 1):
         progress(f"compensation of {len(task)} waypoints")
         found = _take_turns(task, strategy, wish, progress, slow)
-        if found.command.solutions:
-            spent = sum(solution.iterations for solution in found.command.solutions)
-            progress(f"compensation: passes {len(found.command.solutions)}, solver iterations {spent}")
         excess, pieces = _missing_pieces(found)
         pieces = mending.allow(task, pieces, excess)
         if last == DIVISIONS or not (pieces > 1).any() or task.missed.any():
@@ -125,7 +122,18 @@ def _fit(task: PlanTask, strategy: str, wish: FeedRequest, progress: Callable[[s
         slow = np.interp(task.origin, before, found.slow) if task.inertia else None
         if task.follows_feed:
             task = _drive(task, task.q_start, wish)[0]
-    return found
+    if strategy != "nlp" or ("nlp" in found.command.facts and not (task.inertia or task.follows_feed)):
+        return found
+    progress("compensation: nonlinear program")
+    return _solve_last(found)
+
+
+def _solve_last(found: Agreement) -> Agreement:
+    """Solve the program for the loads that force, feed and motion have come to."""
+    task = found.task
+    command = nlp.command_path(task, found.command)
+    timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
+    return replace(found, command=command, timing=timing, between=measure_between(task, command.q, timing.time))
 
 
 def _divide_ahead(task: PlanTask, wish: FeedRequest) -> PlanTask:
@@ -157,7 +165,7 @@ def _take_turns(
     The run is that of the uncorrected motion, so that it does not answer to the force; a turn only makes it slower.
     Rapid moves, and corrections that come in at rest, take the time of the commanded motion.
     """
-    command = command_path(task, strategy)
+    command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy)
     if not task.follows_feed and not task.inertia:
         driven, timing, notes = time_run(task, command.q, wish)
         between = measure_between(driven, command.q, timing.time)

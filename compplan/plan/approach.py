@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.plan.profile import ease, ease_duration
 from compplan.plan.strategies.lost_motion import cross_first
 from compplan.plan.task import PlanTask
+from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik

@@ -29,13 +29,14 @@ from compplan.plan.feed import FeedRequest, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk
 from compplan.plan.notes import describe_left_out, describe_shrinkage, list_notes
 from compplan.plan.path_problem import count_equations
-from compplan.plan.refine import StartChoice, better_start
 from compplan.plan.result import Plan
 from compplan.plan.run_meter import BAND_ROWS, RunMeter, spread_tip
 from compplan.plan.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.plan.strategies.lost_motion import state_sides
 from compplan.plan.task import SMOOTHING, PlanTask
 from compplan.plan.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
+from compplan.planning.candidates import better_start
+from compplan.planning.redundancy import Asked
 from compplan.posture.configuration import Preference, check_start
 from compplan.posture.finished import RobotMeasure
 from compplan.posture.initial_branches import PostureRequest, Start, check_clearance, read_request, stand
@@ -271,8 +272,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         force = options.force or read_force_spread(None)
         meter = RunMeter(options.feed, force, partial(_state_task, robot, chain, options), DAMPING)
         tool_x = np.asarray(options.tool_x, float)
-        choice = StartChoice(robot, nominal, tool_x, options.wish, request, meter, options.tube)
-        start = better_start(start, choice)
+        start = better_start(start, Asked(robot, nominal, tool_x, meter, options.tube))
     task = _state_task(robot, chain, options, start)
     faded, share = shrink_robot(robot, start.q, task.wrench)
     if faded is robot:

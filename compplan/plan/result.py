@@ -170,10 +170,8 @@ class Plan(Shown):
 
     @property
     def solved_by(self) -> str:
-        """What the command came from: the strategy, of `nlp` the program, or mirroring where no joint is free."""
-        if self.strategy != "nlp":
-            return self.strategy
-        return "repeated mirror, no joint is free" if self.command.facts.get("plain") else "nonlinear program"
+        """What the command came from: the strategy, of `nlp` the nonlinear program."""
+        return "nonlinear program" if self.strategy == "nlp" else self.strategy
 
     @property
     def reasons(self) -> tuple[Stop, ...]:
@@ -301,6 +299,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "waypoints": len(plan.task),
         "configuration": dict(plan.task.configuration),
         "solve_time_s": round(plan.command.solve_time, 4),
+        **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
         "under_mismatch": [

@@ -26,7 +26,7 @@ from compplan.plan.feed import FeedRequest, TorqueRules, time_run
 from compplan.plan.task import PlanTask
 from compplan.plan.timing import Timing
 from compplan.posture.initial_branches import Easing, Start
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -43,9 +43,6 @@ from compplan.uncertainty.touch_off import TouchedPart, subtract_touch
 
 #: Rows of the cut at which the band of a finished posture is measured.
 BAND_ROWS = 120
-#: Rows at which leading parameters are told, how far each joint is moved for that, and least change of their part of
-#: the variance, as a share of all. [1, rad or m, 1]
-LEADING_ROWS, MOVED, LEAST_LEAD = 10, 0.15, 5e-3
 #: Runs that are tried at most, and waypoints times runs.
 ROUNDS, WORK = 20, 40_000
 #: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
@@ -184,45 +181,6 @@ def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Ar
     """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     return _spread_scene(scene, robot_uncertainty(task.robot), force, rows, task.touched)
-
-
-def lead_radius(
-    robot: Robot, force: ForceSpread, q: Array, wrench: Array, touched: TouchedPart | None = None
-) -> Callable[[Array, Array], Array]:
-    """Return a band at joint positions (k, nq) under a wrench (k, 6) by what changes with the posture. [m]
-
-    Near joint positions that are given, parameters whose part of the variance hardly changes are taken at their mean.
-
-    Args:
-        robot: The robot.
-        force: How surely the force is known.
-        q: Joint positions along a path. Shape (n, nq). [rad or m]
-        wrench: Shape (n, 6). [N, N m]
-        touched: The part as the robot found it by touching, or None where its frame is absolute.
-
-    """
-    known, some = robot_uncertainty(robot), np.unique(np.linspace(0, len(q) - 1, LEADING_ROWS).astype(int))
-    near = np.concatenate([q[some], *(q[some] + MOVED * side for side in np.eye(q.shape[1]))])
-    scene = build_path_model(robot, near, np.tile(wrench[some], (q.shape[1] + 1, 1)))
-    every = np.arange(len(near))
-    rest = unload_model(scene, every)
-    model = measure_slopes(scene, known.unknowns, every, rest)
-    model = subtract_touch(model, rest.position, touched, known.unknowns)
-    part = ((model * known.width) ** 2).sum(axis=1)
-    leads, owner = np.ptp(part, axis=0) > LEAST_LEAD * part.sum(axis=1).mean(), []
-    for number, unknown in enumerate(known.unknowns):
-        owner += [number] * len(unknown.keys)
-    kept = np.isin(owner, np.array(owner)[leads])
-    all_of, own = (model[: len(some), :, rows] @ known.spread[rows] for rows in (slice(None), kept))
-    left = (all_of @ np.swapaxes(all_of, 1, 2) - own @ np.swapaxes(own, 1, 2)).mean(axis=0)
-    names = tuple(known.unknowns[k] for k in np.unique(np.array(owner)[kept]))
-    fewer = replace(known, unknowns=names, factor=known.factor[kept], rivals=())
-
-    def radius(q: Array, wrench: Array) -> Array:
-        scene = build_path_model(robot, q, wrench)
-        return band_radius(_spread_scene(scene, fewer, force, np.arange(len(q)), touched) + left)
-
-    return radius
 
 
 def _spread_scene(

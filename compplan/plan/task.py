@@ -18,7 +18,6 @@ from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.plan.allowed import Allowed, find_allowed
 from compplan.plan.joint_weights import weigh_joints
-from compplan.plan.nlp import NlpSolution
 from compplan.plan.path_problem import PathProblem
 from compplan.posture.initial_branches import Start
 from compplan.process.force_law import ForceLaw
@@ -224,7 +223,7 @@ class PlanTask:
 
     @cached_property
     def problem(self) -> PathProblem:
-        """The task as `build_nlp` takes it."""
+        """The pose equations of the task, and what its joints may do."""
         return PathProblem(
             chain=self.chain,
             position=self.position,
@@ -239,7 +238,6 @@ class PlanTask:
             acceleration_limits=self.acceleration_limits,
             max_correction=self.max_correction,
             spin_free=self.spin_free,
-            keeps_shape=self.start is not None and (self.start.stance is not None or self.start.of_program),
             still=(self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6),
             weight=weigh_joints(self.chain, self.q_start, self.robot),
         )
@@ -254,7 +252,6 @@ class Command:
         status: "solved" or "infeasible".
         failures: Waypoints that fail, and the limit that stops each.
         solve_time: Wall time in the solver. [s]
-        solutions: What the solver answered, pass by pass (strategy nlp).
         facts: Further numbers worth keeping.
 
     """
@@ -263,7 +260,6 @@ class Command:
     status: str = "solved"
     failures: Mapping[int, str] = field(default_factory=dict)
     solve_time: float = 0.0
-    solutions: tuple[NlpSolution, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -1,7 +1,7 @@
 """When the robot is where: the fastest run along the commanded path within the programmed feed and the rate limits.
 
-Cuts are timed as [Pham2018] does: joint velocity and acceleration limits, the programmed feed as the upper bound, from
-rest to rest (`compplan.plan.fastest_run`), then smoothed (`compplan.plan.profile`). Where smoothing or the division of
+Cuts are timed by TOPP-RA [Pham2018]: joint velocity and acceleration limits, the programmed feed as the upper bound,
+from rest to rest, then smoothed (`compplan.planning.timing`). Where smoothing or the division of
 the path leaves a difference of joint positions beyond a limit, the run is slowed down there. At a corner that is
 rounded within less than a run needs to come to rest, it comes to rest in its middle, and starts before that: both
 overlap. Rapid moves are joint moves from rest to rest: every joint takes the time of the slowest one.
@@ -17,11 +17,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.plan.fastest_run import NO_LIMIT, TorqueParts, subdivide, time_cut
 from compplan.plan.motion_limits import Torques, difference_motion, measure_smooth_use, measure_use, spread_factors
 from compplan.plan.narrow import INERTIA_WINDOWS, find_narrow, overlap_legs
-from compplan.plan.profile import Profile, ease_duration, ease_times, smooth_profile
 from compplan.plan.task import PlanTask
+from compplan.planning.timing import (
+    NO_LIMIT,
+    Profile,
+    TorqueParts,
+    ease_duration,
+    ease_times,
+    smooth_profile,
+    subdivide,
+    time_cut,
+)
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 

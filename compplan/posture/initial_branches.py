@@ -82,11 +82,9 @@ class Bettered:
         graph: The graph's start.
         time: Time of the run before and after, nothing corrected. [s]
         band: Widest 95 % band before and after, nothing corrected. [mm]
-        least_time: Time that no way through the graph's grid is under, by the programmed feed and joint velocities
-            alone. [s]
-        origin: Where it started: "graph", "fast" (the graph's posture of that preset), "plain graph" (that of no
-            preset) or "programmed" (the plain one).
-        steps: Steps that the program took.
+        least_time: Time of the programmed feed, of rapid moves, and of smoothing at both ends of every run. [s]
+        origin: Where it started: "search" (the posture search) or "programmed" (x of the tool as programmed).
+        steps: Iterations of the program.
         names: What was free: "spin", "lead", "lean", or extra axes.
         energy: Work of the motors before and after, None where it does not count. [J]
 
@@ -107,7 +105,7 @@ class Bettered:
             "free": list(self.names), "start": self.origin, "steps": self.steps,
             "time_s": {"graph": self.time[0], "program": self.time[1]},
             "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
-            "least_time_of_graph_s": self.least_time,
+            "least_time_s": self.least_time,
             **({} if self.energy is None else {"motor_work_J": {"graph": self.energy[0], "program": self.energy[1]}}),
         }  # fmt: skip
 
@@ -120,12 +118,11 @@ class Bettered:
         eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
         head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
         if not self.steps:
-            posture = {"graph": "the graph's posture", "fast": "the posture of preset fast",
-                       "plain graph": "the graph's posture without a preset",
+            posture = {"search": "the posture of the search",
                        "programmed": "one configuration with x of the tool as programmed"}[self.origin]  # fmt: skip
             head = f"Posture and speed are chosen together ({posture})"
         return (f"{head}: run {before:.4g} -> {after:.4g} s "
-                f"(no posture of the graph's grid is under {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
+                f"(the programmed feed takes {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
                 f"{narrow:.3g} mm{work}, before correction{eased}.")  # fmt: skip
 
 

@@ -107,7 +107,7 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         singularity_margin=table.singularity_margin,
         energy=table.energy,
         limit_margin=float(np.radians(table.limit_margin_deg)),
-        motion=_read_motion(job, robot) if errors is None else _leave_to_band(_read_motion(job, robot)),
+        motion=_read_motion(robot) if errors is None else _leave_to_band(_read_motion(robot)),
         errors=errors,
     )
 
@@ -117,13 +117,10 @@ def _leave_to_band(figures: MotionFigures) -> MotionFigures:
     return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
 
 
-def _read_motion(job: Job, robot: Robot) -> MotionFigures:
-    """Take what gears do from the folder's effects where it has any, otherwise from [noise], and say from where."""
-    noise, known = job.noise, [e for e in robot.effects if e.get("effect") == "backlash"]
+def _read_motion(robot: Robot) -> MotionFigures:
+    """Take lost motion from the folder's effects where it has any; gear error and the rest are assumed."""
+    known = [e for e in robot.effects if e.get("effect") == "backlash"]
     widths = [abs(float(e["parameters"].get("width_rad", 0.0))) for e in known]
-    lost = max(widths) if widths else float(np.radians(noise.backlash_deg))
-    stated = {"gear_error_deg", "gear_periods", "backlash_deg"} & noise.model_fields_set
-    source = "[noise] of the job" if stated else "assumed, as in [noise]"
-    source += ", lost motion of the robot folder" if widths else ""
-    gear = float(np.radians(noise.gear_error_deg))
-    return MotionFigures(gear, noise.gear_periods, lost, source=source, stated=bool(stated or widths))
+    if not widths:
+        return MotionFigures()
+    return MotionFigures(lost=max(widths), source="assumed, lost motion of the robot folder", stated=True)

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from compplan.plan.correction_loop import run_loop
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import FLOOR, Stations
 from compplan.reporting.panels import draw_panels, draw_small_multiples
 from compplan.reporting.strategy_text import colour_strategies, name_strategy
-from compplan.reporting.style import CATEGORIES, TOLERANCE, mark_decades, style_line
+from compplan.reporting.style import CATEGORIES, TOLERANCE, mark_decades
 from compplan.robot import Array
 from compplan.studies.runner import Run
 from compplan.studies.sensitivity import Sensitivity
 from compplan.studies.statistics import trace_convergence
-
-if TYPE_CHECKING:
-    from compplan.studies.curves import ErrorCurves
 
 
 def draw_distributions(run: Run) -> Any:
@@ -85,18 +81,6 @@ def draw_differences(summary: Mapping[str, Any], main: str) -> Any:
     return figure
 
 
-def draw_curves(curves: ErrorCurves) -> Any:
-    """Draw the rms deviation against how far the truth is from the model, one small chart a strategy."""
-    panels = {
-        name_strategy(name): {
-            "compliance": 1e3 * np.maximum(values, FLOOR),
-            "wrench": 1e3 * np.maximum(curves.by_wrench[name], FLOOR),
-        }
-        for name, values in curves.by_compliance.items()
-    }
-    return draw_small_multiples(curves.ratio, panels, ("true over modelled", "rms, mm"))
-
-
 def draw_sensitivity(found: Sensitivity, strategy: str) -> Any:
     """Draw the total indices of one strategy as bars, largest first."""
     order = np.argsort(-found.total[strategy])
@@ -123,21 +107,6 @@ def draw_convergence(run: Run) -> Any:
         value, half = (np.array([getattr(each, part) for _, each in trace]) for part in ("value", "half_width"))
         panels[name_strategy(name)] = {"mean": np.stack([value, value - half, value + half])}
     return draw_small_multiples(samples, panels, ("samples", "mean rms, mm"), spread=True, log=True)
-
-
-def draw_loops() -> Any:
-    """Draw the answers of the correction loops to a deflection of 1 mm."""
-    from compplan.plan.strategies.online_correction import LITERAL, PI, PID
-
-    figure = go.Figure()
-    step = np.ones(80)
-    time = np.arange(len(step)) * 0.01
-    for k, (name, loop) in enumerate((("PID as printed", LITERAL), ("PI", PI), ("PID, attained", PID))):
-        left = np.clip(1.0 - run_loop(loop, step), -3.0, 3.0)
-        figure.add_scatter(x=time, y=left, name=name, mode="lines", line={**style_line(k + 1), "width": 1.6})
-    figure.update_xaxes(title_text="time, s")
-    figure.update_yaxes(title_text="deviation left, mm", range=[-2.0, 2.0])
-    return figure
 
 
 def _decades(figure: Any, values: Array, axis: str) -> None:

@@ -10,13 +10,11 @@ import numpy as np
 from compplan.reporting.montecarlo_figures import (
     draw_along,
     draw_convergence,
-    draw_curves,
     draw_differences,
     draw_distributions,
-    draw_loops,
     draw_sensitivity,
 )
-from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
+from compplan.reporting.page import Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.panels import measure_panels
 from compplan.reporting.provenance import describe_grade, describe_robot, list_assumptions
 from compplan.reporting.strategy_text import name_strategy
@@ -44,13 +42,9 @@ def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
 
     """
     study, summary = result.run.study, result.summary
-    sections = [_strategies(result), _path(result), _pairs(result), _wrong_model(result)]
+    sections = [_strategies(result), _path(result), _pairs(result)]
     if result.sensitivity is not None:
         sections.append(_sensitivity(result))
-    if result.encoders is not None:
-        sections.append(_encoders(result))
-    if any(answer.loop for answer in study.answers.values()):
-        sections.append(_loops())
     sections.append(_convergence(result))
     facts = [
         ("job", str(result.job.file)),
@@ -170,17 +164,6 @@ def _pairs(result: JobStudy) -> Section:
     return Section("Differences", [chart, fold], "All strategies meet the same cells, so that differences are paired.")
 
 
-def _wrong_model(result: JobStudy) -> Section:
-    curves = result.curves
-    caption = (
-        "One chart a strategy, all with the same axes. Compliance: all compliances differ from the model's by the same "
-        "factor; wrench: the wrench differs from the predicted one; nothing else differs."
-    )
-    chart = Chart(draw_curves(curves), caption, height=measure_panels(len(curves.by_compliance)))
-    lede = f"rms deviation against the error of the model, {curves.waypoints} waypoints, no noise."
-    return Section("The cost of being wrong", [chart], lede)
-
-
 def _sensitivity(result: JobStudy) -> Section:
     found = result.sensitivity
     assert found is not None
@@ -196,41 +179,6 @@ def _sensitivity(result: JobStudy) -> Section:
     figure = draw_sensitivity(found, result.summary["sensitivity_of"])
     chart = Chart(figure, caption, height=90 + 40 * len(found.groups))
     return Section("Which uncertainty matters", [chart, fold], "Total Sobol indices.")
-
-
-def _encoders(result: JobStudy) -> Section:
-    table = result.encoders
-    assert table is not None
-    names = {"motor": "primary encoder", "link": "secondary encoder", "combined": "both encoders, gain a joint"}
-    rows: Rows = [
-        [row.load, TableCell(names.get(row.strategy, row.strategy), "strong"),
-         *(format_length(value) for value in (row.mean, row.std, row.max)), format_percent(row.left)]
-        for row in table.rows
-    ]  # fmt: skip
-    heads = ("load", "feedback", "mean", "standard deviation", "greatest", "left of the mean")
-    caption = f"Deflection under {table.level:.0f} N at the postures of the path, the model being the truth."
-    return Section("Encoders", [PageTable([Column(title) for title in heads], rows, caption)],
-                   "The table of Klimchik and Pashkevich (2018), for this robot and path.")  # fmt: skip
-
-
-def _loops() -> Section:
-    from compplan.plan.correction_loop import largest_pole
-    from compplan.plan.strategies.online_correction import LITERAL, PI, PID
-
-    verdicts = {True: TableCell("stable", "good"), False: TableCell("unstable", "bad")}
-    rows: Rows = [
-        [name, f"{largest_pole(loop):.3f}", verdicts[largest_pole(loop) < 1]]
-        for name, loop in (
-            ("PID as printed, error from the correction sent (not run: it leaves every limit)", LITERAL),
-            ("PI, error from the correction sent", PI),
-            ("PID, error from where the robot stands", PID),
-        )
-    ]
-    blocks: list[Block] = [
-        PageTable([Column(title) for title in ("law at 100 Hz", "largest pole", "")], rows),
-        Chart(draw_loops(), "Answer to a deflection of 1 mm that sets in at once.", height=300),
-    ]
-    return Section("Online correction", blocks, "Gains of Johra et al. (2022); the plant is derived from them.")
 
 
 def _convergence(result: JobStudy) -> Section:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compplan.plan.strategies.online import ONLINE, PLAIN, STRATEGIES
+from compplan.plan.strategies.online import ONLINE, STRATEGIES
 from compplan.reporting.style import AFTER, BEFORE, NEUTRAL
 
 
 def name_strategy(name: str) -> str:
     """Name a strategy in a few words: those of its file, its name where that has none."""
-    if name == PLAIN:
-        return "optimised in the CAM posture"
     module = STRATEGIES.get(name) or ONLINE.get(name)
     return str(getattr(module, "words", name.replace("_", " ")))
 

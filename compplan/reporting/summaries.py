@@ -29,8 +29,7 @@ SAME = 0.05
 #: What groups of uncertainties are called in a sentence.
 GROUPS = {
     "wrench_level": "the level of the process force", "wrench_direction": "the direction of the process force",
-    "joint_compliance": "the compliance of the joints", "link_compliance": "the compliance of the links",
-    "geometry": "the geometry of the robot", "base": "the place of the part",
+    "robot": "the uncertainty of the robot", "link_share": "the link share", "part": "the place of the part",
 }  # fmt: skip
 
 

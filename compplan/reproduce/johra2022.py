@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.plan.correction_loop import largest_pole
-from compplan.plan.strategies.online_correction import LITERAL
 from compplan.reporting.maps.pictures import draw_lines
+from compplan.reproduce.correction_loop import LITERAL, largest_pole
 from compplan.reproduce.johra_loop import WITHOUT_DERIVATIVE, fitted_loop, simulate_loops
 from compplan.reproduce.paper import (
     PaperFigure,

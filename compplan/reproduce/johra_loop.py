@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compplan.plan.correction_loop import Loop, Plant, run_loop
-from compplan.plan.strategies.online_correction import LITERAL, PID
+from compplan.reproduce.correction_loop import LITERAL, PID, Loop, Plant, run_loop
 from compplan.robot import Array
 
 #: Eqs. (6) to (8) and (17) without the derivative part.

@@ -287,6 +287,7 @@ def _elasticity_table(robot: Robot) -> dict[str, Any]:
             "compliance": float(spring.compliance),
             "offset": [float(value) for value in spring.offset],
             "actuator": spring.actuator,
+            **({"link_share": float(spring.link_share)} if spring.actuator else {}),
         }
         for spring in robot.springs
     ]

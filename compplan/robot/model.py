@@ -102,6 +102,8 @@ class Spring:
         compliance: Deflection per load. [rad/(N m), or m/N for a translation]
         offset: Origin of the spring in the child frame. Shape (3,). [m]
         actuator: Whether it lies between the motor-side and the link-side encoder.
+        link_share: Share of an actuator spring's compliance that lies beyond the link-side encoder, in links and
+            bearings, 0 to 1: neither encoder measures it.
     """
 
     joint: str
@@ -109,6 +111,7 @@ class Spring:
     compliance: float
     offset: Array = field(default_factory=lambda: np.zeros(3))
     actuator: bool = False
+    link_share: float = 0.0
 
     @property
     def name(self) -> str:

@@ -60,6 +60,7 @@ class Chain:
         compliance: Compliance of the elastic coordinates. Shape (..., s, s). [rad, m per N m, N]
         gravity: Gravity in the axes of the ground, zero where the robot carries none. Shape (3,). [m/s^2]
         actuator: Which elastic coordinates lie between motor-side and link-side encoder. Shape (s,).
+        link_share: Share of each one's compliance beyond the link-side encoder, 0 to 1. Shape (s,).
         joint_elements: Element of each commanded joint. Shape (nq,).
         ground: Element after whose motion the frame in whose axes gravity counts stands still, -1 for the base: the
             last of a positioner that carries the part.
@@ -83,6 +84,7 @@ class Chain:
     compliance: Array
     gravity: Array
     actuator: NDArray[np.bool_]
+    link_share: Array
     joint_elements: NDArray[np.int_]
     ground: int = -1
     ground_rotation: Array = field(default_factory=lambda: np.eye(3))
@@ -236,7 +238,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
             if spring.joint == joint.name:
                 translates, axis = spring_axis(spring.axis, joint)
                 row.move(translation(spring.offset))
-                row.add_elastic(spring.name, axis, translates, spring.compliance, spring.actuator)
+                row.add_elastic(spring, axis, translates)
                 row.move(translation(-spring.offset))
         row.add_bodies(bodies.get(joint.child, []))
         if joint.child == robot.ground:

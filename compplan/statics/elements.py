@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.robot import Array, Body, Joint, Robot
+from compplan.robot import Array, Body, Joint, Robot, Spring
 
 ELASTIC_AXES = {
     "tx": (True, (1.0, 0.0, 0.0)),
@@ -43,6 +43,7 @@ class ElementRow:
         self.bodies: list[tuple[int, float, Array]] = []
         self.blocks: list[Array] = []
         self.actuator: list[bool] = []
+        self.link_share: list[float] = []
         self.ground, self.ground_rotation = -1, np.eye(3)
 
     def stand(self) -> None:
@@ -67,17 +68,19 @@ class ElementRow:
         translates = joint.kind == "prismatic"
         self._append(joint.name, joint.axis, translates, names.index(driver), multiplier, offset, -1)
 
-    def add_elastic(self, name: str, axis: Array, translates: bool, compliance: float, actuator: bool) -> None:
-        """Add one elastic coordinate with its compliance. [rad/(N m) or m/N]"""
-        self._append(name, axis, translates, -1, 0.0, 0.0, len(self.actuator))
-        self.blocks.append(np.array([[compliance]]))
-        self.actuator.append(actuator)
+    def add_elastic(self, spring: Spring, axis: Array, translates: bool) -> None:
+        """Add the elastic coordinate of a spring."""
+        self._append(spring.name, axis, translates, -1, 0.0, 0.0, len(self.actuator))
+        self.blocks.append(np.array([[spring.compliance]]))
+        self.actuator.append(spring.actuator)
+        self.link_share.append(spring.link_share)
 
     def add_link(self, link: str, compliance: Array) -> None:
         """Add the six elastic coordinates of a link, coupled by its compliance. Shape (6, 6)."""
         for name, (translates, axis) in ELASTIC_AXES.items():
             self._append(f"{link}.{name}", np.array(axis), translates, -1, 0.0, 0.0, len(self.actuator))
             self.actuator.append(False)
+            self.link_share.append(0.0)
         self.blocks.append(compliance)
 
     def add_bodies(self, bodies: Sequence[Body]) -> None:
@@ -120,6 +123,7 @@ class ElementRow:
             "compliance": self._compliance(),
             "gravity": np.asarray(g, float),
             "actuator": np.array(self.actuator, bool),
+            "link_share": np.array(self.link_share, float),
             "ground": self.ground,
             "ground_rotation": self.ground_rotation,
             "joint_elements": np.array([driver[name] for name in robot.joint_names], int),

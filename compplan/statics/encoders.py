@@ -1,14 +1,16 @@
 """Double encoders: both sides of a joint, and what a controller attains with the feedback of each.
 
 The motor-side (primary) encoder reads the commanded element of a joint; the link-side (secondary) one reads it plus the
-elastic coordinates that lie between the two (`Spring.actuator`). Everything else that bends is seen by neither
+elastic coordinates that lie between the two (`Spring.actuator`). A spring that stands for gear and link together has a
+part beyond the link-side encoder (`Spring.link_share`). Neither encoder measures that part or anything else that bends
 [Klimchik2018]. A controller holds one of
 
     motor feedback:     q1 = q                          link follows the motor plus what the gear yields
     link feedback:      q2 = q                          what the gear yields is taken out
     combined feedback:  q2 + beta (q2 - q1) = q         and a share beta of it stands for what bends beyond the encoder
 
-so that the link stands at q + g C tau with a gain g of 1, 0 and -beta on the compliance C of the gears: one chain each.
+so that the link stands at q + g C tau with a gain g of 1, 0 and -beta on the compliance C of the gears. A spring of
+compliance C and link share s deflects by (s + (1 - s) g) C tau: one chain for each feedback.
 """
 
 from __future__ import annotations
@@ -83,28 +85,45 @@ def control_equilibrium(
         raise InputError(f"no feedback {feedback!r}, choose from {list(FEEDBACKS)}")
     if np.ndim(beta) and np.shape(beta) != (chain.nq,):
         raise ShapeError(f"beta has shape {np.shape(beta)}, expected ({chain.nq},)")
-    selection, gear = actuator_selection(chain), np.diagonal(chain.compliance, axis1=-2, axis2=-1)
+    selection, own = actuator_selection(chain), np.diagonal(chain.compliance, axis1=-2, axis2=-1)
     lies_between = selection.any(axis=0)
-    coupled = np.abs(chain.compliance - gear[..., None] * np.eye(chain.n_springs))[..., lies_between].any()
+    coupled = np.abs(chain.compliance - own[..., None] * np.eye(chain.n_springs))[..., lies_between].any()
     if coupled:
         raise InputError("an actuator spring is coupled with another spring, encoders cannot tell its part")
     gain = {"motor": np.ones(chain.nq), "link": np.zeros(chain.nq)}.get(feedback, -np.broadcast_to(beta, (chain.nq,)))
-    scale = np.where(lies_between, gain @ np.abs(selection), 1.0)
+    scale = feedback_scale(np.where(lies_between, gain @ np.abs(selection), 1.0), chain.link_share)
     loaded = solve_equilibrium(replace(chain, compliance=chain.compliance * scale), q, wrench)
-    yielded = (gear * loaded.torque) @ selection.T
+    yielded = ((1.0 - chain.link_share) * own * loaded.torque) @ selection.T
     link = np.atleast_2d(q) + gain * yielded
     return EncoderState(link - yielded, link, loaded)
 
 
-def link_share(gear_compliance: Array, total_compliance: Array) -> Array:
+def feedback_scale(gain: Array, link_share: Array) -> Array:
+    """Return the share of each spring's deflection that a feedback leaves: s + (1 - s) g.
+
+    Args:
+        gain: What the feedback leaves of the gear's deflection, 1 for springs that no encoder measures. Shape (s, ...).
+        link_share: Share of each compliance beyond the link-side encoder. Shape (s, ...).
+    """
+    return link_share + (1.0 - link_share) * gain
+
+
+def gear_compliance(chain: Chain) -> Array:
+    """Return the compliance between the encoders of each joint, 0 where there is none. Shape (nq,). [rad/(N m)]"""
+    own = (1.0 - chain.link_share) * np.diagonal(chain.compliance)
+    return np.asarray(np.abs(actuator_selection(chain)) @ own)
+
+
+def combined_gain(gear_compliance: Array, total_compliance: Array) -> Array:
     """Compute beta of combined feedback from two identified compliances a joint.
 
     beta = (k_total - k_gear) / k_gear [Klimchik2018]: motor-side feedback identifies k_total (gear and links together),
-    the difference of the encoders k_gear.
+    the difference of the encoders k_gear. It is 0 for a joint without gear spring, or that no load could determine.
 
     Args:
-        gear_compliance: Compliance between the encoders, positive. Shape (nq,). [rad/(N m)]
+        gear_compliance: Compliance between the encoders. Shape (nq,). [rad/(N m)]
         total_compliance: Compliance of joint and links together about the joint's axis. Shape (nq,). [rad/(N m)]
     """
-    gear = np.asarray(gear_compliance, float)
-    return np.asarray((np.asarray(total_compliance, float) - gear) / gear)
+    gear, total = np.asarray(gear_compliance, float), np.asarray(total_compliance, float)
+    known = (gear > 0.0) & (total > 0.0)
+    return np.where(known, (total - gear) / np.where(known, gear, 1.0), 0.0)

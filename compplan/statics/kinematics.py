@@ -1,10 +1,12 @@
-"""The chain's kinematics as CasADi expressions.
+"""The chain's kinematics and loaded equilibrium as CasADi expressions.
 
 The PyPI wheel of Pinocchio has no CasADi interface, so the elements of `compplan.statics.chain` are written out
-symbolically (Rodrigues for revolute axes), all elastic coordinates at zero.
+symbolically (Rodrigues for revolute axes).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -12,24 +14,96 @@ import numpy as np
 from compplan.statics.chain import Chain
 
 
+class SymbolicFrames(NamedTuple):
+    """Frames of a chain as expressions.
+
+    Attributes:
+        axis: Axis of each element, base axes. m expressions (3).
+        origin: Origin of each element. m expressions (3). [m]
+        position: TCP. Shape (3). [m]
+        rotation: Orientation of the TCP. Shape (3, 3).
+        centre: Centre of each body. b expressions (3). [m]
+        ground: Orientation of the frame in whose axes gravity counts. Shape (3, 3).
+
+    """
+
+    axis: list[ca.SX]
+    origin: list[ca.SX]
+    position: ca.SX
+    rotation: ca.SX
+    centre: list[ca.SX]
+    ground: ca.SX
+
+
 def build_pose_function(chain: Chain) -> ca.Function:
     """Build the unloaded forward kinematics: q (nq) -> TCP position (3) [m], orientation (3, 3), base frame."""
     q = ca.SX.sym("q", chain.nq)
-    rotation, position = ca.SX.eye(3), ca.SX.zeros(3)
-    for k in range(len(chain.names)):
-        position = position + _apply(rotation, chain.position[k])
-        if not np.array_equal(chain.rotation[k], np.eye(3)):
-            rotation = ca.mtimes(rotation, _sparse(chain.rotation[k]))
-        if chain.q_index[k] < 0:
-            continue
-        value = float(chain.multiplier[k]) * q[int(chain.q_index[k])] + float(chain.q_offset[k])
-        if chain.translates[k]:
-            position = position + _apply(rotation, chain.axis[k]) * value
-        else:
-            rotation = ca.mtimes(rotation, _rotate(chain.axis[k], value))
+    frames = locate_symbolic(chain, q)
+    return ca.Function("pose", [q], [frames.position, frames.rotation], ["q"], ["position", "rotation"])
+
+
+def build_loaded_function(chain: Chain, steps: int) -> ca.Function:
+    """Build the loaded forward kinematics by steps of theta <- C (J(q, theta)^T w + tau_gravity + bias).
+
+    Args:
+        chain: The chain.
+        steps: Steps of the fixed point; its error falls with each by the ratio of load to buckling load.
+
+    Returns:
+        q (nq), wrench (6) [N, N m], bias (s) [N m or N], theta (s) to begin at, 1 for a loaded and 0 for an unloaded
+        arm -> TCP position (3) [m], orientation (3, 3), elastic coordinates (s), base frame.
+
+    """
+    q, wrench, loaded = ca.SX.sym("q", chain.nq), ca.SX.sym("wrench", 6), ca.SX.sym("loaded")
+    bias, first = ca.SX.sym("bias", chain.n_springs), ca.SX.sym("theta", chain.n_springs)
+    compliance, theta = ca.SX(ca.sparsify(ca.DM(chain.compliance))), first
+    for _ in range(steps if chain.n_springs else 0):
+        theta = ca.mtimes(compliance, load_springs(chain, locate_symbolic(chain, q, theta), wrench) + bias)
+    frames = locate_symbolic(chain, q, loaded * theta)
+    outputs = ca.cse([frames.position, frames.rotation, loaded * theta])
+    return ca.Function("loaded_pose", [q, wrench, bias, first, loaded], outputs,
+                       ["q", "wrench", "bias", "theta", "loaded"], ["position", "rotation", "deflection"])  # fmt: skip
+
+
+def locate_symbolic(chain: Chain, q: ca.SX, theta: ca.SX | None = None) -> SymbolicFrames:
+    """Write out the frames of a chain at joint positions q and elastic coordinates theta, zero if left out."""
+    rotation, position, ground = ca.SX.eye(3), ca.SX.zeros(3), ca.SX.eye(3)
+    axis, origin, centre = [], [], [ca.SX.zeros(3)] * len(chain.body_element)
+    for k in range(-1, len(chain.names)):
+        if k >= 0:
+            position = position + _apply(rotation, chain.position[k])
+            if not np.array_equal(chain.rotation[k], np.eye(3)):
+                rotation = ca.mtimes(rotation, _sparse(chain.rotation[k]))
+            axis.append(_apply(rotation, chain.axis[k]))
+            origin.append(position)
+            value = None
+            if chain.theta_index[k] >= 0 and theta is not None:
+                value = theta[int(chain.theta_index[k])]
+            elif chain.q_index[k] >= 0:
+                value = float(chain.multiplier[k]) * q[int(chain.q_index[k])] + float(chain.q_offset[k])
+            if value is not None and chain.translates[k]:
+                position = position + axis[k] * value
+            elif value is not None:
+                rotation = ca.mtimes(rotation, _rotate(chain.axis[k], value))
+        for body in np.flatnonzero(chain.body_element == k):
+            centre[body] = position + _apply(rotation, chain.centre[body])
+        if k >= 0 and k == chain.ground:
+            ground = ca.mtimes(rotation, _sparse(chain.ground_rotation))
     position = position + _apply(rotation, chain.tcp_position)
-    outputs = [position, ca.mtimes(rotation, _sparse(chain.tcp_rotation))]
-    return ca.Function("pose", [q], outputs, ["q"], ["position", "rotation"])
+    return SymbolicFrames(axis, origin, position, ca.mtimes(rotation, _sparse(chain.tcp_rotation)), centre, ground)
+
+
+def load_springs(chain: Chain, frames: SymbolicFrames, wrench: ca.SX) -> ca.SX:
+    """Write out the load of wrench and weights on each elastic coordinate: J^T w + tau_g. Shape (s). [N m or N]"""
+    loads = []
+    down = ca.mtimes(frames.ground, ca.SX(ca.sparsify(ca.DM(chain.gravity))))
+    for k in chain.spring_elements.tolist():
+        force, moment = wrench[:3], wrench[3:] + ca.cross(frames.position - frames.origin[k], wrench[:3])
+        for body in np.flatnonzero(chain.body_element >= k) if chain.gravity.any() else ():
+            weight = float(chain.mass[body]) * down
+            force, moment = force + weight, moment + ca.cross(frames.centre[body] - frames.origin[k], weight)
+        loads.append(ca.dot(frames.axis[k], force if chain.translates[k] else moment))
+    return ca.vertcat(*loads) if loads else ca.SX.zeros(0)
 
 
 def _apply(rotation: ca.SX, vector: np.ndarray) -> ca.SX:

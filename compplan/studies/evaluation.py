@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
-from compplan.plan.correction_loop import Loop, run_loop
-from compplan.plan.strategies.answer import Answer, answer_reading
+from compplan.plan.strategies.answer import answer_reading
 from compplan.robot import Array
-from compplan.studies.factors import PARTS
+from compplan.statics.encoders import feedback_scale
 from compplan.studies.kernel import settle_tips
 from compplan.studies.sampling import Cells, sample_robots, shift_tip
-from compplan.studies.study import Study, TimeGrid, Worker
+from compplan.studies.study import Study, Worker
 from compplan.studies.touch import move_part
 
 #: Poses worked on at once, samples times waypoints.
@@ -78,78 +76,31 @@ def _judge_batch(study: Study, points: Array) -> ChunkResult:
 
 
 def run_strategy(study: Study, name: str, cells: Cells) -> Array:
-    """Let a strategy cut its parts in b cells; return the deviation of the judged one. Shape (3, b, n). [m]"""
-    answer, worker = study.answers[name], study.workers[name]
-    if answer.sensor == "tracker":
-        return _learn(study, answer, worker, cells)
-    last = PARTS - 1
+    """Let a strategy cut its part with b robots; return the deviation. Shape (3, b, n). [m]"""
+    worker = study.workers[name]
     q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
     if worker.gain is not None and worker.expected is not None:
-        q = worker.q + answer_reading(worker.gain, _read_sensor(study, answer, cells) - worker.expected)
-    if answer.loop is not None and study.grid is not None:
-        q = worker.q_rest + _delay(answer.loop, study.grid, q - worker.q_rest)
-    return _cut_part(study, worker, cells, q, last)
+        q = worker.q + answer_reading(worker.gain, cells.wrench + cells.force - worker.expected)
+    return _cut_part(study, worker, cells, q)
 
 
-def _read_sensor(study: Study, answer: Answer, cells: Cells) -> Array:
-    """Read the force sensor, or the difference of the encoders, on the judged part. Shape (k, b, n)."""
-    wrench, last = cells.wrench[-1], PARTS - 1
-    if answer.sensor == "force":
-        return wrench + cells.force
-    compliance, columns, load = study.gear
-    torque = load[:, None, :] + answer_reading(columns, wrench - study.surroundings.wrench[:, None, :])
-    between = np.abs(study.selection)
-    factor = np.einsum("js,sb->jb", between, cells.factor) / np.maximum(between.sum(axis=1), 1.0)[:, None]
-    yielded = compliance[:, None, None] * factor[:, :, None] * torque + cells.drive
-    return np.where(compliance[:, None, None] > 0.0, yielded + cells.link[last] - cells.motor[last], 0.0)
-
-
-def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array, part: int) -> Array:
+def _cut_part(study: Study, worker: Worker, cells: Cells, q: Array) -> Array:
     """Cut a part with a command; return its deviation. Shape (3, b, n). [m]"""
     gain = worker.spring_gain[:, None, None]
-    true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor[part] - (1 - gain) * cells.link[part]
+    true = q + cells.zero[:, :, None] + gain * cells.drive - gain * cells.motor - (1 - gain) * cells.link
     b, n = true.shape[1:]
-    factor = np.repeat(cells.factor * worker.spring_factor[:, None], n, axis=1)
+    scale = feedback_scale(worker.spring_factor[:, None], cells.link_share)
+    factor = np.repeat(cells.factor * scale, n, axis=1)
     theta = np.tile(worker.theta, (1, b)) * np.repeat(cells.factor, n, axis=1)
     shift = cells.shift if worker.placements is None else shift_tip(cells.causes, worker.placements)
     found = study.nominal[:, None, :]
     if worker.touch is not None:
-        found = found + move_part(worker.touch, study.kernel, cells, worker.spring_factor, study.nominal)
-    moved = shift + cells.repeat[part][:, :, None] + worker.offset[:, None, :] - found
+        found = found + move_part(worker.touch, study.kernel, cells, scale, study.nominal)
+    moved = shift + cells.repeat[:, :, None] + worker.offset[:, None, :] - found
 
     def attain(wrench: Array) -> Array:
         flat = wrench.reshape(6, -1)
         tips = settle_tips(study.kernel, true.reshape(len(true), -1), flat, factor, theta)
         return np.asarray(tips.reshape(3, b, n) + moved)
 
-    return attain(cells.wrench[part])
-
-
-def _learn(study: Study, answer: Answer, worker: Worker, cells: Cells) -> Array:
-    """Cut, measure and correct, part after part; the last one is judged."""
-    assert worker.gain is not None
-    q = np.broadcast_to(worker.q, (len(worker.q), *cells.shift.shape[1:]))
-    for part in range(answer.parts):
-        measured = _cut_part(study, worker, cells, q, part) + cells.tracker[part]
-        q = q + answer_reading(worker.gain, _soften(study, measured))
-    return _cut_part(study, worker, cells, q, PARTS - 1)
-
-
-def _soften(study: Study, measured: Array) -> Array:
-    """Take the mean over neighbouring waypoints of the cut."""
-    if study.softened <= 1:
-        return measured
-    cut = study.cut.astype(float)
-    total = uniform_filter1d(measured * cut, study.softened, axis=-1, mode="constant")
-    return np.asarray(total / np.maximum(uniform_filter1d(cut, study.softened, mode="constant"), 1e-9) * cut)
-
-
-def _delay(loop: Loop, grid: TimeGrid, wanted: Array) -> Array:
-    """Pass wanted corrections through a loop in time. Shape (nq, b, n)."""
-    return _interpolate(run_loop(loop, _interpolate(wanted, grid.at_period)), grid.at_waypoint)
-
-
-def _interpolate(values: Array, at: Array) -> Array:
-    before = np.minimum(at.astype(int), values.shape[-1] - 2)
-    share = at - before
-    return np.asarray(values[..., before] * (1.0 - share) + values[..., before + 1] * share)
+    return attain(cells.wrench)

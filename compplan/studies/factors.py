@@ -15,14 +15,12 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from compplan.effects.forward_model import spring_coordinates
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
 from compplan.studies.posterior import count_coordinates
+from compplan.uncertainty.assumed import robot_uncertainty
 
 Sequence = Literal["sobol", "latin_hypercube"]
-#: Parts of one sample that have a scatter of their own: measured ones and the one that is judged.
-PARTS = 3
 #: Coordinates of a placement: three translations, three rotations.
 TWIST = 6
 
@@ -57,48 +55,35 @@ class Factors:
 
 def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
-    nq = robot.nq
     sizes = {
-        "gear_compliance": sum(1 for spring in robot.springs if spring.actuator),
-        "link_compliance": len(link_blocks(robot)),
-        "joint_zero": nq,
-        "geometry": TWIST * (nq + 1),
-        "tool_frame": 3,
+        "link_share": sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0),
         "part_frame": TWIST,
         "temperature": 1,
-        "backlash": nq,
-        "gear_error": 2 * nq,
         "wrench_level": 1,
         "wrench_direction": 3,
         "wrench_path": 1,
         "encoders": 1,
-        "repeatability": 3 * PARTS,
+        "repeatability": 3,
         "force_bias": 7,
         "force_noise": 1,
-        "tracker": 1,
         "effects": len(noise.effects),
-        "posterior": count_coordinates(robot) if noise.robot == "posterior" else 0,
+        "posterior": count_coordinates(robot),
     }
     starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
     columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
     groups = {
-        "joint_compliance": (noise.joint_compliance, ("gear_compliance",)),
-        "link_compliance": (noise.link_compliance, ("link_compliance",)),
-        "joint_zero": (noise.joint_zero_deg, ("joint_zero",)),
-        "geometry": (max(noise.geometry_mm, noise.geometry_deg), ("geometry",)),
-        "frames": (max(noise.tool_frame_mm, noise.part_frame_mm, noise.part_frame_deg), ("tool_frame", "part_frame")),
+        "link_share": (noise.link_share, ("link_share",)),
+        "part": (max(noise.part_frame_mm, noise.part_frame_deg), ("part_frame",)),
         "temperature": (noise.temperature_K, ("temperature",)),
-        "drive": (max(noise.backlash_deg, noise.gear_error_deg), ("backlash", "gear_error")),
         "wrench_level": (noise.wrench_level, ("wrench_level",)),
         "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
         "wrench_path": (noise.wrench_path, ("wrench_path",)),
         "encoders": (max(noise.motor_encoder_deg, noise.link_encoder_deg), ("encoders",)),
-        "repeatability": (1.0 if noise.repeatability_mm is None else noise.repeatability_mm, ("repeatability",)),
+        "repeatability": (robot_uncertainty(robot).repeatability or 0.0, ("repeatability",)),
         "force_sensor": (
             max(noise.force_noise_N, noise.moment_noise_Nm, noise.force_bias_N, noise.moment_bias_Nm, noise.force_gain),
             ("force_bias", "force_noise"),
         ),
-        "tracker": (max(noise.tracker_mm, noise.tracker_mm_per_m), ("tracker",)),
         "effects": (float(len(noise.effects)), ("effects",)),
         "robot": (1.0, ("posterior",)),
     }
@@ -108,14 +93,6 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
         if level > 0.0 and sum(sizes[factor] for factor in factors) > 0
     }
     return Factors(columns, kept)
-
-
-def link_blocks(robot: Robot) -> list[list[int]]:
-    """Group the elastic coordinates beside the gears that vary together: a spring by itself, a link's six as one."""
-    coordinates = spring_coordinates(robot)
-    alone = [[c] for c, spring in zip(coordinates, robot.springs, strict=True) if not spring.actuator]
-    rest = sorted(set(range(len(coordinates) + 6 * len(robot.link_elasticities))) - set(coordinates))
-    return alone + [rest[start : start + 6] for start in range(0, len(rest), 6)]
 
 
 def draw_points(

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
 from compplan.io.provenance import note_seed
 from compplan.job.job import Job
-from compplan.plan.plan import PlanOptions, build_task, prepare_job
-from compplan.plan.strategies.online import PLAIN
-from compplan.plan.task import PlanTask
-from compplan.robot import Robot
-from compplan.studies.curves import ErrorCurves, trace_model_error
-from compplan.studies.encoder_table import EncoderTable, tabulate_encoders
+from compplan.plan.plan import build_task, prepare_job
 from compplan.studies.runner import Run, Settings, run_study
 from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
 from compplan.studies.storage import discard_chunks
 from compplan.studies.study import MOST_WAYPOINTS, Study, prepare_study
 from compplan.studies.summary import summarise_run
 from compplan.studies.workers import Workers
-from compplan.toolpath.toolpath import Toolpath
 from compplan.uncertainty.sensitivities import read_force_spread
 
 SAMPLES = "samples"
@@ -36,8 +30,6 @@ class JobStudy:
         job: The job.
         run: The samples.
         sensitivity: Total Sobol indices, or None.
-        curves: Deviation against model error.
-        encoders: What each encoder strategy leaves under loads of all directions, or None without two encoders.
         summary: Content of montecarlo.json.
 
     """
@@ -45,8 +37,6 @@ class JobStudy:
     job: Job
     run: Run
     sensitivity: Sensitivity | None
-    curves: ErrorCurves
-    encoders: EncoderTable | None
     summary: dict[str, Any]
 
 
@@ -108,7 +98,7 @@ def study_job(
         )
     say("summary")
     summary = summarise_run(run, indices, name=job.name or job.file.stem, main=main)
-    return JobStudy(job, run, indices, trace_model_error(study), tabulate_encoders(study.task), summary)
+    return JobStudy(job, run, indices, summary)
 
 
 def _prepare(
@@ -118,18 +108,8 @@ def _prepare(
     say("posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
-    plain = _plain_task(robot, nominal, options) if not strategies or PLAIN in strategies else None
     study = prepare_study(
-        task, job.noise, strategies or None, most_waypoints=most_waypoints, plain=plain, force=read_force_spread(job),
+        task, job.noise, strategies or None, most_waypoints=most_waypoints, force=read_force_spread(job),
         announce=say,
     )
     return study, options.strategy
-
-
-def _plain_task(robot: Robot, nominal: Toolpath, options: PlanOptions) -> PlanTask | None:
-    """Build the task at one configuration with the tool held as the job points it; None where that misses waypoints."""
-    try:
-        task = build_task(robot, nominal, replace(options, posture=None))
-    except InputError:
-        return None
-    return None if task.missed.any() else task

@@ -1,4 +1,4 @@
-"""Robots of a study that are drawn from what is known of the robot: [noise] robot = "posterior".
+"""Robots of a study, drawn from the uncertainty of the robot folder.
 
 A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
 one coordinate for each cause with rivals picks by their weights; and one of what no parameter explains. Compliances of
@@ -19,8 +19,7 @@ from scipy.special import ndtr
 
 from compplan.effects import transmission_error
 from compplan.effects.forward_model import own_springs
-from compplan.errors import InputError
-from compplan.job.noise import OF_ROBOT, NoiseTable
+from compplan.job.noise import NoiseTable
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
@@ -113,25 +112,9 @@ def count_coordinates(robot: Robot) -> int:
     return known.split_alternatives()[0].shape[1] + len(group_alternatives(known)) + 3 * MODES
 
 
-def settle_robot(robot: Robot, noise: NoiseTable) -> NoiseTable:
-    """Leave to the posterior what it knows; the same table where robots are drawn by [noise] itself.
-
-    Raises:
-        InputError: If the job also states a spread that the posterior has.
-    """
-    if noise.robot != "posterior":
-        return noise
-    stated = [key for key in OF_ROBOT if key in noise.model_fields_set]
-    if stated:
-        message = f"{stated[0]} is stated, and robot = \"posterior\" takes it from the robot folder; leave one out"
-        raise InputError(message, where="noise")
-    told = robot_uncertainty(robot).repeatability or 0.0
-    return noise.model_copy(update={**dict.fromkeys(OF_ROBOT, 0.0), "repeatability_mm": told * 1e3})
-
-
 def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
     """Take level and direction of the force from what measured parts said of them together with the robot."""
-    if noise.robot != "posterior" or force is None or not len(force.robot):
+    if force is None or not len(force.robot):
         return noise
     spread = {"wrench_level": force.level, "wrench_direction_deg": float(np.degrees(force.direction))}
     return noise.model_copy(update=spread)

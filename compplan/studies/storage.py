@@ -34,7 +34,7 @@ def fingerprint_study(study: Study, settings: dict[str, Any]) -> str:
     digest.update(study.noise.model_dump_json().encode())
     at = study.surroundings
     arrays: list[Array] = [study.nominal, at.wrench, at.shift, at.scale, study.task.chain.compliance]
-    arrays += [] if at.posterior is None else [1e9 * at.posterior.root]
+    arrays += [at.link_share, 1e9 * at.posterior.root]
     for name, worker in study.workers.items():
         digest.update(name.encode())
         arrays += [worker.q, worker.spring_factor]

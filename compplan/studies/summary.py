@@ -17,9 +17,7 @@ from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 
 #: What a study leaves out.
 UNCOUPLED = "the stiffness of the process (the force does not change with where the tool stands), "
-LEFT_OUT = (
-    "the steps of quantised encoders (their errors are drawn as normal noise), and the limiter of online corrections"
-)
+LEFT_OUT = "the steps of quantised encoders (their errors are drawn as normal noise)"
 
 
 def _describe_reach(study: Study) -> list[str]:
@@ -29,11 +27,9 @@ def _describe_reach(study: Study) -> list[str]:
 
 def _describe_draws(study: Study) -> list[str]:
     """Say what robots are drawn from, where that is what the folder knows, and what of the force goes with them."""
-    if study.noise.robot != "posterior":
-        return describe_noise(study.noise)
     robot, posterior = study.task.robot, study.surroundings.posterior
     said = [f"robots are drawn from what is known: {robot_uncertainty(robot).source}", *list_assumed(robot)]
-    if posterior is None or (force := posterior.force) is None:
+    if (force := posterior.force) is None:
         return [*describe_noise(study.noise), *said]
     taken = ("noise.wrench_level ", "noise.wrench_direction_deg ")
     said += [f"level and direction of the force ({force.level:.0%}, {np.degrees(force.direction):.2g} deg) go with the"

@@ -18,8 +18,8 @@ from compplan.studies.sampling import Cells, differentiate_placements, shift_tip
 from compplan.toolpath.toolpath import select_waypoints
 from compplan.uncertainty.touch_off import TouchedPart, locate_touching
 
-#: Columns of `differentiate_placements`: of each joint and of the flange, growth, tool frame, part frame.
-PLACED, GROWN, TOOL_AXES, PART_AXES = 6, 1, 3, 6
+#: Columns of `differentiate_placements`: growth, part frame.
+GROWN, PART_AXES = 1, 6
 
 
 class Touch(NamedTuple):
@@ -54,13 +54,12 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
         touched=None,
     )  # fmt: skip
     rates = differentiate_placements(there, noise)[0]
-    first = PLACED * (len(robot.actuated) + 1) + GROWN + TOOL_AXES
+    first = GROWN
     rates[first : first + PART_AXES] = 0.0  # the part does not move between touch and cut
     for number, entry in enumerate(noise.effects):
         if entry.effect in TRANSIENT:
             rates[first + PART_AXES + number] = 0.0
-    if noise.robot == "posterior":
-        rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
+    rates[len(rates) - 3 * MODES :] = 0.0  # the band counts what is unexplained as it is
     offset = np.zeros((k, 3))
     if robot.effects:
         plain = attain_with_effects(replace(robot, effects=()), touched.q, np.zeros((k, 6)), np.ones(k - 1))[0]
@@ -68,11 +67,20 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
     return Touch(touched.q.T[:, None, :], touched.shown.T, rates, offset.T, linear_displacement(touched.shown))
 
 
-def move_part(touch: Touch, kernel: Kernel, cells: Cells, spring_factor: Array, position: Array) -> Array:
-    """Return where the part of every cell stands beside the found frame, at positions (3, n). Shape (3, b, n). [m]."""
+def move_part(touch: Touch, kernel: Kernel, cells: Cells, scale: Array, position: Array) -> Array:
+    """Return where the part of every cell stands beside the found frame. Shape (3, b, n). [m].
+
+    Args:
+        touch: The touched points.
+        kernel: The kernel.
+        cells: The cells.
+        scale: Share of each spring's deflection that the feedback leaves. Shape (s, b).
+        position: Positions on the path. Shape (3, n). [m]
+
+    """
     b, k = cells.zero.shape[1], touch.q.shape[2]
     q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)
-    factor = np.repeat(cells.factor * spring_factor[:, None], k, axis=1)
+    factor = np.repeat(cells.factor * scale, k, axis=1)
     tips = settle_tips(kernel, q, np.zeros((6, b * k)), factor, np.zeros_like(factor)).reshape(3, b, k)
     gap = tips + shift_tip(cells.causes, touch.placements) + (touch.offset - touch.shown)[:, None, :]
     twist = touch.fit @ np.moveaxis(gap, 1, 0).transpose(0, 2, 1).reshape(b, -1).T

@@ -6,7 +6,8 @@ corner C and ends a behind it,
     x(u) = p(-a (1 - u)^n) + p(a u^n) - C,
 
 p the path by its length from the corner. With n = 2 that is a parabola between straight moves, which bends the least.
-With n = 4 and u even in time the tool slows down and starts as a run that is smoothed does (`compplan.plan.profile`).
+With n = 4 and u even in time the tool slows down and starts as a run that is smoothed does
+(`compplan.planning.timing`).
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def ask(code: str) -> str:
 
 def test_a_verb_stays_a_verb_whichever_room_of_its_name_is_imported_and_when() -> None:
     rooms_first, verb_first = "import compplan.plan.compare; import compplan as cp", "import compplan as cp; cp.plan"
-    for order in (rooms_first, f"{verb_first}; import compplan.plan.nlp"):
+    for order in (rooms_first, f"{verb_first}; import compplan.planning.nlp"):
         said = ask(
             f"{order}\nimport compplan.diagnosis.results.where as w\nfrom compplan import plan\n"
             "from compplan.plan import strategies\n"

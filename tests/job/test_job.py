@@ -83,7 +83,6 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
         "sampling": {"chord_mm": 0.03},
         "posture": {"spin_step_deg": 9.0, "lead_deg": 6.0, "lean_deg": 3.0, "limit_margin_deg": 18.0,
                     "joint_zero_uncertainty_deg": 0.9},
-        "noise": {"gear_error_deg": 0.018, "backlash_deg": 0.036},
     }  # fmt: skip
     job = check_job(data, "job.toml")
     assert job.T_base_part == pytest.approx(np.array([[0, 0, 1, 1.5], [1, 0, 0, -0.02], [0, 1, 0, 0.3], [0, 0, 0, 1]]))
@@ -101,7 +100,6 @@ def test_lengths_and_angles_of_a_job_are_read_in_millimetres_and_degrees() -> No
     angles = (settings.spin_step, settings.lead, settings.lean, settings.limit_margin)
     assert angles == pytest.approx((np.pi / 20, np.pi / 30, np.pi / 60, np.pi / 10))
     assert settings.uncertainty.joint_zero == pytest.approx(np.pi / 200)
-    assert (settings.motion.gear, settings.motion.lost) == pytest.approx((np.pi / 10000, np.pi / 5000))
 
 
 def test_auto_leaves_the_configuration_free_and_words_bind_it() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import compplan as cp
-from oracles.forces import DrivenRows, read_forces
-from oracles.wanted import check_required_path
+from tests.oracles.forces import DrivenRows, read_forces
+from tests.oracles.wanted import check_required_path
 
 #: Largest difference of a wrench from the independent one, as a share of the greatest.
 WRENCH = 1e-3

@@ -11,10 +11,10 @@ import numpy as np
 
 from compplan.controllers.readback.frames import read_part
 from compplan.robot import Array
-from oracles.cam.follow import FEED_SHARE, Followed, find_difference
-from oracles.cam.moves import CannotTellError, Reading
-from oracles.cam.tables import read_generator, read_table
-from oracles.forces import DrivenRows
+from tests.oracles.cam.follow import FEED_SHARE, Followed, find_difference
+from tests.oracles.cam.moves import CannotTellError, Reading
+from tests.oracles.cam.tables import read_generator, read_table
+from tests.oracles.forces import DrivenRows
 
 #: Tolerance where the job does not say [mm], and the share of it by which corners of a file are rounded then.
 TOLERANCE, ROUNDED = 0.1, 0.25
@@ -92,7 +92,7 @@ def read_wanted(tables: Mapping[str, Any], folder: Path) -> tuple[Reading, float
     file, options = folder / source, tables.get("cam", {})
     if file.suffix.lower() == ".csv":
         return read_table(file), 0.0
-    from oracles.cam.cam import read_moves
+    from tests.oracles.cam.cam import read_moves
 
     return read_moves(file, options), 1e-3 * options.get("chord_tolerance_mm", 1e3 * CHORD)
 

@@ -18,9 +18,9 @@ from compplan.plan.between import measure_between
 from compplan.plan.feed import time_run
 from compplan.plan.motion_limits import measure_use
 from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.profile import ease, ease_duration, ease_times, smooth_profile
 from compplan.plan.timing import cutting_runs
 from compplan.plan.verdict import find_breaches, set_up_bench
+from compplan.planning.timing import ease, ease_duration, ease_times, smooth_profile
 from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import locate_frames

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles.plan_check import check_plan
 from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
@@ -26,6 +25,7 @@ from compplan.simulation.exact import build_exact_robot
 from compplan.simulation.inertia import fit_parabolas
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import Toolpath, place_toolpath
+from tests.oracles.plan_check import check_plan
 
 pytestmark = pytest.mark.usefixtures("graph_alone")
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.errors import InputError
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
 from compplan.plan.deflection import Bending, describe_bending
@@ -25,7 +24,6 @@ from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm, solve_branches
 from compplan.toolpath.events import Event
-from compplan.toolpath.readers import read_cam
 
 JOB = {"schema": 1, "robot": "ur10", "toolpath": "part.nc"}
 
@@ -169,19 +167,6 @@ def test_a_cut_that_nothing_turns_the_spindle_for_is_told() -> None:
     assert "never starts the spindle (no M3 or M4)" in describe_spindle(task, job)[0]
     task.nominal.events = (Event(0, "spindle_cw", 9000.0),)
     assert not describe_spindle(task, job) and not describe_spindle(task, check_job({**JOB, "toolpath": "path.csv"}))
-
-
-@pytest.mark.parametrize(
-    ("text", "start"),
-    [
-        ("G21\nG1 Z1 F600\nX10 Y0\n", ":2: a cut begins where X Y Z of the tool is not known"),
-        ("G21\nG0 Z5\nG1 X10 F600\n", ":3: a cut begins where X Y of the tool is not known"),
-    ],
-)
-def test_a_cut_from_nowhere_names_every_coordinate_that_is_not_known(text: str, start: str, tmp_path: Path) -> None:
-    (tmp_path / "a.nc").write_text(text)
-    with pytest.raises(InputError, match=start):
-        read_cam(tmp_path / "a.nc")
 
 
 def test_what_bends_the_arm_stands_in_one_line() -> None:

@@ -13,11 +13,10 @@ from benchmarks.limits import sample_use
 from compplan.controllers.readback.robot import read_joints
 from compplan.job.job import LimitsTable
 from compplan.plan.checks import _vote_on_jerk
-from compplan.plan.fastest_run import time_cut
 from compplan.plan.feed import FeedRequest, TorqueRules, time_run
 from compplan.plan.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
-from compplan.plan.profile import ease, ease_times
 from compplan.plan.timing import cutting_runs, find_slowdown, time_command
+from compplan.planning.timing import ease, ease_times, time_cut
 from compplan.robot import Array
 from tests.planning.test_feed import ROBOT, arc_path, make_task, square_path
 

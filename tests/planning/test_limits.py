@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.plan.nlp import build_nlp, solve_nlp
-from compplan.plan.path_problem import smoothness_matrix
 from compplan.plan.strategies import command_path
 from compplan.plan.strategies.limits import OUT_OF_REACH, check_limits, measure_correction, name_failures
 from compplan.plan.strategies.mirror import mirror_deviation
 from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose
-from tests.planning.test_nlp import make_problem, plain_rows
 from tests.planning.test_strategies import make_path, make_task
 
 
@@ -81,22 +78,6 @@ def test_a_limit_that_the_solution_would_leave_is_kept_by_the_redundancy(side: s
     assert (sign * command.q[:, joint]).max() <= sign * bound + 1e-9 < extreme
 
 
-def test_waypoints_without_time_between_them_count_alike() -> None:
-    still = smoothness_matrix(make_problem(6, step_time=np.zeros(5))).toarray()
-    assert np.isfinite(still).all()
-    assert still[1] == pytest.approx([0.0, 1.0, -2.0, 1.0, 0.0, 0.0])
-    assert smoothness_matrix(make_problem(2, step_time=np.ones(1))).shape == (0, 2)
-
-
-def test_a_motion_that_was_chosen_keeps_its_shape_where_nothing_bends() -> None:
-    """Without force the chosen motion stands on the path: smoothness of the departure from it asks for no change."""
-    problem = make_problem(30, wrench=np.zeros((30, 6)), keeps_shape=True, spin_free=True)
-    kept = solve_nlp(build_nlp(problem, plain_rows(problem)), problem.q_start, _unloaded(problem)).q
-    assert np.abs(kept - problem.q_start).max() < 1e-7
-    free = replace(problem, keeps_shape=False)
-    smoothed = solve_nlp(build_nlp(free, plain_rows(free)), free.q_start, _unloaded(free)).q
-    assert np.abs(smoothed - problem.q_start).max() > 1e-5
-
-
-def _unloaded(problem):
-    return attain_pose(problem.chain, problem.q_start, problem.wrench)
+def test_a_motion_that_was_chosen_is_kept_where_nothing_bends() -> None:
+    task = make_task(path=make_path(30, force=np.zeros(6)), spin_free=True)
+    assert np.abs(command_path(task, "nlp").q - task.q_start).max() < 1e-9

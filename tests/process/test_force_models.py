@@ -6,7 +6,6 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from oracles.forces import DrivenRows, read_forces
 
 from compplan.errors import InputError
 from compplan.job.job import check_job, load_job
@@ -28,6 +27,7 @@ from compplan.process.force_models.isf_regression import (
 )
 from compplan.toolpath.generators import Pace, generate_cone
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
+from tests.oracles.forces import DrivenRows, read_forces
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "forces").glob("*.toml"))
 SLOT = "x_mm,y_mm,z_mm,feed_mm_s,rapid\n-20,20,10,0,1\n-20,20,-2,0,1\n60,20,-2,20,0\n60,20,10,20,0\n"

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.plan.correction_loop import largest_pole
-from compplan.plan.strategies.online_correction import LITERAL
+from compplan.reproduce.correction_loop import LITERAL, largest_pole
 from compplan.reproduce.johra2022 import (
     FIG_7_DEG,
     FIG_7_FORCE,

@@ -53,6 +53,17 @@ def test_what_was_fitted_is_labelled_so(result: Reproduction) -> None:
             assert row.assumption.startswith("two scalars fitted"), row.quantity
 
 
+def test_the_encoder_table_comes_out_with_the_link_share_as_the_only_free_number(result: Reproduction) -> None:
+    mean, most, both = (
+        float(result.row(f"Link share: {name}").ours)
+        for name in ("mean left with link-side feedback", "maximum left with link-side feedback",
+                     "mean left with combined feedback")
+    )  # fmt: skip
+    assert mean == pytest.approx(44.7, abs=0.1)
+    assert most == pytest.approx(50.4, rel=0.15)
+    assert both < 20.0
+
+
 def test_joint_one_is_unseen_under_vertical_loads(result: Reproduction) -> None:
     row = result.row("Joint 1 under vertical loads")
     assert row.verdict == "matches" and "joint_1 cannot be determined" in str(row.ours)

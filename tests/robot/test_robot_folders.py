@@ -98,11 +98,14 @@ def test_the_elasticity_has_known_keys_sources_and_positive_springs(name: str) -
     table, model = read_toml(name, "elasticity.toml"), load_model(name)
     assert set(table) <= ELASTICITY_KEYS and table["schema"] == 1
     assert table["grade"] in ("identified", "literature", "scaled", "placeholder")
-    assert set(table["sources"]) == SOURCES and all(table["sources"].values())
+    stated = [spring for spring in table.get("spring", []) if "link_share" in spring]
+    assert len(stated) == sum(spring.get("actuator", spring["axis"] == "own") for spring in table.get("spring", []))
+    assert all(spring["link_share"] == (0.0 if table.get("link") else 0.4) for spring in stated)
+    assert set(table["sources"]) == SOURCES | ({"link_share"} if stated else set()) and all(table["sources"].values())
     assert (table["tcp"], table["flange"]) == ("tool0", "flange")
     assert len(table["acceleration_limits"]) == model.nq and min(table["acceleration_limits"]) > 0
     for spring in table.get("spring", []):
-        assert set(spring) <= {"joint", "axis", "compliance", "offset", "actuator"}
+        assert set(spring) <= {"joint", "axis", "compliance", "offset", "actuator", "link_share"}
         assert model.existJointName(spring["joint"])
         assert spring["axis"] in ("own", "tx", "ty", "tz", "rx", "ry", "rz")
         assert 1e-9 < spring["compliance"] < 3e-4

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.forces import DrivenRows
-from oracles.wanted import Check, check_required_path
+
+from tests.oracles.forces import DrivenRows
+from tests.oracles.wanted import Check, check_required_path
 
 PROGRAM = "G21 G90 G94\nG0 X0 Y0 Z10.\nG1 Z0. F600\nG1 X20. F1200\nG1 Y20.\nM30\n"
 """A plunge of 10 mm/s and two cuts of 20 mm/s."""

@@ -13,12 +13,12 @@ from compplan.effects import solve_model_poses
 from compplan.effects.forward_model import own_springs
 from compplan.errors import InputError
 from compplan.job.job import check_job
-from compplan.job.noise import NoiseTable, describe_noise
+from compplan.job.noise import NoiseTable
 from compplan.plan.plan import build_task, prepare_job
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.studies import evaluation as judging
 from compplan.studies.evaluation import run_strategy
-from compplan.studies.posterior import MODES, count_coordinates, settle_robot
+from compplan.studies.posterior import MODES, count_coordinates
 from compplan.studies.sampling import _Noises, sample_robots
 from compplan.studies.study import Study, prepare_study
 from compplan.studies.summary import _describe_draws
@@ -44,9 +44,9 @@ REST = {
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior", **REST}}, "job.toml"))
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": REST}, "job.toml"))
     task = build_task(robot, nominal, replace(options, posture=None))
-    noise = NoiseTable(robot="posterior", **REST)
+    noise = NoiseTable(**REST)
     return prepare_study(task, noise, ["none"])
 
 
@@ -92,12 +92,12 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
     shift, own = np.array([4e-4, -6e-4]), np.diag([1e-5, 1e-5]) ** 2
     unknowns, factor = spread_unknowns(unknowns, own + 0.3 * np.outer(shift, shift))
     known = Uncertainty("measured", "test", unknowns, factor, rivals=(AlternativeRobot("b", "a", 0.3, shift),))
-    robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior", **REST}}, "job.toml"))
+    robot, nominal, options = prepare_job(check_job({**JOB, "noise": REST}, "job.toml"))
     z = np.random.default_rng(1).standard_normal((400, count_coordinates(replace(robot, uncertainty=known))))
     for factor_on in (1.0, 3.0):
         armed = replace(robot, uncertainty=replace(known, calibration=factor_on))
         task = build_task(armed, nominal, replace(options, posture=None))
-        study = prepare_study(task, NoiseTable(robot="posterior", **REST), ["none"])
+        study = prepare_study(task, NoiseTable(**REST), ["none"])
         moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
         scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
         other = (
@@ -119,7 +119,7 @@ def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_fa
 
 def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too() -> None:
     """A softer joint 2 under less force: samples stand where the exact equilibrium of both has them."""
-    robot, nominal, options = prepare_job(check_job({**JOB, "noise": {"robot": "posterior"}}, "job.toml"))
+    robot, nominal, options = prepare_job(check_job({**JOB}, "job.toml"))
     spring = 0.2 * own_springs(robot)[1].compliance
     soft = Unknown("joint_stiffness", "joint_2", None, ("compliance_change_rad_per_Nm",), np.array([spring]))
     tool = Unknown("tool_frame", None, None, ("tx_m", "ty_m", "tz_m"), np.zeros(3))
@@ -129,7 +129,7 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too() ->
     force = ForceSpread(0.1, 0.02, 0.0, "process.toml: one part", 0.0, together)
     task = build_task(replace(robot, uncertainty=known), nominal, replace(options, posture=None))
     rest = {key: value for key, value in REST.items() if key not in ("wrench_level", "wrench_direction_deg")}
-    study = prepare_study(task, NoiseTable(robot="posterior", **rest), ["none"], force=force)
+    study = prepare_study(task, NoiseTable(**rest), ["none"], force=force)
     columns = study.surroundings.factors.columns
     points = np.full((3, study.surroundings.factors.size), 0.5)
     points[1:, columns["posterior"].start] = ndtr(1.5)  # one deviation and a half softer
@@ -144,21 +144,17 @@ def test_a_force_that_was_taught_with_the_robot_goes_with_it_in_samples_too() ->
     assert any("(10%, 1.1 deg) go with the robot: process.toml" in words for words in _describe_draws(study))
 
 
-def test_the_spread_of_the_robot_is_left_to_the_folder(study: Study) -> None:
-    robot = study.task.robot
-    settled = settle_robot(robot, NoiseTable(robot="posterior"))
-    assert settled.joint_compliance == settled.geometry_mm == settled.backlash_deg == 0.0
-    assert settled.repeatability_mm == pytest.approx(1e3 * robot_uncertainty(robot).repeatability)
-    assert not any("joint_compliance" in sentence for sentence in describe_noise(settled))
-    assert settle_robot(robot, NoiseTable()) == NoiseTable()
-    with pytest.raises(InputError, match='backlash_deg is stated, and robot = "posterior"'):
-        settle_robot(robot, NoiseTable(robot="posterior", backlash_deg=0.01))
+@pytest.mark.parametrize("key", ["robot", "joint_compliance", "geometry_mm", "backlash_deg", "repeatability_mm"])
+def test_a_spread_of_the_robot_in_the_job_is_refused_in_one_line(key: str) -> None:
+    value = "posterior" if key == "robot" else 0.1
+    with pytest.raises(InputError, match=f"noise.{key} is no longer supported; robots are drawn from the robot folder"):
+        check_job({**JOB, "noise": {key: value}}, "job.toml")
 
 
 def test_noise_along_the_path_has_variance_one_at_its_knots_however_slowly_it_forgets() -> None:
     white = np.random.default_rng(2).standard_normal((1, 4000, 22))
     at = SimpleNamespace(forget=0.8, knot=np.arange(20.0))
-    drawn = _Noises.along_path(SimpleNamespace(at=at, _fill=lambda *_: white.copy()), 0)  # type: ignore[arg-type]
+    drawn = _Noises.along_path(SimpleNamespace(at=at, _fill=lambda *_: white.copy()))  # type: ignore[arg-type]
     assert drawn.std(axis=0) == pytest.approx(np.ones(20), abs=0.05)
     assert np.mean(drawn[:, 10] * drawn[:, 11]) == pytest.approx(0.8, abs=0.05)
 
@@ -171,11 +167,12 @@ def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(mon
         offset=np.zeros((3, 3)), touch=None,
     )  # fmt: skip
     cells = SimpleNamespace(
-        zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=[2.0 * one], link=[0.5 * one], factor=np.ones((1, 1)),
-        shift=np.zeros((3, 1, 3)), repeat=[np.zeros((3, 1))], wrench=[np.zeros((6, 1, 3))],
+        zero=np.array([[0.1], [0.2]]), drive=5.0 * one, motor=2.0 * one, link=0.5 * one, factor=np.ones((1, 1)),
+        link_share=np.zeros((1, 1)),
+        shift=np.zeros((3, 1, 3)), repeat=np.zeros((3, 1)), wrench=np.zeros((6, 1, 3)),
     )  # fmt: skip
     asked = []
     monkeypatch.setattr(judging, "settle_tips", lambda kernel, q, *rest: asked.append(q) or np.zeros((3, 3)))
     study = SimpleNamespace(kernel=None, nominal=np.zeros((3, 3)), coupling=None)
-    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)), 0)  # type: ignore[arg-type]
+    judging._cut_part(study, worker, cells, np.zeros((2, 1, 3)))  # type: ignore[arg-type]
     assert asked[0][:, 0] == pytest.approx([0.1 + 5.0 - 2.0, 0.2 - 0.5])

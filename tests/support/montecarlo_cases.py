@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
+
 from compplan.job.job import Job, check_job
 from compplan.job.noise import NoiseTable
 from compplan.plan.plan import build_task, prepare_job
 from compplan.plan.task import PlanTask
+from compplan.robot import Array
+from compplan.studies.sampling import Cells
 from compplan.studies.study import Study, prepare_study
 
 
@@ -46,3 +50,24 @@ def cone_study(most_waypoints: int = 60) -> Study:
 def small_study() -> Study:
     """A study of two cheap strategies at a dozen waypoints."""
     return prepare_study(cone_task(), NoiseTable(), ["none", "secondary_encoder"], most_waypoints=12)
+
+
+def noise_free_robots(study: Study, compliance: Array, level: Array) -> Cells:
+    """Make cells without noise, with all compliances and the wrench times factors. Shape (b,) each."""
+    at, b, n = study.surroundings, len(compliance), len(study.task)
+    nq = len(at.q)
+    still, rest = np.zeros((nq, b, n)), np.zeros((3, b, n))
+    wrench = at.wrench[:, None, :] * level[:, None]
+    return Cells(
+        factor=np.tile(compliance, (at.n_springs, 1)),
+        link_share=np.repeat(at.link_share[:, None], b, axis=1),
+        zero=np.zeros((nq, b)),
+        drive=still,
+        causes=np.zeros((len(at.scale), b)),
+        shift=rest,
+        wrench=wrench,
+        repeat=np.zeros((3, b)),
+        motor=still,
+        link=still,
+        force=np.zeros((6, b, n)),
+    )

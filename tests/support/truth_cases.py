@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from oracles.cam.follow import Followed, find_difference
-from oracles.cam.moves import ARC, LINE, RAPID, Reading, Recorder
 
 from compplan.errors import InputError
 from compplan.robot import Array
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.reading import read_toolpath
+from tests.oracles.cam.follow import Followed, find_difference
+from tests.oracles.cam.moves import ARC, LINE, RAPID, Reading, Recorder
 
 FOLDER = Path(__file__).parents[1] / "truth"
 #: How far an end may lie from the one expected. [m]

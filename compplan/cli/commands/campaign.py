@@ -28,15 +28,14 @@ from compplan.io.tables import dump_json
 @click.option("--for", "purpose", type=click.Choice(["path", "calibration"]), default="path", show_default=True,
               help="Narrow the band on JOB's path, or serve a calibration of an arm that is hardly known.")  # fmt: skip
 @click.option("--with", "instrument", default="tracker", show_default=True,
-              type=click.Choice(["tracker", "sockets", "gauge", "probe", "plane", "sphere", "ball_bar"]),
-              help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge, a probe"
-              " along normals at known places, contacts with planes or spheres, a ball bar.")  # fmt: skip
+              type=click.Choice(["tracker", "sockets", "gauge", "ball_bar"]),
+              help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge,"
+              " a ball bar.")  # fmt: skip
 @click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6.")
 @click.option("--instrument", "described", type=click.Path(path_type=Path),
               help="TOML file of the instrument of --log, as `diagnose` takes it.")  # fmt: skip
 @click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
-              help="Length of the ball bar (300 is assumed), radii of sphere and tool's ball together (30), or"
-              " distance of the two sockets of a plate; left out:"
+              help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
               " sockets one by one, which do not tell the scale.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
 @click.option("--json", "as_json", is_flag=True, help="Print campaign.json to stdout.")

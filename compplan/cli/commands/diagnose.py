@@ -27,7 +27,6 @@ from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
 from compplan.io.tables import dump_json
 from compplan.measurement.checks import list_notes
-from compplan.measurement.creep import find_creep
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.diagnosis_text import describe_beside, describe_counting, describe_selection
 from compplan.reporting.effect_text import describe_change
@@ -78,8 +77,6 @@ def command(
     click.echo(describe_diagnosis(diagnosis))
     click.echo(describe_assessment(diagnosis, assessment))
     measured = diagnosis.fit.problem.campaign
-    for crept in find_creep(measured.sights, diagnosis.residual_after, measured.usable):
-        click.echo(crept.describe())
     for note in list_notes(measured.notes):
         click.echo(note)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))

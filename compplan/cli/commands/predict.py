@@ -13,7 +13,6 @@ from compplan.cli.commands.output_paths import OUT_TABLE
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import dump_json
 from compplan.measurement.checks import check_unit, list_notes
-from compplan.measurement.creep import find_creep
 from compplan.measurement.registration import folder_registration, parse_parts
 from compplan.robot import load_robot
 from compplan.simulation.predict import predict_campaign, write_prediction
@@ -44,16 +43,11 @@ def command(
     write_prediction(prediction, out)
     distance = np.linalg.norm(prediction.gap, axis=1) * 1e3
     distance = distance[np.isfinite(distance)]
-    crept = find_creep(campaign.sights, prediction.gap, campaign.usable)
     summary = {
         "rows": len(campaign),
         "rms_mm": float(np.sqrt(np.mean(distance**2))) if len(distance) else None,
         "median_mm": float(np.median(distance)) if len(distance) else None,
         "registered": list(parts),
-        "crept": [
-            {"labels": list(one.labels), "way_mm": 1e3 * one.way, "rms_mm": 1e3 * one.before,
-             "rms_without_mm": 1e3 * one.after} for one in crept
-        ],
         "notes": list(campaign.notes),
         "made_by": describe_origin(),
     }
@@ -62,8 +56,6 @@ def command(
         return
     if len(distance):
         click.echo(f"{len(campaign)} rows; measured positions differ by {summary['rms_mm']:.3f} mm rms")
-    for one in crept:
-        click.echo(one.describe())
     for note in list_notes(campaign.notes):
         click.echo(note)
     click.echo(f"wrote {out}")

@@ -1,27 +1,22 @@
-"""What an online strategy is: what it has prepared from its own model, what it reads, and how it answers.
+"""A strategy prepared for a task: its command, the feedback that holds the axes, and its response to a sensor.
 
-All online strategies have one form. Before the first part is cut a strategy solves its own model for the command that
-puts the loaded tool on the path under an expected reading, and for how that command changes with the reading:
+A strategy with a force sensor solves its own model before the cut for the command that puts the loaded tool on the
+path under the expected wrench, and for how that command changes with the measured wrench:
 
-    q_command = q + gain (reading - expected)
+    q_command = q + gain (wrench - expected)
 
-The answer is exact at the expected reading and first order around it; since the command is a function of the reading
-alone, the expansion point carries no knowledge that the strategy does not have. Readings are the strategy's own noisy
-sensors; it never sees the cell's parameters.
+The command is exact at the expected wrench and first order around it. The wrench is that of the strategy's own noisy
+sensor; the strategy does not know the parameters of the drawn robot.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from compplan.plan.correction_loop import Loop
 from compplan.robot import Array
 from compplan.uncertainty.touch_off import TouchedPart
-
-Sensor = Literal["force", "encoders", "tracker"]
 
 
 @dataclass(frozen=True)
@@ -36,13 +31,9 @@ class Answer:
         q: Command at the expected reading. Shape (n, nq). [rad or m]
         feedback: Which reading the axes are held by: "motor", "link" or "combined" (`compplan.statics.encoders`).
         beta: Share of combined feedback. Shape (nq,).
-        sensor: What is read: "force" (wrench at the tip, base axes, 6), "encoders" (link-side minus motor-side, nq),
-            "tracker" (deviation of the part before, 3), or None.
-        gain: Change of the command by the reading. Shape (n, nq, k). [rad or m, per unit of the reading]
-        expected: The reading expected. Shape (n, k).
-        q_rest: Command without correction, which a correction loop starts from. Shape (n, nq). [rad or m]
-        loop: The correction loop that the correction passes through in time, or None.
-        parts: Parts that are measured and corrected before the one that is judged.
+        gain: Change of the command per measured wrench at the tip, base axes; None without a force sensor.
+            Shape (n, nq, 6). [rad/N, rad/(N m)]
+        expected: The wrench expected. Shape (n, 6). [N, N m]
         touched: The part as it was found by touching, at the posture of the strategy, or None.
 
     """
@@ -54,12 +45,8 @@ class Answer:
     q: Array
     feedback: str = "motor"
     beta: Array | None = None
-    sensor: Sensor | None = None
     gain: Array | None = None
     expected: Array | None = None
-    q_rest: Array | None = None
-    loop: Loop | None = None
-    parts: int = 0
     touched: TouchedPart | None = None
 
     @property

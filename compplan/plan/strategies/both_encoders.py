@@ -1,7 +1,7 @@
 """Both encoders: a share beta of the gear's measured deflection stands for what bends beyond the encoder.
 
 q_link + beta (q_link - q_motor) = q with one gain a joint [Klimchik2018], from two compliances of the model: of the
-gear, and of gear and links together about the joint's axis (`compplan.statics.encoders.link_share`).
+gear, and of gear and links together about the joint's axis (`compplan.statics.encoders.combined_gain`).
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import numpy as np
 from compplan.plan.strategies.answer import Answer
 from compplan.plan.strategies.path_map import PathMaps
 from compplan.plan.task import PlanTask
-from compplan.robot import Array
-from compplan.statics.encoders import link_share
+from compplan.statics.encoders import combined_gain
 
 words = "encoders on both sides"
 
@@ -29,13 +28,5 @@ def prepare(task: PlanTask, maps: PathMaps) -> Answer:
         commands="the nominal path, held by link side plus a share of the gear's deflection",
         q=task.q_start,
         feedback="combined",
-        beta=gear_shares(maps.gear_compliance, total),
+        beta=combined_gain(maps.gear_compliance, total),
     )
-
-
-def gear_shares(gear: Array, total: Array) -> Array:
-    """Return beta of every joint, 0 where there is no gear spring or where no load could show the joint."""
-    known = (gear > 0.0) & (total > 0.0)
-    beta = np.zeros(len(gear))
-    beta[known] = link_share(gear[known], total[known])
-    return beta

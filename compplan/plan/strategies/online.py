@@ -29,16 +29,13 @@ class OnlineStrategy(Protocol):
 
 #: Every strategy that reads sensors, by the name of its file.
 ONLINE: Registry[OnlineStrategy] = names.ONLINE.held_by(str(__package__))
-#: The nonlinear program at a posture that was not chosen for accuracy: what the choice of posture brings. The strategy
-#: "nlp" is the robust one where the job asks for an accurate posture, as it does by default.
-PLAIN = "nlp_plain_posture"
 
 _OFFLINE_KNOWLEDGE = {"none": "geometry"}
 
 
 def list_strategies() -> tuple[str, ...]:
-    """List every strategy of a study by name: those of a plan, PLAIN, and those that read sensors."""
-    return (*STRATEGIES, PLAIN, *ONLINE)
+    """List every strategy of a study by name: those of a plan, and those that read sensors."""
+    return (*STRATEGIES, *ONLINE)
 
 
 def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
@@ -46,7 +43,7 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
 
     Args:
         task: The task.
-        strategies: Names of the strategies; all but PLAIN if left out.
+        strategies: Names of the strategies; all if left out.
 
     Raises:
         UnknownNameError: If there is no such strategy.
@@ -54,7 +51,7 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
 
     """
     maps, answers = PathMaps(task), {}
-    for name in (*STRATEGIES, *ONLINE) if strategies is None else strategies:
+    for name in list_strategies() if strategies is None else strategies:
         if name in ONLINE:
             answers[name] = ONLINE[name].prepare(task, maps)
         elif name in STRATEGIES:

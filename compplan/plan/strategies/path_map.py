@@ -9,12 +9,10 @@ import numpy as np
 
 from compplan.identification.reduce import reduce_model
 from compplan.plan.strategies import iterated_mirror
-from compplan.plan.strategies.answer import Answer
 from compplan.plan.task import PlanTask
 from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain
-from compplan.statics.elastic import loaded_compliance, solve_equilibrium
-from compplan.statics.encoders import actuator_selection
+from compplan.statics.elastic import loaded_compliance
+from compplan.statics.encoders import gear_compliance
 from compplan.statics.sensitivity import attain_pose
 
 #: Poses and loads that a reduced model stands for: their number, and their spread about the path. [rad or m]
@@ -66,35 +64,9 @@ class PathMaps:
         return reduce_near_path(self.task)
 
     @cached_property
-    def reduced(self) -> PathMap:
-        """The reduced model."""
-        robot = self.reduced_robot
-        return solve_path_map(replace(self.task, robot=robot, chain=build_chain(robot)))
-
-    @cached_property
     def gear_compliance(self) -> Array:
         """Compliance between the encoders of each joint, 0 where there is none. Shape (nq,). [rad/(N m)]"""
-        return np.abs(actuator_selection(self.task.chain)) @ np.diag(self.task.chain.compliance)
-
-    @cached_property
-    def gear_columns(self) -> Array:
-        """Load on each gear per wrench, in the loaded state of the full model. Shape (n, nq, 6)."""
-        return load_gears(self.task, self.full.q)[0]
-
-    @cached_property
-    def gear_load(self) -> Array:
-        """Load on each gear under the predicted wrench, weights included. Shape (n, nq). [N m or N]"""
-        return load_gears(self.task, self.full.q)[1]
-
-
-def load_gears(task: PlanTask, q: Array) -> tuple[Array, Array]:
-    """Compute the load on each gear: per wrench, shape (n, nq, 6), and as predicted, shape (n, nq)."""
-    from compplan.statics.chain import jacobian
-
-    loaded = solve_equilibrium(task.chain, q, task.wrench)
-    columns = jacobian(task.chain, loaded.frames)[:, :, task.chain.spring_elements]
-    selection = actuator_selection(task.chain)
-    return np.einsum("js,nks->njk", selection, columns), loaded.torque @ selection.T
+        return gear_compliance(self.task.chain)
 
 
 def reduce_near_path(task: PlanTask) -> Robot:
@@ -116,18 +88,3 @@ def spread_wrenches(count: int, level: float, rng: np.random.Generator) -> Array
     directions = rng.normal(size=(2, count, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     return np.hstack([level * directions[0], 0.1 * level * directions[1]])
-
-
-def correct_by_wrench(name: str, knows: str, task: PlanTask, model: PathMap) -> Answer:
-    """Correct by a measured wrench and a model solved along the path."""
-    return Answer(
-        name=name,
-        knows=knows,
-        measures="wrench at the tip",
-        commands="the path corrected for the measured wrench",
-        q=model.q,
-        sensor="force",
-        gain=model.wrench_gain,
-        expected=task.wrench,
-        q_rest=task.q_start,
-    )

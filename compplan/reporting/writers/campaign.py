@@ -12,7 +12,6 @@ from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
 from compplan.learning.campaign import MANY, PoseCampaign
-from compplan.learning.contacts import SPHERE
 from compplan.measurement.observations import DISTANCE, READING, Observations
 from compplan.reporting.campaign_page import describe_campaign, write_campaign_page
 from compplan.robot import Array
@@ -50,7 +49,7 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
     columns |= campaign.plan.robot.joint_columns(poses.log.q)
     columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
-    columns |= sight_columns(poses.sights, n, known=campaign.shop.instrument == SPHERE)
+    columns |= sight_columns(poses.sights, n)
     columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)
     write_table(file, columns, decimals=7)
     todo = (
@@ -68,13 +67,12 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     write_text(file, "\n".join(lines) + "\n")
 
 
-def sight_columns(sights: Observations | None, poses: int, known: bool = False) -> dict[str, object]:
+def sight_columns(sights: Observations | None, poses: int) -> dict[str, object]:
     """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose.
 
     Args:
         sights: What the instrument sees; None: positions.
         poses: How many poses.
-        known: Whether distances are known before, as the radii of a sphere and the ball that touches it are.
     """
     empty = np.full(2 * poses, np.nan)
     if sights is None:
@@ -92,18 +90,15 @@ def sight_columns(sights: Observations | None, poses: int, known: bool = False) 
         columns |= {f"dir_{axis}": second(sights.direction)[:, k] for k, axis in enumerate("ijk")}
         columns["reading_mm"] = empty
     if (sights.kind == DISTANCE).any():
-        columns["distance_mm"] = np.column_stack([empty[::2], 1e3 * sights.value]).ravel() if known else empty
+        columns["distance_mm"] = empty
     return columns
 
 
 #: What is to be done at a pose with another instrument than a tracker.
 TASKS = {
     "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
-    "probe": "touch the face that should be at x_mm y_mm z_mm along dir and write down how far along dir it is off",
     "gauge": "write the reading of the row's gauge down, which grows along dir",
-    "plane": "touch the row's plane, write the joints down as they are and 0 as reading_mm",
     "ball_bar": "hang the bar on the row's ball and write the distance of both balls' centres down",
-    "sphere": "touch the sphere and write the joints down as they are; distance_mm is both radii together",
 }
 
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from oracles.cam.moves import ARC, LINE, NAN, RAPID, CannotTellError, Reading, Recorder
+from tests.oracles.cam.moves import ARC, LINE, NAN, RAPID, CannotTellError, Reading, Recorder
 
 INCH = 25.4
 #: Unit of a feed: mm of the unit, and whether it counts by the turn.

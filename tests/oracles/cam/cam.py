@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from oracles.cam.apt import read_apt
-from oracles.cam.gcode import GCode
-from oracles.cam.heidenhain import read_heidenhain
-from oracles.cam.krl import read_krl_path
-from oracles.cam.machine import DrivenMachine
-from oracles.cam.moves import RAPID, CannotTellError, Reading
-from oracles.cam.rapid import read_rapid_path
-from oracles.cam.sinumerik import read_sinumerik_program
+from tests.oracles.cam.apt import read_apt
+from tests.oracles.cam.gcode import GCode
+from tests.oracles.cam.heidenhain import read_heidenhain
+from tests.oracles.cam.krl import read_krl_path
+from tests.oracles.cam.machine import DrivenMachine
+from tests.oracles.cam.moves import RAPID, CannotTellError, Reading
+from tests.oracles.cam.rapid import read_rapid_path
+from tests.oracles.cam.sinumerik import read_sinumerik_program
 
 #: Languages besides G-code, by what stands in their files, and by endings.
 OTHERS = {

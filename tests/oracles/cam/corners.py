@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from oracles.cam.machine import DrivenMachine
-from oracles.cam.moves import ARC, LINE, CannotTellError
+from tests.oracles.cam.machine import DrivenMachine
+from tests.oracles.cam.moves import ARC, LINE, CannotTellError
 
 
 def cut_corner(

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable
 
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.moves import CannotTellError
 
 _TOKEN = re.compile(r"\s*(\d+\.?\d*(?:E[-+]?\d+)?|\.\d+|\*\*|<>|>=|<=|==|[A-Z]+\d*|[-+*/()\[\]#<>=,])")
 _FUNCTIONS: dict[str, Callable[[float], float]] = {

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from oracles.cam.corners import cut_corner
-from oracles.cam.gcode_flow import KNOWN, MOVING_M, SILENT, Flow
-from oracles.cam.gcode_words import Words
-from oracles.cam.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
-from oracles.cam.moves import NAN, CannotTellError, Reading
-from oracles.cam.offsets import WorkOffsets
-from oracles.cam.rotary import point_tool
+from tests.oracles.cam.corners import cut_corner
+from tests.oracles.cam.gcode_flow import KNOWN, MOVING_M, SILENT, Flow
+from tests.oracles.cam.gcode_words import Words
+from tests.oracles.cam.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
+from tests.oracles.cam.moves import NAN, CannotTellError, Reading
+from tests.oracles.cam.offsets import WorkOffsets
+from tests.oracles.cam.rotary import point_tool
 
 CYCLES = {73, 74, 76, 81, 82, 83, 84, 85, 86, 88, 89}
 PECKS, FED_OUT = {73, 83}, {74, 84, 85, 89}

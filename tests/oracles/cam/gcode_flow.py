@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from oracles.cam.expressions import evaluate
-from oracles.cam.gcode_words import Words, cut_words, is_named, strip_comments
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.expressions import evaluate
+from tests.oracles.cam.gcode_words import Words, cut_words, is_named, strip_comments
+from tests.oracles.cam.moves import CannotTellError
 
 #: Blocks that are carried out at most, before a loop is taken for endless.
 MOST_BLOCKS = 5_000_000

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from oracles.cam.expressions import evaluate
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.expressions import evaluate
+from tests.oracles.cam.moves import CannotTellError
 
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")

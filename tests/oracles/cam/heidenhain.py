@@ -6,11 +6,11 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from oracles.cam.corners import cut_corner
-from oracles.cam.expressions import evaluate
-from oracles.cam.heidenhain_flow import HeidenhainFlow
-from oracles.cam.machine import PLANES, UNIT, DrivenMachine, multiply, turn_about
-from oracles.cam.moves import LINE, RAPID, CannotTellError, Reading
+from tests.oracles.cam.corners import cut_corner
+from tests.oracles.cam.expressions import evaluate
+from tests.oracles.cam.heidenhain_flow import HeidenhainFlow
+from tests.oracles.cam.machine import PLANES, UNIT, DrivenMachine, multiply, turn_about
+from tests.oracles.cam.moves import LINE, RAPID, CannotTellError, Reading
 
 _VALUE = r"([-+]?\s*(?:\d+\.?\d*|\.\d+|Q[LR]?\d+))"
 _WORD = re.compile(rf"(I?(?:X|Y|Z|A|B|C)|I?PR|I?PA|R|CCA|LEN)\s*{_VALUE}")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 
-from oracles.cam.expressions import evaluate
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.expressions import evaluate
+from tests.oracles.cam.moves import CannotTellError
 
 #: Blocks that are carried out at most, before a jump is taken for endless.
 MOST_BLOCKS = 2_000_000

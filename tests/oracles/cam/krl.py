@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.readback.poses import NUMBER, kuka_pose
-from oracles.cam.moves import Array, CannotTellError, Reading
-from oracles.cam.robot_paths import RobotPath
+from tests.oracles.cam.moves import Array, CannotTellError, Reading
+from tests.oracles.cam.robot_paths import RobotPath
 
 LETTERS = "XYZABC"
 _FIELD = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER})\s*")

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from oracles.cam.moves import ARC, LINE, NAN, RAPID, CannotTellError, Recorder
+from tests.oracles.cam.moves import ARC, LINE, NAN, RAPID, CannotTellError, Recorder
 
 #: First and second axis of a plane, and the one across it.
 PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}

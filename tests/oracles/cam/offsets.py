@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.moves import CannotTellError
 
 
 @dataclass

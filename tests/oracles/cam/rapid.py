@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from compplan.controllers.readback.poses import NUMBER, abb_pose
-from oracles.cam.moves import Array, CannotTellError, Reading
-from oracles.cam.robot_paths import RobotPath
+from tests.oracles.cam.moves import Array, CannotTellError, Reading
+from tests.oracles.cam.robot_paths import RobotPath
 
 _DATA = re.compile(r"(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s+(ROBTARGET|SPEEDDATA|WOBJDATA)\s+(\w+)\s*(?::=\s*(.*))?")
 _MOVE = re.compile(r"MOVE(ABSJ|J|L|C)(?:DO|AO|GO|SYNC)?\s+(.*)$", re.S)

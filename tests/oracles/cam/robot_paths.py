@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from compplan.controllers.readback.poses import shift
-from oracles.cam.moves import ARC, LINE, RAPID, Array, CannotTellError, Recorder
+from tests.oracles.cam.moves import ARC, LINE, RAPID, Array, CannotTellError, Recorder
 
 #: Axis of the TCP frame by its name.
 DIRECTIONS = {sign + name: (k, -1.0 if sign else 1.0) for sign in ("", "-") for k, name in enumerate("xyz")}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from oracles.cam.machine import UNIT, Matrix, carry, multiply, transpose, turn_about
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.machine import UNIT, Matrix, carry, multiply, transpose, turn_about
+from tests.oracles.cam.moves import CannotTellError
 
 
 def point_tool(kind: str, axes: Sequence[str] | None, angles: Mapping[str, float]) -> tuple[float, ...]:

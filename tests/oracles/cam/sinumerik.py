@@ -6,10 +6,10 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from oracles.cam.corners import cut_corner
-from oracles.cam.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
-from oracles.cam.moves import LINE, RAPID, CannotTellError, Reading
-from oracles.cam.sinumerik_flow import SinumerikFlow
+from tests.oracles.cam.corners import cut_corner
+from tests.oracles.cam.machine import PLANES, UNIT, DrivenMachine, Matrix, carry, multiply, turn_about
+from tests.oracles.cam.moves import LINE, RAPID, CannotTellError, Reading
+from tests.oracles.cam.sinumerik_flow import SinumerikFlow
 
 #: Words that stand alone and move nothing that is read here.
 SILENT = {

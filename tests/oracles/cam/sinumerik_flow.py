@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from oracles.cam.expressions import evaluate
-from oracles.cam.moves import CannotTellError
+from tests.oracles.cam.expressions import evaluate
+from tests.oracles.cam.moves import CannotTellError
 
 #: Blocks that are carried out at most, before a loop is taken for endless.
 MOST_BLOCKS = 2_000_000

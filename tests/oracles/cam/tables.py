@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from oracles.cam.moves import ARC, LINE, RAPID, Array, CannotTellError, Reading, Recorder
+from tests.oracles.cam.moves import ARC, LINE, RAPID, Array, CannotTellError, Reading, Recorder
 
 #: What a column's unit is in millimetres, and in millimetres a second.
 LENGTHS = {"mm": 1.0, "m": 1e3, "um": 1e-3, "cm": 10.0, "in": 25.4, "inch": 25.4}

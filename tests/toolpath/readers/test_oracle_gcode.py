@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.cam.cam import read_gcode
-from oracles.cam.follow import Followed, find_difference
-from oracles.cam.moves import ARC, LINE, RAPID, CannotTellError
-from oracles.cam.tables import read_generator
 from truth_cases import follow_arc
+
+from tests.oracles.cam.cam import read_gcode
+from tests.oracles.cam.follow import Followed, find_difference
+from tests.oracles.cam.moves import ARC, LINE, RAPID, CannotTellError
+from tests.oracles.cam.tables import read_generator
 
 
 def _ends(text: str, **options: object) -> list[list[float]]:

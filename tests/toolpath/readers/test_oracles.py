@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.cam.cam import read_moves
-from oracles.cam.follow import Followed, find_difference
-from oracles.cam.moves import ARC, LINE, RAPID, CannotTellError, Reading
 
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.reading import read_toolpath
+from tests.oracles.cam.cam import read_moves
+from tests.oracles.cam.follow import Followed, find_difference
+from tests.oracles.cam.moves import ARC, LINE, RAPID, CannotTellError, Reading
 
 APT = "UNITS/MM\nFEDRAT/60,MMPM\nRAPID\nGOTO/20,0,0,0,0,1\n{}\nGOTO/10,10,0\n"
 TNC = "BEGIN PGM P MM\nTOOL CALL 1 Z S3000\nL X+0 Y+0 Z+10 R0 FMAX M3\n{}\nL Z+50 R0 FMAX M30\nEND PGM P MM\n"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.cam.cam import read_moves
 from truth_cases import Case, find_difference_from, find_wrong_move, list_cases
 
 from benchmarks import truth
+from tests.oracles.cam.cam import read_moves
 
 CASES = list_cases()
 NAMES = [case.file.name for case in CASES]

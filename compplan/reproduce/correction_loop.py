@@ -3,7 +3,11 @@
 From [Johra2022]: a wanted correction u (what the model says that the measured force makes of the tool) passes through a
 discrete PID law; the robot follows the corrections sent to it with a lag and a delay. The law takes its error either
 from the correction that it has sent itself ("sent") or from where the robot stands ("attained"). Everything is linear
-here, so that a loop is a filter from wanted to attained correction; limiter and anti-windup live in the cell in time.
+here, so that a loop is a filter from wanted to attained correction, without limiter and anti-windup.
+
+The law of the paper taken literally (PID, error from the correction sent one period before) has a pole of 2.29 and is
+unstable. Without its derivative part it is stable (0.91). The PID is stable where its error is that of the attained
+correction, on the plant that its gains fit.
 """
 
 from __future__ import annotations
@@ -101,3 +105,11 @@ def _add(a: Array, b: Array) -> Array:
     total[: len(a)] += a
     total[: len(b)] += b
     return total
+
+
+#: The law as printed, on a robot that follows at once: unstable.
+LITERAL = Loop(plant=Plant(0.0, 0.0), error="sent")
+#: The same without its derivative part; the robot follows with lag and delay outside the loop.
+PI = Loop(derivative=0.0, error="sent")
+#: The PID with the error of the attained correction.
+PID = Loop(error="attained")

@@ -1,0 +1,88 @@
+"""The nonlinear program beside another state of the project: status, exactness, cycle, band and CPU of shipped jobs.
+
+    python -m benchmarks.nlp [--beside CHECKOUT] [--jobs paths/circle_10mm.toml,...]
+
+Every job is planned by the command line in a process of its own, here and in the other checkout, one after the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+JOBS = (
+    "paths/circle_10mm.toml", "paths/spiral.toml", "paths/isf_cone.toml", "paths/limits_feed.toml",
+    "paths/limits_reach.toml", "paths/circle_spindle_90.toml", "examples/rail/circle.toml",
+    "examples/positioner/groove.toml", "paths/isf_cone_50k.toml",
+)  # fmt: skip
+
+
+class Planned(NamedTuple):
+    """What one checkout makes of a job; lengths in mm, times in s."""
+
+    status: str
+    waypoints: int
+    deviation: float
+    between: float
+    cycle: float
+    band: float | None
+    cpu: float
+    program: dict[str, object]
+
+
+def plan_job(root: Path, job: str) -> Planned:
+    """Plan a job by the command line of a checkout."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        environment = {**os.environ, "PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"}
+        words = [sys.executable, "-m", "compplan", "plan", str(root / job), "--out", str(out)]
+        subprocess.run(words, env=environment, cwd=root, capture_output=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
+        with (out / "joints.csv").open(encoding="utf-8") as file:
+            cycle = float(list(csv.DictReader(file))[-1]["time_s"])
+    band = plan.get("error_band_mm") or plan.get("promise_mm") or {}
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    deviation, between = (plan[name]["max"] for name in ("error_after_mm", "between_waypoints_mm"))
+    return Planned(plan["status"], plan["waypoints"], deviation, between, cycle, band.get("p95_max"), cpu,
+                   plan.get("nlp") or {})  # fmt: skip
+
+
+def show(planned: Planned) -> str:
+    """Show what was planned in cells of a table."""
+    band = "-" if planned.band is None else f"{planned.band:.3f}"
+    program = planned.program
+    told = f"{program['stations']} / {program['iterations']} / {program['cpu_s']:.2f}" if program else "-"
+    return (f"{planned.status} | {planned.waypoints} | {planned.deviation:.1e} | {planned.between:.1e} | "
+            f"{planned.cycle:.3f} | {band} | {told} | {planned.cpu:.2f} |")  # fmt: skip
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--beside", type=Path, help="another checkout, such as the state before a change")
+    parser.add_argument("--jobs", default=",".join(JOBS))
+    given = parser.parse_args()
+    roots = {"here": ROOT} | ({} if given.beside is None else {"beside": given.beside})
+    for name, root in roots.items():
+        words = ["git", "-C", str(root), "log", "-1", "--format=%h %s"]
+        print(f"{name}: {subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()}")
+    print("| job | checkout | status | waypoints | at waypoints mm | between mm | cycle s | band mm | "
+          "stations / iterations / CPU s of the program | CPU s |\n" + "|---" * 10 + "|")  # fmt: skip
+    for job in given.jobs.split(","):
+        for name, root in roots.items():
+            print(f"| `{job}` | {name} | {show(plan_job(root, job))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""The widest 95 % band along the path is narrow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from compplan.planning.problem import Station
+
+
+@dataclass(frozen=True)
+class Band:
+    """w B / B_0, the epigraph variable of `compplan.planning.limits.band`.
+
+    Attributes:
+        weight: w against the other costs.
+        stations: Number of stations, whose sum it is.
+
+    """
+
+    weight: float
+    stations: int
+    name: str = "band"
+    timed: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.weight:g} B / B_0"
+
+    def term(self, station: Station) -> ca.SX:
+        """Return the share of one station."""
+        return self.weight * station.band / self.stations

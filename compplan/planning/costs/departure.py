@@ -1,0 +1,31 @@
+"""Joints stay near the posture that was chosen, and depart from it smoothly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from compplan.planning.problem import Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class Departure:
+    """sum w (q - q_start)^2.
+
+    Attributes:
+        weight: What each joint is worth. Shape (nq,).
+
+    """
+
+    weight: Array
+    name: str = "departure"
+    timed: bool = False
+
+    def __str__(self) -> str:
+        return "sum w (q - q_start)^2"
+
+    def term(self, station: Station) -> ca.SX:
+        """Return the weighted square of the departure."""
+        return ca.dot(ca.DM(self.weight), station.departure**2)

@@ -1,0 +1,33 @@
+"""Joints move smoothly along the path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from compplan.planning.problem import Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """w sum (q'' / a_max)^2 ds, q'' along the programmed time.
+
+    Attributes:
+        weight: w against the other costs, by the whole programmed time. [1/s]
+        unit: Acceleration that each joint is counted in. Shape (nq,). [rad/s^2 or m/s^2]
+
+    """
+
+    weight: float
+    unit: Array
+    name: str = "smoothness"
+    timed: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.weight:g} sum (q'' / a_max)^2 ds"
+
+    def term(self, station: Station) -> ca.SX:
+        """Return the weighted square of the second derivative."""
+        return self.weight * station.step * ca.sumsqr(station.change / ca.DM(self.unit))

@@ -1,0 +1,36 @@
+"""The run takes little time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from compplan.planning.problem import Station
+
+#: Keeps the root of the speed differentiable at rest.
+AT_REST = 1e-9
+
+
+@dataclass(frozen=True)
+class Time:
+    """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1)).
+
+    Attributes:
+        weight: w against the other costs.
+        reference: T_0. [s]
+
+    """
+
+    weight: float
+    reference: float
+    name: str = "time"
+    timed: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.weight:g} T / T_0"
+
+    def term(self, station: Station) -> ca.SX:
+        """Return the share of the time to the next station."""
+        root = ca.sqrt(station.square + AT_REST) + ca.sqrt(station.square_next + AT_REST)
+        return self.weight * 2.0 * station.step / root / self.reference

@@ -1,0 +1,37 @@
+"""Joints travel little, so that they do not turn back where that brings nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from compplan.planning.problem import Station
+from compplan.robot import Array
+
+#: Steps below this are none. [unit]
+SMALL = 1e-3
+
+
+@dataclass(frozen=True)
+class JointTravel:
+    """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice.
+
+    Attributes:
+        weight: w against the other costs.
+        unit: Motion that each joint is counted in. Shape (nq,). [rad or m]
+
+    """
+
+    weight: float
+    unit: Array
+    name: str = "travel"
+    timed: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.weight:g} sum |dq|"
+
+    def term(self, station: Station) -> ca.SX:
+        """Return the weighted way to the next station."""
+        step = (station.q_next - station.q) / ca.DM(self.unit)
+        return self.weight * ca.sum1(ca.sqrt(step**2 + SMALL**2) - SMALL)

@@ -1,0 +1,284 @@
+"""The solution of the program at every waypoint: redundancy from the stations, pose by batched Newton steps.
+
+The program holds the path at its stations. Between them the joints follow from the loaded pose, exactly:
+
+    q <- q - W^-1 A^T (A W^-1 A^T)^-1 F(q),    F the pose equations, A = dF/dq in the loaded equilibrium,
+
+Newton steps that move the joints least, for all waypoints at once. Where a waypoint leaves the joints a choice, what
+the program chose at the stations beyond that is interpolated along the path. A waypoint that leaves a limit becomes a
+station, and the program is solved again; where the limits leave no way, stations are released and miss their pose by
+as little as the limits allow.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from compplan.plan.strategies.equations import differentiate_equations, pose_equations
+from compplan.plan.strategies.limits import AT_CORRECTION, measure_correction
+from compplan.plan.task import PlanTask, attain_rows
+from compplan.plan.timing import cutting_runs
+from compplan.planning.costs import Cost, Departure, MissedPose, Time
+from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
+from compplan.planning.nlp import Solution, solve_problem
+from compplan.planning.problem import PlanningProblem
+from compplan.robot import Array
+from compplan.statics.sensitivity import attain_pose
+
+LOG = logging.getLogger(__name__)
+
+#: Stations of a path without and with redundancy.
+STATIONS, REDUNDANT_STATIONS = 100, 150
+#: Missed pose that counts as none, that Newton steps stop at, and that a station may have. [m and rad]
+KEPT, EXACT, CAN_KEEP = 1e-6, 1e-10, 1e-8
+#: Newton steps and solves of the program at most.
+STEPS, SOLVES = 6, 6
+#: Waypoints that become stations because they leave a limit at most: even ones of more.
+MOST_MORE = 1500
+#: Difference of joint positions at the stations that counts as none. [rad or m]
+ALIKE = 1e-9
+#: The same where effects of the robot depend on the whole path. [rad or m]
+ALIKE_MEMORY = 1e-7
+
+
+@dataclass(frozen=True)
+class PathSolution:
+    """The program's solution along a path.
+
+    Attributes:
+        q: Joint positions at every waypoint. Shape (n, nq). [rad or m]
+        stations: The last solution of the program.
+        solves: How often the program was solved.
+        iterations: Iterations of the solver in all.
+        cpu: CPU time of the program in all. [s]
+
+    """
+
+    q: Array
+    stations: Solution
+    solves: int
+    iterations: int
+    cpu: float
+
+    def describe(self) -> dict[str, object]:
+        """Return what plan.json holds."""
+        found = self.stations
+        active = {name: float(np.mean(rows)) for name, rows in found.active.items()}
+        return {"solver": "ipopt", "status": found.status, "stations": len(found.problem),
+                "iterations": self.iterations, "cpu_s": self.cpu, "solves": self.solves, "active": active}  # fmt: skip
+
+
+def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
+    """Solve the program of a path and take its solution to every waypoint.
+
+    Args:
+        task: The task, without lost motion.
+        near: Joint positions to begin at, those of the task if left out. Shape (n, nq). [rad or m]
+
+    """
+    most = REDUNDANT_STATIONS if task.problem.redundant else STATIONS
+    stations, released = pick_stations(task, most), task.missed.copy()
+    q = correct_pose(task, task.q_start if near is None else near, np.flatnonzero(released))
+    leaving = _find_leaving(task, q, np.flatnonzero(released))
+    stations = np.union1d(stations, np.r_[leaving, _thin(np.flatnonzero(released))])
+    q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
+    if released.any() or (len(leaving) and not task.problem.redundant):  # Newton steps found the only solution there is
+        released[stations] = True
+    solves, iterations, cpu, memory = 0, 0, 0.0, bool(task.robot.effects)
+    for last in range(1, SOLVES + 1):
+        solution = solve_problem(state_problem(task, stations, q, released))
+        solves, iterations, cpu = solves + 1, iterations + solution.iterations, cpu + solution.cpu
+        if not solution.success and not released[stations].all():
+            LOG.debug("the limits leave no way: all stations are released")
+            released[stations] = True
+            continue
+        q = fill_waypoints(task, solution, q)
+        if len(leaving := _find_leaving(task, q, stations)) and last < SOLVES:
+            stations = np.union1d(stations, leaving)
+            q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
+            released[stations] = not task.problem.redundant or released.any()
+        elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < ALIKE_MEMORY:
+            break
+    return PathSolution(q, solution, solves, iterations, cpu)
+
+
+def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> PlanningProblem:
+    """State the program that corrects a path: the loaded pose within all limits, near the posture that was chosen.
+
+    Args:
+        task: The task.
+        stations: Waypoints that are stations. Shape (k,).
+        q: Joint positions to begin at. Shape (n, nq). [rad or m]
+        released: Waypoints whose pose may be missed. Shape (n,).
+
+    """
+    path, robot, k = task.problem, task.robot, len(stations)
+    attained = attain_rows(task, q, stations, slope=False)
+    lower, upper = np.tile(robot.lower, (k, 1)), np.tile(robot.upper, (k, 1))
+    held = path.stays & ~task.missed[stations, None]  # where the arm alone does not reach, a rail helps
+    lower, upper = (np.where(held, task.q_start[stations], side) for side in (lower, upper))
+    limits: list[Limit] = [PoseEquation(), JointRange()]
+    if np.isfinite(task.max_correction):
+        limits.append(CorrectionLimit(task.max_correction))
+    free = released[stations]
+    costs: list[Cost] = [Departure(1e-3 * path.worth), MissedPose()] if free.any() else [Departure(path.worth)]
+    runs = _find_hurried(task, q, stations) if path.redundant and not free.any() else ()
+    if runs:
+        limits.append(VelocityLimit(task.velocity_limits))
+        costs.append(Time(1.0, float(task.step_time.sum())))
+    shift, turn = None, None
+    if robot.effects:
+        bias = None if task.bias is None else task.bias[stations]
+        plain = attain_pose(task.chain, q[stations], task.wrench[stations], slope=False, torque_bias=bias)
+        loaded = task.compensated[stations]
+        position, rotation = place_pose(task, stations, attained.position, attained.rotation)
+        shift = np.where(loaded[:, None], position - plain.position, 0.0)
+        back = np.swapaxes(plain.rotation, 1, 2) @ rotation
+        turn = np.where(loaded[:, None, None], back, np.eye(3))
+    length = np.r_[0.0, np.cumsum(task.step_time)]
+    position, rotation = place_pose(task, stations, task.position[stations], task.rotation[stations])
+    return PlanningProblem(
+        chain=task.chain, joints=robot.joint_names, waypoint=stations, position=position, rotation=rotation,
+        programmed=task.position[stations], wrench=task.wrench[stations], theta=task.theta[stations],
+        bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],
+        loaded=task.compensated[stations], q_start=task.q_start[stations], guess=q[stations], lower=lower, upper=upper,
+        spin_free=path.spin_free, axis_free=path.axis_free, limits=tuple(limits), along=length[stations],
+        costs=tuple(costs), runs=runs, shift=shift, turn=turn, released=free if free.any() else None,
+    )  # fmt: skip
+
+
+def place_pose(task: PlanTask, rows: NDArray[np.int_], position: Array, rotation: Array) -> tuple[Array, Array]:
+    """Return poses relative to the found part frame where the model has them: displaced where the tool is loaded.
+
+    Args:
+        task: The task; its part may have been found by touching.
+        rows: Waypoints. Shape (k,).
+        position: Tips. Shape (k, 3). [m]
+        rotation: Orientations. Shape (k, 3, 3).
+
+    """
+    if task.touched is None or task.touched.displacement is None:
+        return position, rotation
+    turn, loaded = task.touched.displacement[:3, :3], task.compensated[rows]
+    moved = position @ turn.T + task.touched.displacement[:3, 3]
+    return np.where(loaded[:, None], moved, position), np.where(loaded[:, None, None], turn @ rotation, rotation)
+
+
+def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
+    """Pick waypoints of the cut as stations: evenly in bends of the path and changes of the force, at most so many."""
+    rows = np.flatnonzero(task.compensated)
+    if len(rows) <= most:
+        return rows
+    travel = np.diff(task.position[rows], axis=0)
+    ways = travel / np.maximum(np.linalg.norm(travel, axis=1), 1e-12)[:, None]
+    bends = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
+    jumps = np.linalg.norm(np.diff(task.wrench[rows, :3], axis=0), axis=1)
+    share = [each / total for each in (bends, jumps) if (total := each.sum()) > 1e-9]
+    density = np.r_[0.0, np.cumsum(2.0 / (len(rows) - 1) + sum(share, np.zeros(len(rows) - 1)))]
+    at = np.searchsorted(density, np.linspace(0.0, density[-1], most))
+    return np.asarray(rows[np.unique(np.clip(at, 0, len(rows) - 1))])
+
+
+def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
+    """Solve the loaded pose at every waypoint, with the choice of the program at its stations.
+
+    Args:
+        task: The task.
+        solution: The program's solution.
+        near: Joint positions to begin at. Shape (n, nq). [rad or m]
+
+    """
+    rows, missing = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP
+    held = rows[missing]
+    q = np.array(near)
+    q[held] = solution.q[missing]
+    q = correct_pose(task, q, held)
+    away = solution.q - q[rows]
+    if not task.problem.redundant or np.abs(away).max() < ALIKE:
+        return q
+    length = np.r_[0.0, np.cumsum(np.maximum(task.step_time, 1e-9))]
+    moved = PchipInterpolator(length[rows], away)(np.clip(length, length[rows[0]], length[rows[-1]]))
+    q = np.clip(q + np.where(task.compensated[:, None], moved, 0.0), task.robot.lower, task.robot.upper)
+    q[rows] = solution.q
+    return correct_pose(task, q, held)
+
+
+def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
+    """Bring the pose equations to nothing by least-norm Newton steps of the joints that are off their limits.
+
+    Args:
+        task: The task.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        held: Waypoints that keep theirs.
+
+    """
+    problem = task.problem
+    busy, ease = np.setdiff1d(np.arange(len(q)), held), 1.0 / problem.worth
+    missed = miss_pose(task, q, busy)
+    for _ in range(STEPS):
+        busy = busy[size_of(missed) > EXACT]
+        if not len(busy):
+            break
+        attained = attain_rows(task, q, busy)
+        missed = pose_equations(problem, attained, busy)
+        free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7) & ~problem.stays
+        columns = differentiate_equations(problem, attained, busy) * free[:, None, :]
+        eased = np.swapaxes(columns, 1, 2) * ease[:, None]
+        normal = columns @ eased + 1e-14 * np.eye(columns.shape[1])
+        step = eased @ np.linalg.solve(normal, missed[..., None])
+        trial = q.copy()
+        trial[busy] = np.clip(q[busy] - step[..., 0], problem.lower, problem.upper)
+        left = miss_pose(task, trial, busy)
+        worse = size_of(left) >= size_of(missed)
+        trial[busy[worse]] = q[busy[worse]]
+        q, busy, missed = trial, busy[~worse], left[~worse]
+        if task.robot.effects and worse.any():  # effects with a memory see the whole path
+            missed = miss_pose(task, q, busy)
+    return q
+
+
+def miss_pose(task: PlanTask, q: Array, rows: NDArray[np.int_] | None = None) -> Array:
+    """Return by how much joint positions miss the pose equations. Shape (k, rows). [m, rad]"""
+    rows = np.arange(len(q)) if rows is None else rows
+    return pose_equations(task.problem, attain_rows(task, q, rows, slope=False), rows)
+
+
+def size_of(rows: Array) -> Array:
+    """Return the greatest entry of every row."""
+    return np.asarray(np.abs(rows).max(axis=1))
+
+
+def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple[tuple[int, int], ...]:
+    """Return the runs, by their stations, of a path that is too fast for a joint at the programmed feed; none if not.
+
+    A posture that was shaped together with the speed keeps both.
+    """
+    if task.start is not None and task.start.bettered is not None:
+        return ()
+    rate = np.abs(np.diff(q, axis=0)) / np.maximum(task.step_time, 1e-9)[:, None]
+    cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)
+    if not (rate[cut] > task.velocity_limits).any():
+        return ()
+    ends = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    places = [tuple(np.searchsorted(stations, [a, b]).tolist()) for a, b in ends if np.isin([a, b], stations).all()]
+    return tuple((a, b) for a, b in places if b - a >= 2 and task.cut[stations[a : b + 1]].all())
+
+
+def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Find waypoints beside the stations that miss their pose or leave a limit."""
+    missed = size_of(miss_pose(task, q)) > KEPT
+    if task.robot.effects:
+        missed[:] = False  # lost motion at a reversal is no matter of limits: the evaluation sees the tip
+    far = task.compensated & (measure_correction(task, q) > task.max_correction + AT_CORRECTION)
+    outside = ((q < task.robot.lower - 1e-9) | (q > task.robot.upper + 1e-9)).any(axis=1)
+    return _thin(np.setdiff1d(np.flatnonzero(missed | far | outside), stations))
+
+
+def _thin(rows: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Take even ones of too many rows."""
+    return rows if len(rows) <= MOST_MORE else rows[np.unique(np.linspace(0, len(rows) - 1, MOST_MORE).astype(int))]

@@ -1,0 +1,39 @@
+"""Limits of the program, one file each: rows of the program, a check of a result, and one sentence.
+
+A new limit is one file with a class that has what `Limit` has, and one line in `LIMITS`.
+"""
+
+from __future__ import annotations
+
+from compplan.planning.limits.acceleration import AccelerationLimit
+from compplan.planning.limits.band import BandLimit
+from compplan.planning.limits.clearance import ClearanceLimit, linearise_clearance
+from compplan.planning.limits.correction import CorrectionLimit
+from compplan.planning.limits.joint_range import JointRange
+from compplan.planning.limits.pose import PoseEquation
+from compplan.planning.limits.velocity import VelocityLimit
+from compplan.planning.problem import Limit
+
+#: Every limit by its name.
+LIMITS: dict[str, type] = {
+    "pose": PoseEquation,
+    "joint_range": JointRange,
+    "correction": CorrectionLimit,
+    "velocity": VelocityLimit,
+    "acceleration": AccelerationLimit,
+    "band": BandLimit,
+    "clearance": ClearanceLimit,
+}
+
+__all__ = [
+    "LIMITS",
+    "AccelerationLimit",
+    "BandLimit",
+    "ClearanceLimit",
+    "CorrectionLimit",
+    "JointRange",
+    "Limit",
+    "PoseEquation",
+    "VelocityLimit",
+    "linearise_clearance",
+]

@@ -1,0 +1,39 @@
+"""Joint accelerations stay within their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.problem import PlanningProblem, Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class AccelerationLimit:
+    """|q'' x + q' x' / 2| <= a_max, x the square of the speed.
+
+    Attributes:
+        most: Limits. Shape (nq,). [rad/s^2 or m/s^2]
+
+    """
+
+    most: Array
+    name: str = "acceleration"
+    timed: bool = True
+    of_joints: bool = True
+    numbers: Array | None = None
+
+    def __str__(self) -> str:
+        return "|q'' x + q' x' / 2| <= a_max"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return accelerations as shares of their limits."""
+        return (station.change * station.square + station.rate * station.push) / ca.DM(self.most)
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return the bounds of the shares."""
+        shape = (len(problem), len(self.most))
+        return -np.ones(shape), np.ones(shape)

@@ -1,0 +1,68 @@
+"""Arm and tool keep clear of part, fixture and the arm itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.problem import PlanningProblem, Station
+from compplan.posture.clearance import linearise_margin
+from compplan.posture.collision_scene import CollisionScene
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class ClearanceLimit:
+    """d_p + g_p (q - q_ref) >= 0 for every pair p that is near at a station, d_p its distance less what is wanted.
+
+    Distances of meshes are no expressions: they are linearised where the last solution is, and the program is solved
+    again where the arm still comes too near.
+
+    Attributes:
+        numbers: For every pair d_p - g_p q_ref and g_p, those of no pair 1 and 0. Shape (k, pairs (1 + nq)).
+        joints: Number of joints.
+
+    """
+
+    numbers: Array
+    joints: int
+    name: str = "clearance"
+    timed: bool = False
+    of_joints: bool = False
+
+    def __str__(self) -> str:
+        return "clearance(q) >= wanted"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return the margins of the pairs."""
+        pairs = ca.reshape(station.numbers[self.name], 1 + self.joints, -1)
+        return ca.mtimes(pairs.T, ca.vertcat(1.0, station.q))
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return the bounds of the margins."""
+        shape = (len(problem), self.numbers.shape[1] // (1 + self.joints))
+        return np.zeros(shape), np.full(shape, np.inf)
+
+
+def linearise_clearance(scene: CollisionScene, q: Array, wanted: float, reserve: float) -> ClearanceLimit:
+    """Linearise the distances of near pairs at joint positions.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions at the stations. Shape (k, nq). [rad or m]
+        wanted: Clearance that is asked for of part and fixture. [m]
+        reserve: What is added to it for the way between stations. [m]
+
+    """
+    near, (k, nq) = linearise_margin(scene, q, wanted), q.shape
+    most = int(np.bincount(near.posture, minlength=k).max(initial=1))
+    numbers = np.zeros((k, most, 1 + nq))
+    numbers[:, :, 0] = 1.0
+    order = np.argsort(near.posture, kind="stable")
+    place = np.arange(len(order)) - np.searchsorted(near.posture[order], near.posture[order])
+    station, rate = near.posture[order], near.rate[order]
+    numbers[station, place, 0] = near.distance[order] - reserve - np.einsum("rj,rj->r", rate, q[station])
+    numbers[station, place, 1:] = rate
+    return ClearanceLimit(numbers.reshape(k, -1), nq)

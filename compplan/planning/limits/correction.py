@@ -1,0 +1,39 @@
+"""The unloaded tip stays within a distance of the path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.problem import PlanningProblem, Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class CorrectionLimit:
+    """|p_unloaded(q) - p_programmed| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound.
+
+    Attributes:
+        most: Greatest distance. [m]
+
+    """
+
+    most: float
+    name: str = "correction"
+    timed: bool = False
+    of_joints: bool = False
+    numbers: Array | None = None
+
+    def __str__(self) -> str:
+        return f"|p_unloaded(q) - p_programmed| <= {1e3 * self.most:g} mm"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return the excess of the correction, less that of a released station out of reach."""
+        gap = station.frames.position - station.programmed
+        return (ca.sumsqr(gap) - self.most**2) / (2.0 * self.most) - station.excess
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return its bounds: none where the tool is unloaded."""
+        return np.full((len(problem), 1), -np.inf), np.where(problem.loaded, 0.0, np.inf)[:, None]

@@ -1,0 +1,39 @@
+"""The loaded tool is on the path: an equality, or a tube and a cone where the job allows them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.problem import PlanningProblem, Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class PoseEquation:
+    """p(q, theta) = p_wanted, z(q, theta) along the tool; theta = C (J^T w + tau) in the loaded state.
+
+    Attributes:
+        room: How far each row of the pose may be off, None for nowhere. Shape (k, rows). [m, rad]
+
+    """
+
+    room: Array | None = None
+    name: str = "pose"
+    timed: bool = False
+    of_joints: bool = False
+    numbers: Array | None = None
+
+    def __str__(self) -> str:
+        return "p(q, theta) = p_wanted, z(q, theta) = z_wanted, theta = C (J^T w + tau)"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return the missed pose, less the slack of a released station."""
+        return station.missed - station.slack
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return how far the pose may be off."""
+        room = np.zeros((len(problem), problem.pose_rows)) if self.room is None else self.room
+        return -room, room

@@ -1,0 +1,40 @@
+"""Joint velocities stay within their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.problem import PlanningProblem, Station
+from compplan.robot import Array
+
+
+@dataclass(frozen=True)
+class VelocityLimit:
+    """q'^2 x <= v_max^2 on the way to the next station, x the square of the speed.
+
+    Attributes:
+        most: Limits. Shape (nq,). [rad/s or m/s]
+
+    """
+
+    most: Array
+    name: str = "velocity"
+    timed: bool = True
+    of_joints: bool = True
+    numbers: Array | None = None
+
+    def __str__(self) -> str:
+        return "q'^2 x <= v_max^2"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return squares of the velocities as shares of their limits."""
+        rate = (station.q_next - station.q) * station.pace / ca.DM(self.most)
+        return rate**2 * 0.5 * (station.square + station.square_next)
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return the bounds of the shares."""
+        shape = (len(problem), len(self.most))
+        return np.full(shape, -np.inf), np.ones(shape)

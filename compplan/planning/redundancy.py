@@ -1,0 +1,367 @@
+"""Redundancy of a path by the program: spin, leans, extra axes and a tube, decided together with the speed.
+
+The posture search gives the discrete choice and the initial guess. The program weighs time, widest 95 % band and travel
+over joints and speed at the stations, with the loaded pose as an equality; what it chooses beyond the pose is
+interpolated to every waypoint.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from compplan.plan.run_meter import RunMeter, spread_tip
+from compplan.plan.task import PlanTask
+from compplan.plan.timing import cutting_runs
+from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
+from compplan.planning.dense import place_pose
+from compplan.planning.limits import (
+    AccelerationLimit,
+    BandLimit,
+    JointRange,
+    Limit,
+    PoseEquation,
+    VelocityLimit,
+    linearise_clearance,
+)
+from compplan.planning.nlp import Solution, solve_problem
+from compplan.planning.problem import PlanningProblem
+from compplan.posture.clearance import sweep_margin
+from compplan.posture.collision_scene import CollisionScene
+from compplan.posture.initial_branches import PostureRequest, Start, stand
+from compplan.posture.lattice import orient_tool
+from compplan.posture.summary import PostureSummary, summarise_costs
+from compplan.robot import Array, Robot
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.contact import path_axes
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.sensitivities import pick_rows
+
+LOG = logging.getLogger(__name__)
+
+#: Stations at most, and waypoints up to which all are stations; in a tube each of them may move.
+STATIONS, FEW, FEW_IN_TUBE = 150, 300, 600
+#: A waypoint is reached where it misses the pose by less. [m and rad]
+REACHED = 1e-6
+#: Motion that travel is counted in: an axis that turns or slides. [rad, m]
+UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
+#: Weight of q'' / a_max, which keeps the solution smooth where nothing else does.
+SMOOTH = 0.3
+#: Solves of the program at most where something is in the way, clearance that is added between stations, and least
+#: share of a step after which distances are linearised anew. [1, m, 1]
+CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
+#: Rows at which what the columns of the band do not hold is measured, and its least share of the variance.
+REST_ROWS, LEAST_REST = 40, 1e-4
+
+
+class Prices(NamedTuple):
+    """What the program weighs, each in shares of what the start has.
+
+    Attributes:
+        time: Of the time of the run.
+        band: Of the widest 95 % band.
+        motion: Of one unit of travel of a joint.
+        most_band: Greatest band as a share of the start's; infinite where it may grow.
+
+    """
+
+    time: float = 1.0
+    band: float = 0.0
+    motion: float = 2e-3
+    most_band: float = 1.0
+
+
+class Shaped(NamedTuple):
+    """How the program shaped a start: its iterations, and what was free."""
+
+    iterations: int
+    names: tuple[str, ...]
+
+
+class Free(NamedTuple):
+    """What is free at the stations of a task, and where the start has it.
+
+    Attributes:
+        rows: Waypoints that are stations. Shape (k,).
+        names: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
+        frame: Axes of the path at the stations, as columns. Shape (k, 3, 3).
+        room: How far each row of the pose may be off. Shape (k, 5). [m, rad]
+
+    """
+
+    rows: NDArray[np.int_]
+    names: tuple[str, ...]
+    frame: Array
+    room: Array
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a redundant path.
+
+    Attributes:
+        robot: The robot.
+        nominal: The toolpath, its tool axis as programmed.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        meter: How runs are measured.
+        tube: Share of the tolerance by which the program may leave the path.
+
+    """
+
+    robot: Robot
+    nominal: Toolpath
+    tool_x: Array
+    meter: RunMeter
+    tube: float = 0.0
+
+
+def find_free(task: PlanTask, stance: PostureSummary, asked: Asked) -> Free | None:
+    """Find what a stance leaves free; None where nothing is, or where the path has no run to shape."""
+    settings, arm, robot = stance.settings, build_arm(task.robot), task.robot
+    leans = {"lead": settings.lead, "lean": settings.lean}
+    names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
+    rows = _pick_rows(task, FEW_IN_TUBE if asked.tube > 0.0 else FEW)
+    tube = _allow_tube(task, rows, asked.tube)
+    names += [*(robot.joint_names[j] for j in arm.held), *(name for name, size in tube.items() if size.any())]
+    if not names or len(arm.arm) != 6 or len(rows) < 3 or not settings.free_spin:
+        return None
+    room = np.column_stack([*tube.values(), *(np.full(len(rows), np.sin(most)) for most in leans.values())])
+    return Free(rows, tuple(names), path_axes(divide_toolpath(asked.nominal, task.origin[rows])), room)
+
+
+def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float) -> PlanningProblem:
+    """State the program of posture and speed.
+
+    Args:
+        task: The task at the start that the posture search chose.
+        free: What is free.
+        prices: What is weighed.
+        band: The band as a function of the posture, None where it does not count.
+        time: Time of the start's run. [s]
+
+    """
+    rows, robot = free.rows, task.robot
+    k, request = len(rows), task.start.request if task.start is not None else None
+    along = np.r_[0.0, np.cumsum(task.step_time)][rows]
+    rapid = np.r_[False, task.nominal.rapid[1:]]
+    place = {row: number for number, row in enumerate(rows.tolist())}
+    runs = tuple((place[a], place[b]) for a, b in cutting_runs(rapid, task.rests)
+                 if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
+    room = np.minimum(0.0 if request is None else robot.room(request.settings.limit_margin),
+                      np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0))
+    room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
+    bias = np.zeros((k, task.chain.n_springs))
+    attained = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
+    limits: list[Limit] = [PoseEquation(free.room), JointRange(), VelocityLimit(task.velocity_limits),
+                           AccelerationLimit(np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits,
+                                                      20.0 * task.velocity_limits))]  # fmt: skip
+    unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
+    costs: list[Cost] = [Time(prices.time, time), JointTravel(prices.motion, unit),
+                         Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), limits[3].most)]  # type: ignore
+    if band is not None:
+        limits.append(replace(band, most=prices.most_band))
+        costs.append(Band(max(prices.band, 1e-3), k))
+    position, frame = place_pose(task, rows, task.position[rows], free.frame)
+    return PlanningProblem(
+        chain=task.chain, joints=robot.joint_names, waypoint=rows, position=position, rotation=frame,
+        wrench=task.wrench[rows], bias=bias, theta=attained.theta if attained.theta is not None else bias,
+        loaded=np.ones(k, bool), q_start=task.q_start[rows], guess=task.q_start[rows],
+        lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
+        axis_free=False, limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
+    )  # fmt: skip
+
+
+def read_band(task: PlanTask, meter: RunMeter, rows: NDArray[np.int_]) -> BandLimit:
+    """Read how the 95 % band depends on the posture; what the columns do not hold stays as it is at the start.
+
+    Args:
+        task: The task at its start.
+        meter: Knows how surely the force is known.
+        rows: Stations. Shape (k,).
+
+    """
+    chain, robot, known = task.chain, task.robot, robot_uncertainty(task.robot)
+    zeros, turns, springs = np.zeros(len(chain.names)), np.zeros(len(chain.names)), np.zeros(chain.n_springs)
+    element, at = dict(zip(robot.joint_names, chain.joint_elements.tolist(), strict=True)), 0
+    for unknown in known.unknowns:
+        square = known.width[at : at + len(unknown.keys)] ** 2
+        at += len(unknown.keys)
+        joint = element.get(str(unknown.joint), -1)
+        if joint >= 0 and unknown.effect in ("joint_offset", "transmission_error"):
+            zeros[joint] += square.mean()
+        elif joint >= 0 and unknown.effect == "backlash":
+            zeros[joint] += 0.25 * square.sum()
+        elif joint >= 0 and unknown.effect == "link_geometry" and str(unknown.axis).startswith("r"):
+            turns[joint] += square.sum()
+        elif unknown.effect in ("joint_stiffness", "link_compliance"):
+            axis = unknown.axis or "own"
+            for s, name in enumerate(chain.spring_names):
+                if name == f"{unknown.joint}.{axis}" and chain.compliance[s, s] > 0.0:
+                    springs[s] += square.sum() / chain.compliance[s, s] ** 2
+    level = float(np.hypot(meter.force.level, meter.force.path))
+    band = BandLimit(chain, np.sqrt(zeros), np.sqrt(turns / 3.0), np.sqrt(springs), level, meter.force.direction,
+                     np.zeros((3, 3)), 1.0, task.cut[rows])  # fmt: skip
+    some = pick_rows(task.cut, REST_ROWS)
+    exact = spread_tip(task, meter.force, some)
+    own = _evaluate(band, task, some)[0]
+    value, vector = np.linalg.eigh((exact - own @ np.swapaxes(own, 1, 2)).mean(axis=0))
+    least = LEAST_REST * float(np.trace(exact.mean(axis=0)))
+    band = replace(band, rest=vector @ np.diag(np.maximum(value, least)) @ vector.T)
+    return replace(band, reference=float(_evaluate(band, task, rows)[1][task.cut[rows]].max()))
+
+
+def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
+    """Solve the program of posture and speed around a start; None where nothing is free or no solution follows.
+
+    Args:
+        task: The task that starts so.
+        start: The start, from a stance.
+        asked: What is asked of the path.
+        prices: What is weighed.
+
+    """
+    stance, request = start.stance, start.request
+    if stance is None or request is None or task.missed.any() or (free := find_free(task, stance, asked)) is None:
+        return None
+    band = read_band(task, asked.meter, free.rows) if prices.band or np.isfinite(prices.most_band) else None
+    problem = state_problem(task, free, prices, band, asked.meter.time(task))
+    scene, clear = request.scene, problem.q_start
+    found, iterations = None, 0
+    for _ in range(1 if scene is None else CLEARANCE_SOLVES):
+        if scene is not None:
+            rows = linearise_clearance(scene, clear, request.wanted, RESERVE)
+            kept = tuple(limit for limit in problem.limits if limit.name != rows.name)
+            problem = replace(problem, limits=(*kept, rows), guess=clear)
+        solution = solve_problem(problem)
+        iterations += solution.iterations
+        LOG.debug("posture and speed: %s, %d iterations, %.2f s CPU, band %.3f", solution.status, solution.iterations,
+                  solution.cpu, solution.band)  # fmt: skip
+        if solution.violation > REACHED:
+            return None
+        found = _follow(task, stance, asked, free, solution, request)
+        if scene is None or found is None or _keeps_clear(scene, found.q, request.wanted):
+            break
+        share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
+        while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), request.wanted):
+            share *= 0.5
+        clear = clear + share * (solution.q - clear)
+    return None if found is None else (found, Shaped(iterations, free.names))
+
+
+def _follow(
+    task: PlanTask, stance: PostureSummary, asked: Asked, free: Free, solution: Solution, request: PostureRequest
+) -> Start | None:
+    """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
+    robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
+    place, every = task.origin[free.rows], np.arange(len(nominal))
+    loaded = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False))
+    spin, lead, lean = _read_angles(task, stance, asked, free, loaded.rotation)
+    local = (np.swapaxes(free.frame, 1, 2) @ (loaded.position - task.position[free.rows])[..., None])[..., 0]
+    held = solution.q[:, arm.held] - task.q_start[np.ix_(free.rows, arm.held)]
+    near = solution.q - task.q_start[free.rows]
+    moved = np.column_stack([spin, lead, lean, local, held, near])
+    inside = np.clip(every, place[0], place[-1])
+    spread = CubicSpline(place, moved, bc_type="natural")(inside)
+    leans = {name: name in free.names for name in ("lead", "lean")}
+    turned = {"spin": stance.spin + spread[:, 0],
+              "lead": stance.lead + leans["lead"] * spread[:, 1], "lean": stance.lean + leans["lean"] * spread[:, 2]}
+    for name, most in (("lead", stance.settings.lead), ("lean", stance.settings.lean)):
+        turned[name] = np.clip(turned[name], -most, most) if leans[name] else turned[name]
+    aside = np.zeros((len(nominal), 3))
+    if {"ahead", "left", "up"} & set(free.names):
+        room = interpolate(every, place, free.room[:, :3])
+        aside = (path_axes(nominal) @ np.clip(spread[:, 3:6], -room, room)[..., None])[..., 0]
+    path = replace(nominal, position=nominal.position + aside)
+    before = orient_tool(nominal, asked.tool_x, every, stance.spin, stance.lead, stance.lean)
+    rotation = orient_tool(path, asked.tool_x, every, *turned.values()) @ np.swapaxes(before, 1, 2) @ stance.rotation
+    q = stance.q + spread[:, 6 + len(arm.held) :]
+    q[:, arm.held] = stance.q[:, arm.held] + spread[:, 6 : 6 + len(arm.held)]
+    q = refine_ik(arm, q, path.position, rotation)
+    missed = np.abs(pose_error(arm.chain, q, path.position, rotation)).max(axis=1) > REACHED
+    torn = np.abs(np.diff(q, axis=0)).max(axis=1)[~nominal.rapid[1:]].max(initial=0.0) > stance.settings.most_step
+    if missed.any() or torn or (q < robot.lower).any() or (q > robot.upper).any():
+        LOG.debug("posture and speed: not followed (missed %d, torn %s)", missed.sum(), torn)
+        return None
+    picture = replace(stance.map, chosen=turned["spin"][stance.map.waypoint], held=q[stance.map.waypoint][:, arm.held])
+    costs = summarise_costs(task.chain, robot, nominal, q, stance.settings, request.axes)
+    better = replace(stance, q=q, rotation=rotation, spin=turned["spin"], lead=turned["lead"], lean=turned["lean"],
+                     costs=costs, map=picture)  # fmt: skip
+    return replace(stand(better, path, request), aside=aside if aside.any() else None)
+
+
+def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
+    """Tell whether the arm keeps clear all along joint positions."""
+    places = np.arange(0.0, len(q), max(len(q) // STATIONS, 1))
+    return bool(sweep_margin(scene, q, wanted, places)[1].min() >= 0.0)
+
+
+def _read_angles(
+    task: PlanTask, stance: PostureSummary, asked: Asked, free: Free, rotation: Array
+) -> tuple[Array, Array, Array]:
+    """Return by how much spin, lead and lean of attained orientations differ from those of the start. Shapes (k,)."""
+    place, every = task.origin[free.rows], np.arange(len(stance.spin))
+    spin, lead, lean = (interpolate(place, every, value) for value in (stance.spin, stance.lead, stance.lean))
+    axis = (np.swapaxes(free.frame, 1, 2) @ -rotation[:, :, 2, None])[..., 0]
+    size = np.arccos(np.clip(axis[:, 2], -1.0, 1.0))
+    ratio = np.where(size > 1e-6, size / np.maximum(np.sin(size), 1e-12), 1.0)
+    leads, leans = ratio * axis[:, 0], ratio * axis[:, 1]
+    upright, rows = divide_toolpath(asked.nominal, place), np.arange(len(place))
+    plain = orient_tool(upright, asked.tool_x, rows, spin, lead, lean)
+    extra = np.swapaxes(plain, 1, 2) @ task.rotation[free.rows]
+    leant = orient_tool(upright, asked.tool_x, rows, spin, leads, leans) @ extra
+    turn = Rotation.from_matrix(np.swapaxes(leant, 1, 2) @ rotation).as_rotvec()
+    return -np.unwrap(turn[:, 2]), leads - lead, leans - lean
+
+
+def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
+    """Pick waypoints of the runs of a cut: all of few, else evenly in time and in bends of the path; ends included."""
+    time, chosen = np.r_[0.0, np.cumsum(task.step_time)], list[NDArray[np.int_]]()
+    runs = [run for run in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+            if run[1] - run[0] >= 2 and time[run[1]] > time[run[0]]]  # fmt: skip
+    if not runs:
+        return np.zeros(0, int)
+    count, total = sum(last - first + 1 for first, last in runs), sum(time[last] - time[first] for first, last in runs)
+    ways = np.diff(task.position, axis=0)
+    ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-12)[:, None]
+    bend = np.r_[0.0, np.arccos(np.clip((ways[1:] * ways[:-1]).sum(axis=1), -1.0, 1.0))]
+    density = np.r_[0.0, np.cumsum(task.step_time / total + bend / max(float(bend.sum()), 1e-9))]
+    for first, last in runs:
+        own = density[first : last + 1] - density[first]
+        most = max(int(STATIONS * own[-1] / 2.0), 3)
+        at = np.arange(last - first + 1) if count <= few else np.searchsorted(own, np.linspace(0.0, own[-1], most))
+        found = np.unique(np.r_[first, first + np.clip(at, 0, last - first), last])
+        chosen.append(found[np.r_[True, np.diff(time[found]) > 1e-6 * total]])
+    return np.unique(np.concatenate(chosen))
+
+
+def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[str, Array]:
+    """Return how far the tip may go each way at the stations, nowhere in rapid moves and at rest. Shapes (k,). [m]
+
+    Of what is allowed across the travel, both ways there have an even part of the square.
+    """
+    names = ("ahead", "left", "up")
+    if share <= 0.0 or not len(rows):
+        return {name: np.zeros(len(rows)) for name in names}
+    allowed, inside = task.allowed, task.cut.copy()
+    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+        inside[[first, last]] = False
+    across = share * inside * (task.tolerance if allowed is None else allowed.normal) / np.sqrt(2.0)
+    along = np.zeros(len(task))
+    if allowed is not None and allowed.apart.any():
+        along = np.where(allowed.apart, share * inside * np.nan_to_num(allowed.tangential, posinf=0.0), 0.0)
+    return dict(zip(names, (along[rows], across[rows], across[rows]), strict=True))
+
+
+def _evaluate(band: BandLimit, task: PlanTask, rows: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Evaluate columns and radius of the band at some waypoints of the start."""
+    loaded = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
+    theta = np.zeros((len(rows), task.chain.n_springs)) if loaded.theta is None else loaded.theta
+    return band.evaluate(task.q_start[rows], task.wrench[rows], theta)
