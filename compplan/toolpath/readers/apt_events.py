@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from compplan.toolpath.readers.apt_words import NUMBER
-from compplan.toolpath.readers.gcode_machine import STARTING, STOPPING
+from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING
 from compplan.toolpath.readers.moves import MoveLog
 
 RECORDS = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "STOP", "OPSTOP", "AUXFUN"}

@@ -148,11 +148,19 @@ class Contour:
                        right_hand=element.right_hand, turns=element.turns)  # fmt: skip
 
 
-def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Element, Element | None, Element]:
+def join_corner(
+    before: Element, corner: Corner, after: Element, unit: str = ""
+) -> tuple[Element, Element | None, Element]:
     """Return two elements cut back to a corner between them, and what joins them.
 
     Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
     length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet.
+
+    Args:
+        before: The element that ends in the corner.
+        corner: The corner.
+        after: The element that begins in it.
+        unit: Unit of the coordinates, for messages; "" where it depends on the program.
 
     Raises:
         ValueError: If no such corner fits.
@@ -167,8 +175,10 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
         raise ValueError("the tool turns beside a rounded or cut corner, which is not read")
     if turn < STRAIGHT or corner.size == 0.0:
         return before, None, after
-    if corner.size < 0.0 or turn > math.radians(179.9):
-        raise ValueError(f"corner of {corner.size:g} where the path turns by {math.degrees(turn):.1f} deg does not fit")
+    if turn > math.radians(179.9):
+        raise ValueError("the path turns back at this corner")
+    if corner.size < 0.0:
+        raise ValueError(f"a corner of {corner.size:g}{unit}, expected a size above 0")
     feed = before.feed if corner.feed is None else corner.feed
     if lines:
         normal = _unit(across)
@@ -178,7 +188,7 @@ def join_corner(before: Element, corner: Corner, after: Element) -> tuple[Elemen
         }[corner.kind]  # fmt: skip
         shortest = min(math.dist(before.start, point), math.dist(point, after.end))
         if reach > shortest + 1e-6:
-            raise ValueError(f"a corner of {corner.size:g} takes {reach:.4g} of moves of {shortest:.4g}")
+            raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
         first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
         middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
         right_hand = True

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, stop_machine
 from compplan.toolpath.readers.frames import UNIT
-from compplan.toolpath.readers.gcode_machine import STARTING, STOPPING, stop_machine
 from compplan.toolpath.readers.heidenhain_frames import INCH, HeidenhainFrameReader
 from compplan.toolpath.readers.heidenhain_words import VALUE
 from compplan.toolpath.readers.options import CamTable

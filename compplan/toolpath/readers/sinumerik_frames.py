@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, stop_machine
 from compplan.toolpath.readers.expressions import evaluate
 from compplan.toolpath.readers.followed import FollowedReader
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
-from compplan.toolpath.readers.gcode_machine import STARTING, STOPPING, stop_machine
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.sinumerik_words import GRAMMAR, Words
 from compplan.toolpath.readers.start import refuse_unit

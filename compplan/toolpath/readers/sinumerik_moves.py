@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot
+from compplan.toolpath.readers.cnc.words import HARMLESS, VALUES
 from compplan.toolpath.readers.contour import Corner, Element, find_centre, find_tangent_arc
-from compplan.toolpath.readers.gcode_vendor import HARMLESS, VALUES
 from compplan.toolpath.readers.options import CamTable, ask_compensation
 from compplan.toolpath.readers.plain import read_place
 from compplan.toolpath.readers.robot_moves import find_arc

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc.rotary import RotaryError, build_machine
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.gcode_rotary import RotaryError, build_machine
 from compplan.toolpath.readers.options import CamTable
 
 LETTERS = "ABC"

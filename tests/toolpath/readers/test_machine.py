@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from compplan.errors import InputError
 from compplan.toolpath.readers import CamFile, CamTable, heidenhain_words, read_cam, sinumerik_words
+from compplan.toolpath.readers.cnc.macro import MacroError, Variables, assign, work_out
+from compplan.toolpath.readers.cnc.rotary import RotaryMachine
 from compplan.toolpath.readers.expressions import Grammar, evaluate
-from compplan.toolpath.readers.gcode_macro import MacroError, Variables, assign, work_out
-from compplan.toolpath.readers.gcode_rotary import RotaryMachine
 from compplan.toolpath.readers.machines import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"

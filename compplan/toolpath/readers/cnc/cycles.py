@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
-from compplan.toolpath.readers.gcode_path import PathWriter
-from compplan.toolpath.readers.gcode_state import AXES, State
+from compplan.toolpath.readers.cnc.path import PathWriter
+from compplan.toolpath.readers.cnc.state import AXES, State
 
 #: Greatest number of holes of one block, and of pecks of one hole.
 MOST_HOLES = 10_000
 MOST_PECKS = 10_000
 #: How far a deep-hole cycle stays above the depth before when it comes back (G83) or goes back (G73). [mm]
 PECK_CLEARANCE_MM = 0.254
+#: Least depth of a last peck of its own (at most a tenth of Q): less remains where a file rounds Q to 0.001 mm or
+#: 0.0001 inch; assumed. [mm]
+LEAST_PECK_MM = 0.005
 PECK_NOTE = (
     f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
     "assumed, the control's own setting is not in the file"
@@ -23,10 +25,9 @@ FEED_BACK = frozenset({74.0, 84.0, 85.0, 89.0})
 DWELLING = frozenset({82.0, 89.0, 76.0, 88.0, 74.0, 84.0})
 TAPPING = {74.0: ("spindle_cw", "spindle_ccw"), 84.0: ("spindle_ccw", "spindle_cw")}
 NOT_CUT = {87.0: "back boring", 88.0: "boring with a retract by hand"}
-Fail = Callable[[str], InputError]
 
 
-def run_cycle(code: float, values: Mapping[str, float], path: PathWriter, expand: bool, fail: Fail) -> None:
+def run_cycle(code: float, values: Mapping[str, float], path: PathWriter, expand: bool) -> None:
     """Carry out the holes of one block.
 
     The tool moves rapidly to each hole at the level where it is (or R if that is higher), and to the level R; it cuts
@@ -38,7 +39,6 @@ def run_cycle(code: float, values: Mapping[str, float], path: PathWriter, expand
         values: Words of the block; R, Z, Q, P, I, J, K are modal, L (or K without I) repeats.
         path: Writer of the moves; its state ends where the cycle ends.
         expand: Whether holes are cut.
-        fail: Makes an error at the line that is read.
 
     Raises:
         InputError: If the block asks for more holes than any part has, or for what no other cycle can do.
@@ -54,11 +54,11 @@ def run_cycle(code: float, values: Mapping[str, float], path: PathWriter, expand
     if repeats == 0.0:
         return
     if not 1.0 <= repeats <= MOST_HOLES:
-        raise fail(f"cycle with {repeats:.0f} repeats, at most {MOST_HOLES} are read")
+        raise path.error(f"cycle with {repeats:.0f} repeats, at most {MOST_HOLES} are read")
     if expand and code in NOT_CUT:
-        raise fail(f"cycle G{code:g} ({NOT_CUT[code]}) is not read; post-process it as single moves")
+        raise path.error(f"cycle G{code:g} ({NOT_CUT[code]}) is not read; post-process it as single moves")
     if deep not in state.cycle:
-        raise fail(f"cycle G{code:g} has no depth {deep}")
+        raise path.error(f"cycle G{code:g} has no depth {deep}")
     beside = {letter: values[letter] for letter in AXES if letter in values and letter != deep}
     path.check_place(axis for axis in order[:2] if state.incremental or AXES[axis] not in beside)
     for _ in range(int(repeats)):
@@ -99,7 +99,7 @@ def _starting_level(path: PathWriter, axis: int, stated: float | None = None) ->
     if state.cycle_start is None:
         known = path.height if path.height is not None else state.cycle.get("R", stated)
         if known is None and not path.muted:
-            raise path.fail("a drilling cycle begins where the height of the tool is not known and states no level R; "
+            raise path.error("a drilling cycle begins where the height of the tool is not known and states no level R; "
                             "let a rapid move (G0) to a height come first")  # fmt: skip
         known = state.position[axis] if known is None else known
         path.log.note(f"a cycle begins where nobody knows the height: {known:g} is assumed", path.line)
@@ -162,9 +162,9 @@ def _list_pecks(code: float, clear: float, bottom: float, state: State, path: Pa
     path.log.note(PECK_NOTE, path.line)
     least = words.get("K", first) if "I" in words else first
     if (clear - bottom) / max(least, 1e-9) > MOST_PECKS:
-        raise path.fail(f"a hole of more than {MOST_PECKS} pecks, of {least:g} mm")
+        raise path.error(f"a hole of more than {MOST_PECKS} pecks, of {least:g} mm")
     depths, peck = [clear], first
-    while clear - depths[-1] + peck < clear - bottom - 1e-9:
+    while depths[-1] - peck > bottom + min(LEAST_PECK_MM, 0.1 * peck):
         depths.append(depths[-1] - peck)
         peck = max(peck - words.get("J", 0.0), least) if "I" in words else peck
     return [*depths[1:], bottom]

@@ -1,24 +1,32 @@
-"""Moves of a G-code program: straight ones, arcs, corners, and those on which rotary axes turn."""
+"""Moves of a CNC program: straight ones, arcs, corners, and those on which rotary axes turn."""
 
 from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, centre_from_radius, combine, fits_circle
+from compplan.toolpath.readers.arcs import (
+    Arc,
+    Point,
+    arc_about,
+    centre_from_radius,
+    combine,
+    fits_circle,
+)
+from compplan.toolpath.readers.cnc.cycles import run_cycle
+from compplan.toolpath.readers.cnc.frames import Frames
+from compplan.toolpath.readers.cnc.path import PathWriter
+from compplan.toolpath.readers.cnc.state import FARTHEST_WITHOUT_POINT, PLANE_AXES, PLANE_NORMALS
+from compplan.toolpath.readers.cnc.words import CORNER_WORDS
+from compplan.toolpath.readers.contour import Corner, Element, join_corner
 from compplan.toolpath.readers.course import cut_turning
-from compplan.toolpath.readers.gcode_codes import MOST_TURNS, TURN_STEP
-from compplan.toolpath.readers.gcode_corners import GcodeCorner, cut_corner
-from compplan.toolpath.readers.gcode_cycles import run_cycle
-from compplan.toolpath.readers.gcode_state import PLANE_AXES, PLANE_NORMALS, State
-from compplan.toolpath.readers.gcode_text import FARTHEST_WITHOUT_POINT
-from compplan.toolpath.readers.gcode_tilt import TiltReader
-from compplan.toolpath.readers.gcode_words import CORNER_WORDS
-from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.plain import read_place
 
+#: Greatest turn of the rotary axes between waypoints. [deg]
+TURN_STEP = 1.0
+#: Greatest number of turns of one helix.
+MOST_TURNS = 10_000
 #: Words that turn the tool: rotary axes, and its direction (Siemens).
 ROTARY = (*"ABC", "A3", "B3", "C3")
 #: Words that make a straight move.
@@ -31,21 +39,30 @@ class OffCircleError(InputError):
     """Tell that start and end of an arc do not lie on one circle, in one reading of I J K."""
 
 
-class MotionReader(TiltReader):
-    """Carry out the motion of blocks."""
+class Motion:
+    """Carry out the motion of blocks.
 
-    def __init__(self, file: Path, options: CamTable, state: State) -> None:
-        super().__init__(file, options, state)
-        self.corner: GcodeCorner | None = None
+    Args:
+        path: Writer of the moves.
+        frames: Frames and rotary axes in force.
+
+    """
+
+    def __init__(self, path: PathWriter, frames: Frames) -> None:
+        self.path, self.state, self.log, self.options, self.error = path, path.state, path.log, path.options, path.error
+        self.frames = frames
+        #: A straight move that a corner ends, until the move after it is known.
+        self.corner: tuple[Element, Corner] | None = None
         self.proofs: set[tuple[float, ...]] = set()
 
     def is_steady(self) -> bool:
         """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
         state, path = self.state, self.path
         return bool(
-            state.motion == 1.0 and state.moved and state.feed and state.feed_mode == 94 and self.begun
-            and not (state.incremental or state.polar or state.cycle_code or state.lost or self.corner or self.layers)
-            and len(state.known) == 3 and path.placement is None and not path.muted and not path.needs_start()
+            state.motion == 1.0 and state.moved and state.feed and state.feed_mode == 94
+            and not (state.incremental or state.polar or state.cycle_code or state.lost or self.corner)
+            and not self.frames.layers and len(state.known) == 3 and path.placement is None and not path.muted
+            and not path.needs_start()
         )  # fmt: skip
 
     def cut_plain(self, found: re.Match[str]) -> bool:
@@ -61,7 +78,7 @@ class MotionReader(TiltReader):
         self.log.line(point, state.feed / 60.0)
         return True
 
-    def _move(self, values: dict[str, float]) -> None:
+    def move(self, values: dict[str, float]) -> None:
         """Carry out the motion of a block."""
         state = self.state
         words = values.keys()
@@ -70,13 +87,13 @@ class MotionReader(TiltReader):
         if state.polar and not words.isdisjoint("XY"):
             values = self._read_polar(values)
         if state.cycle_code:
-            self.check_plane()
-            run_cycle(state.cycle_code, values, self.path, self.options.cycles == "expand", self.error)
+            self.frames.check_plane()
+            run_cycle(state.cycle_code, values, self.path, self.options.cycles == "expand")
             return
         if "L" in values and values["L"] != 1.0:
             raise self.error(f"L{values['L']:g} repeats a move or counts turns of an arc and is not read; write the "
                              "moves out, turns of an arc as P")  # fmt: skip
-        if self.cancels_length and "Z" in values:
+        if self.state.cancels_length and "Z" in values:
             self._leave_upwards(values)
             return
         corner = None if words.isdisjoint(CORNERS) else next(kind for kind in CORNERS if kind in values)
@@ -104,14 +121,14 @@ class MotionReader(TiltReader):
             if letter in values:
                 raise self.error(f"axis {letter}{values[letter]:g} moves the tool or the part and is not read")
         if "E" in values:
-            self.log.note("axis E is not read", self.line)
+            self.log.note("axis E is not read", self.path.line)
 
     def _leave_upwards(self, values: dict[str, float]) -> None:
         """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
         if self.state.motion != 0.0:
             raise self.error("a cut to Z with the tool's length cancelled (H0, G49): the tip's place is not known")
         self.log.note("Z of a block that cancels the tool's length (H0, G49) is left out: it is no place in the part",
-                      self.line)  # fmt: skip
+                      self.path.line)  # fmt: skip
         self.path.retreat()
         self.path.lose([2])
         self.path.rapid(self.state.target(values, range(2)))
@@ -136,13 +153,13 @@ class MotionReader(TiltReader):
         if values.get("R", 0.0) != 0.0:
             raise self.error(f"R{values['R']:g} in a straight move is not read; a rounded corner is written ,R")
         if not values.keys().isdisjoint("IJK"):
-            self.log.note("I J K in straight moves are not read", self.line)
+            self.log.note("I J K in straight moves are not read", self.path.line)
 
     def _cut(self, values: dict[str, float], corner: tuple[str, float] | None) -> None:
         """Cut straight."""
         state, path = self.state, self.path
-        if self.printer and path.is_start_unknown() and ("E" not in values or not self.log.waypoints):
-            self.log.note(TRAVEL, self.line)
+        if self.state.printer and path.is_start_unknown() and ("E" not in values or not self.log.waypoints):
+            self.log.note(TRAVEL, self.path.line)
             path.rapid(state.target(values, range(3)))
             return
         path.begin_cut()
@@ -153,17 +170,17 @@ class MotionReader(TiltReader):
             axis, before = self._turn(values)
         if not path.start_cut(target):
             return
-        if self.layers:
-            self.check_plane()
+        if self.frames.layers:
+            self.frames.check_plane()
         if corner or self.corner:
-            self._cut_corner(start, target, self._feed(math.dist(target, start)), corner, axis)
+            self._cut_corner(start, target, path.feed(math.dist(target, start)), corner, axis)
         elif before is not None and axis is not None:
             self._cut_turning(start, target, before)
         elif axis is not None and "A3" in values:
             state.position = target
-            cut_turning(self.log, path.map(start), path.map(target), self._feed(math.dist(target, start)), axis)
+            cut_turning(self.log, path.map(start), path.map(target), path.feed(math.dist(target, start)), axis)
         else:
-            path.cut_line(target, self._feed(math.dist(target, start)), axis)
+            path.cut_line(target, path.feed(math.dist(target, start)), axis)
 
     def _cut_corner(
         self, start: Point, target: Point, feed: float, asked: tuple[str, float] | None, axis: Point | None
@@ -172,17 +189,19 @@ class MotionReader(TiltReader):
         if axis is not None:
             raise self.error("a rounded or cut corner while rotary axes turn is not read")
         path, before = self.path, self.corner
+        element = Element(start, target, (), feed, path.line)
         if before is not None:
             try:
-                first, start, arc = cut_corner(before, target)
+                first, joint, element = join_corner(*before, element, " mm")
             except ValueError as fault:
-                raise self.error(f"{fault}, in the block of line {before.line}") from None
-            path.cut_line(first, before.feed)
-            if arc is not None:
-                path.cut_arc(arc, start, feed)
-            elif start != first:
-                path.cut_line(start, feed)
-        self.corner = GcodeCorner(*asked, start, target, feed, self.line) if asked else None
+                raise self.error(f"{fault}, in the block of line {before[0].line}") from None
+            path.cut_line(first.end, first.feed)
+            if joint is not None and joint.centre is not None:
+                arc = arc_about(joint.start, joint.end, joint.centre, joint.normal, right_hand=joint.right_hand)
+                path.cut_arc(arc, joint.end, feed)
+            elif joint is not None:
+                path.cut_line(joint.end, feed)
+        self.corner = (element, Corner(*asked, None, path.line)) if asked else None
         if asked is None:
             path.cut_line(target, feed)
         self.state.position = target
@@ -193,7 +212,7 @@ class MotionReader(TiltReader):
         after = dict(state.rotary)
         pieces = self._count_pieces(target, before, after)
         travel, tip = math.dist(target, start), state.tip_control or self.options.tip_control
-        feed = self._feed(travel)
+        feed = path.feed(travel)
         whole = max(abs(after[letter] - before.get(letter, 0.0)) for letter in after) if after else 0.0
         if state.feed_mode == 93 and state.feed:
             seconds = 60.0 / state.feed
@@ -205,11 +224,11 @@ class MotionReader(TiltReader):
             state.rotary = {
                 letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()
             }
-            self.place_rotary(keep=False)
+            self.frames.place_rotary(keep=False)
             point = target if piece == pieces else combine(1.0 - share, start, share, target)
             if not tip and seconds > 0.0:
                 feed = math.dist(path.map(point), lines.position) * pieces / seconds
-            path.cut_line(point, feed, self.rotary_axis())
+            path.cut_line(point, feed, self.frames.rotary_axis())
         state.rotary = after
         lines.count_one(counts)
 
@@ -218,12 +237,12 @@ class MotionReader(TiltReader):
         turn = max((abs(angle - before.get(letter, 0.0)) for letter, angle in after.items()), default=0.0)
         step = TURN_STEP
         if self.state.tip_control or self.options.tip_control:
-            machine, shares = self.machine, (0.0, 0.37, 0.71, 1.0)
+            machine, shares = self.frames.machine, (0.0, 0.37, 0.71, 1.0)
             ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in shares]
             if machine is None or len({machine.point_tool(way) for way in ways}) == 1:
                 return 1
-        elif self.machine is not None and self.machine.table:
-            radius = math.dist(target, self.machine.centre or (0.0, 0.0, 0.0))
+        elif self.frames.machine is not None and self.frames.machine.table:
+            radius = math.dist(target, self.frames.machine.centre or (0.0, 0.0, 0.0))
             chord = self.options.chord_tolerance_mm
             step = min(step, math.degrees(2.0 * math.acos(max(1.0 - chord / max(radius, chord), 0.0))))
         return max(1, math.ceil(turn / step - 1e-9))
@@ -240,8 +259,8 @@ class MotionReader(TiltReader):
             return unit if self.path.placement is None else self.path.placement.turn(unit), None
         if self.options.rotary == "ignore":
             return None, None
-        before = self.turn_rotary(values)
-        return self.rotary_axis(), before
+        before = self.frames.turn_rotary(values)
+        return self.frames.rotary_axis(), before
 
     def _arc(self, values: dict[str, float]) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
@@ -253,12 +272,12 @@ class MotionReader(TiltReader):
         if path.muted:
             path.start_cut(target)
             return
-        if self.layers:
-            self.check_plane()
+        if self.frames.layers:
+            self.frames.check_plane()
         arc = self._find_arc(start, target, values)
         if "R" not in values and state.centres != "incremental":
             self._prove(start, target, values, right_hand=state.motion == 3.0)
-        path.cut_arc(arc, target, self._feed(arc.length))
+        path.cut_arc(arc, target, path.feed(arc.length))
 
     def _find_arc(self, start: Point, target: Point, values: dict[str, float]) -> Arc:
         """Return the arc of a block.
@@ -284,14 +303,14 @@ class MotionReader(TiltReader):
             raise self.error(f"arc has neither a centre ({names}) nor a radius (R)")
         turns = values.get("P", 1.0)
         if turns == 0.0:
-            self.log.note("arc of P0 turns is read as a single arc", self.line)
+            self.log.note("arc of P0 turns is read as a single arc", self.path.line)
         elif not 1.0 <= turns <= MOST_TURNS or turns != int(turns):
             raise self.error(f"arc of P{turns:g} turns, expected a whole number from 1 to {MOST_TURNS}")
         arc = arc_about(start, target, centre, normal, right_hand=right_hand, turns=max(1, int(turns)))
         if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
             hint = "expected the same radius; I J K may count otherwise (option arc_centres)"
-            raise OffCircleError(f"{message}, {hint}", file=self.file, where=self.line)
+            raise OffCircleError(f"{message}, {hint}", file=self.path.flow.file, where=self.path.line)
         return arc
 
     def _prove(self, start: Point, target: Point, values: dict[str, float], *, right_hand: bool) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Arc, Point
+from compplan.toolpath.readers.cnc.flow import Flow
+from compplan.toolpath.readers.cnc.state import State
 from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.gcode_state import State
 from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import find_start
@@ -19,18 +20,17 @@ class PathWriter:
     Points are those of the work offset in force; `placement` says where they stand in the part frame.
 
     Args:
-        log: Log of the moves, in the part frame.
+        flow: Knows at which line the program is.
         state: State of the program; its position follows the moves.
         options: What the program does not say by itself.
-        fail: Makes an error at the line that is read.
 
     """
 
-    def __init__(self, log: MoveLog, state: State, options: CamTable, fail: Callable[[str], InputError]) -> None:
-        self.log, self.state, self.options, self.fail = log, state, options, fail
+    def __init__(self, flow: Flow, state: State, options: CamTable) -> None:
+        self.flow, self.state, self.options, self.error = flow, state, options, flow.error
+        #: Log of the moves, in the part frame.
+        self.log = MoveLog(options.chord_tolerance_mm, flow)
         self.placement: Frame | None = None
-        #: Line of the block that is read.
-        self.line = 0
         #: Why moves are left out, and what to say where one of them cuts ("": nothing).
         self.muted: dict[str, str] = {}
         #: Greatest height of a rapid move under the placement in force [mm].
@@ -41,6 +41,19 @@ class PathWriter:
         #: Why the place of the tool is not known.
         self.reason = ""
         self._broken = False
+
+    @property
+    def line(self) -> int:
+        """Line of the block that is read."""
+        return self.flow.line
+
+    def feed(self, length: float) -> float:
+        """Return the feed of a move of this length [mm] in mm/s; 0 where no feed is known."""
+        feed = self.state.feed_mm_s(length)
+        if feed is None:
+            self.log.note("cutting moves before any feed F have none", self.line)
+            return 0.0
+        return feed
 
     def map(self, point: Point) -> Point:
         """Return where a point stands in the part frame [mm]."""
@@ -145,7 +158,7 @@ class PathWriter:
             try:
                 start = find_start(state.position, unknown, stated, self.reason if state.lost or self._broken else "")
             except InputError as fault:
-                raise self.fail(fault.message) from None
+                raise self.error(fault.message) from None
             state.settle(unknown)
             if self.log.waypoints:
                 self.rapid(start)
@@ -161,7 +174,7 @@ class PathWriter:
             try:
                 find_start(self.state.position, unknown, None, self.reason)
             except InputError as fault:
-                raise self.fail(fault.message) from None
+                raise self.error(fault.message) from None
 
     def is_start_unknown(self) -> bool:
         """Return whether a cut from here would begin at an unknown place."""
@@ -176,12 +189,12 @@ class PathWriter:
         """
         if self.muted:
             if refusal := next(filter(None, self.muted.values()), ""):
-                raise self.fail(refusal)
+                raise self.error(refusal)
             self.left_out += 1
             self.state.position = target
             return False
         if self.needs_start():
-            raise self.fail("a cut begins where the tool is not known: rotary axes or a change of the frame moved it; "
+            raise self.error("a cut begins where the tool is not known: rotary axes or a change of the frame moved it; "
                             "let a rapid move (G0) to X Y Z come first")  # fmt: skip
         return True
 
@@ -196,6 +209,6 @@ class PathWriter:
         if self.placement is not None:
             placed = self.placement.place_arc(arc)
             if placed is None:
-                raise self.fail("an arc under a scale that differs between axes would be an ellipse and is not read")
+                raise self.error("an arc under a scale that differs between axes would be an ellipse and is not read")
             arc = placed
         self.log.arc(arc, self.map(end), feed)

@@ -1,44 +1,32 @@
-"""The lines of a G-code file: headers, marks, vendor words, subprograms; their words go to the reader of blocks."""
+"""Lexer of the RS-274 family: the lines of a file become the words of blocks; comments and marks are dealt with."""
 
 from __future__ import annotations
 
 import re
-from abc import abstractmethod
-from collections.abc import Sequence
-from pathlib import Path
 
-from compplan.toolpath.readers.gcode_flow import DEEPEST, HEAD, MOST_CALLS, GcodeFlowReader
-from compplan.toolpath.readers.gcode_machine import owns_words
-from compplan.toolpath.readers.gcode_state import AXES, State
-from compplan.toolpath.readers.gcode_vendor import (
-    CALL,
-    COORDINATE,
-    GEOMETRY,
-    HARMLESS,
-    IDENTIFIER,
-    SHIFT,
-    SIEMENS,
-    TEXT,
-    drop_harmless,
-    find_geometry,
-)
-from compplan.toolpath.readers.gcode_words import (
+from compplan.toolpath.readers.cnc.machine import owns_words
+from compplan.toolpath.readers.cnc.path import PathWriter
+from compplan.toolpath.readers.cnc.state import AXES, FARTHEST_WITHOUT_POINT
+from compplan.toolpath.readers.cnc.words import (
     BLOCK,
     CONTROL,
     CONVERSATIONAL,
+    COORDINATE,
+    IDENTIFIER,
     NAME_LINE,
+    SHIFT,
+    SIEMENS,
     SKIP_MARK,
     SKIP_WITHIN,
+    TEXT,
     TIP_CONTROL,
     UNSIGNED_EXPONENT,
     check_words,
+    drop_harmless,
+    find_geometry,
     split_words,
     strip_comments,
 )
-from compplan.toolpath.readers.lines import read_bounded, split_lines
-from compplan.toolpath.readers.moves import MoveLog
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_CODE
 
 Words = list[tuple[str, float]]
 #: A line that an M code owns, its text included.
@@ -55,67 +43,51 @@ O_WORD = re.compile(r"(?:N\s*\d+\s*)?O\s*(?:<[^<>]*>|\d+|\[[^\[\]]*\])\s*[A-Z]{2
 #: Lengths that have no decimal point, and the least ones that no part of a robot has. [mm]
 LENGTHS = frozenset("XYZIJKRUVW")
 WITHOUT_POINT = re.compile(r"(?<![A-Z,])([XYZIJKRUVW])\s*=?\s*([-+]?\d+)(?![\d.E])")
-FARTHEST_WITHOUT_POINT = 10_000.0
 TOOL_NAME = re.compile(r"\bT\d*\s*=\s*\"([^\"]*)\"", re.IGNORECASE)
 MOTION = re.compile(r"(?<![A-Z0-9])G0*[0-3](?![\d.])")
 
 
-class TextReader(GcodeFlowReader):
-    """Read the lines of a program."""
+#: Words that end a program, and nothing else.
+END_OF_PROGRAM: Words = [("M", 17.0)]
 
-    def __init__(self, file: Path, options: CamTable, state: State) -> None:
-        super().__init__(file)
-        self.options, self.state = options, state
-        self.log = MoveLog(options.chord_tolerance_mm, self)
-        self.begun = self.steady = self.printer = False
-        #: Whether the block at hand cancels the tool's length.
-        self.cancels_length = False
-        self.siemens = file.suffix.lower() in (".mpf", ".spf")
 
-    @abstractmethod
-    def is_steady(self) -> bool:
-        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+class Lexer:
+    """Turn the lines of a G-code file into the words of blocks.
 
-    @abstractmethod
-    def cut_plain(self, found: re.Match[str]) -> bool:
-        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
+    Lines that are no block are dealt with here: comments, marks, assignments, jumps, calls, vendor words.
 
-    @abstractmethod
-    def run_block(self, words: Words) -> bool:
-        """Carry out one block; return whether the program ends."""
+    Args:
+        path: Writer of the moves, and with it the state of the program.
 
-    @abstractmethod
-    def finish(self) -> None:
-        """Refuse what is left open at the end of the program."""
+    """
 
-    def run(self, lines: Sequence[str]) -> None:
-        """Read every line up to the end of the program."""
-        self._run_lines(lines, 0, self._find_programs(lines))
-        self.finish()
+    def __init__(self, path: PathWriter) -> None:
+        self.path, self.state, self.log, self.error = path, path.state, path.log, path.error
+        self.flow = path.flow
+        #: Whether a block was read.
+        self.begun = False
 
-    def _run_line(self, raw: str) -> bool:
-        """Carry out one line; return whether the program ends."""
-        if self.steady and (found := PLAIN_CODE.fullmatch(raw)) and self.cut_plain(found):
-            return False
-        ended = self._run_any(raw)
-        self.steady = self.is_steady()
-        return ended
+    def read(self, raw: str) -> Words | None:
+        """Return the words of the block in a line, None where it holds none.
 
-    def _run_any(self, raw: str) -> bool:
-        """Carry out a line of any kind; return whether the program ends."""
+        Raises:
+            InputError: If something in it is not known and may move the tool.
+
+        """
         try:
             line, comments = strip_comments(raw)
         except ValueError as fault:
             raise self.error(str(fault)) from None
         for comment in comments:
-            self.log.happen("comment", self.line, text=comment)
+            self.log.happen("comment", self.path.line, text=comment)
         if not line:
-            return False
+            return None
         if len(line) > 200:
             line = " ".join(line.split())
         if line[0] in "%<:O" and NAME_LINE.fullmatch(line):
-            self.siemens = self.siemens or line.startswith("%_N_")
-            return line[0] == "%" and (self.state.moved or (self.begun and line.startswith("%_N_")))
+            self.state.siemens = self.state.siemens or line.startswith("%_N_")
+            ends = line[0] == "%" and (self.state.moved or (self.begun and line.startswith("%_N_")))
+            return END_OF_PROGRAM if ends else None
         if "/" in line:
             line = self._drop_marks(line)
         if line[0] in "ON" and O_WORD.match(line):
@@ -123,24 +95,24 @@ class TextReader(GcodeFlowReader):
                              "system")  # fmt: skip
         words, rest = split_words(line)
         if rest and (owner := OWNER_LINE.match(line)) and owns_words(float(owner.group(1))):
-            self.log.note(f"M{owner.group(1)} is not read", self.line)
-            self.log.happen("comment", self.line, text=f"M{owner.group(1)} of the CAM file")
-            return False
+            self.log.note(f"M{owner.group(1)} is not read", self.path.line)
+            self.log.happen("comment", self.path.line, text=f"M{owner.group(1)} of the CAM file")
+            return None
         if rest and BARE_HOME.fullmatch(line):
             words, rest = [("G", 28.0)], ""
-        if rest and not self.siemens and MACRO.search(line):
-            spelled = self.run_macro(line)
+        if rest and not self.state.siemens and MACRO.search(line):
+            spelled = self.flow.run_macro(line)
             if spelled is None:
-                return False
+                return None
             line = spelled
             words, rest = split_words(line)
-        if (rest or (words and words[0][0] in "LN")) and self._call(line):
-            return False
+        if (rest or (words and words[0][0] in "LN")) and self.flow.call_name(line):
+            return None
         named = TOOL_NAME.search(raw) if '"' in raw else None
         if rest:
             explained = self._explain(re.sub(r"^N\d+\s*", "", line), raw)
             if explained is None:
-                return False
+                return None
             words = explained
         elif "E" in line and UNSIGNED_EXPONENT.search(line):
             raise self.error(f"number {line[:40]!r} may be read in two ways, write it without an exponent")
@@ -154,7 +126,7 @@ class TextReader(GcodeFlowReader):
                              f"(0.001 mm); write it with a point ({number}. or {number[0]}{float(number[1:]) / 1e3:g})"
                              )  # fmt: skip
         self.begun = self.begun or any(letter not in "NO" for letter, _ in words)
-        return self.run_block(words)
+        return words
 
     def _find_without_point(self, words: Words, line: str) -> str:
         """Return a word of a length that is too great for a part unless it counts in increments, "" without any."""
@@ -168,7 +140,7 @@ class TextReader(GcodeFlowReader):
         """Return a line without the marks of blocks that an operator may skip."""
         marked = SKIP_WITHIN.sub(" ", SKIP_MARK.sub(r"\1", line, count=1) if SKIP_MARK.match(line) else line)
         if marked != line:
-            self.log.note("blocks marked with / are read", self.line)
+            self.log.note("blocks marked with / are read", self.path.line)
         return marked.strip()
 
     def _explain(self, line: str, raw: str) -> Words | None:
@@ -178,13 +150,13 @@ class TextReader(GcodeFlowReader):
         if CONTROL.match(line):
             raise self.error(f"program control {line[:40]!r} is not read; write the program out in the CAM system")
         if line == "RET":
-            return [("M", 17.0)]
-        self.siemens = self.siemens or SIEMENS.search(line) is not None
+            return END_OF_PROGRAM
+        self.state.siemens = self.state.siemens or SIEMENS.search(line) is not None
         if SHIFT.match(line):
             self._shift(line)
             return None
         if line.startswith("MSG") and (told := re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)):
-            self.log.happen("comment", self.line, text=told.group(1))
+            self.log.happen("comment", self.path.line, text=told.group(1))
             return None
         geometry = find_geometry(line, raw)
         if geometry:
@@ -195,7 +167,7 @@ class TextReader(GcodeFlowReader):
             words = self._read_past(re.sub(r"\bSUPA\b", " ", line).strip())
             return [*(words or []), ("G", 153.0)]
         if not self.begun and not BLOCK.match(line) and not IDENTIFIER.match(line):
-            self.log.note(f"text before the first block is not read: {line[:20]!r}", self.line)
+            self.log.note(f"text before the first block is not read: {line[:20]!r}", self.path.line)
             return None
         return self._read_past(line)
 
@@ -210,20 +182,20 @@ class TextReader(GcodeFlowReader):
         bare, known, unknown = drop_harmless(line)
         if unknown:
             word = unknown[0][:20]
-            plain = unknown[0] in TEXT or not (self.begun or self.siemens)
+            plain = unknown[0] in TEXT or not (self.begun or self.state.siemens)
             rest_of_line = IDENTIFIER.sub(" ", bare)
-            if not plain and (self.siemens or COORDINATE.search(rest_of_line) or MOTION.search(rest_of_line)):
+            if not plain and (self.state.siemens or COORDINATE.search(rest_of_line) or MOTION.search(rest_of_line)):
                 raise self.error(f"word {word} is not read and may move the tool; post-process without it")
-            self.log.note(f"vendor word {word} is not read", self.line)
+            self.log.note(f"vendor word {word} is not read", self.path.line)
             return None
         for word in known:
-            self.log.note(f"vendor word {word[:20]} is not read", self.line)
+            self.log.note(f"vendor word {word[:20]} is not read", self.path.line)
         words, rest = split_words(bare.replace('"', " "))
         rest = re.sub(r"\bT\s*=?(?=\s|$)", "", rest).strip() if '"' in bare else rest
         if not rest:
             return words
         if set(rest) <= set("*%,:$!") or re.fullmatch(r"[DEHLNOPQST]", rest):
-            self.log.note(f"character {rest[0]!r} is not read", self.line)
+            self.log.note(f"character {rest[0]!r} is not read", self.path.line)
             return words
         if "[" in rest:
             raise self.error(f"expression {line[:40]!r} is not read, only numbers are; write the program out")
@@ -238,40 +210,3 @@ class TextReader(GcodeFlowReader):
         old = [value / state.scale for value in state.shift] if found.group(1) == "ATRANS" else [0.0, 0.0, 0.0]
         state.set_shift({axis: old[axis] + numbers.get(AXES[axis], 0.0) for axis in range(3)})
 
-    def _find_programs(self, lines: Sequence[str]) -> int:
-        """Find the subprograms that stand in the file, after %_N_NAME_SPF or O1000; return where the first one ends."""
-        heads = [index for index, line in enumerate(lines) if line.startswith("%_N_")]
-        for index, stop in zip(heads, [*heads[1:], len(lines)], strict=False):
-            found = re.match(r"%_N_(\w+)_SPF", lines[index].upper())
-            if found:
-                self.programs[found.group(1)] = (lines, index + 1, stop, self.file)
-        numbers = [(index, found.group(1)) for index, line in enumerate(lines)
-                   if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
-        for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
-            self.programs.setdefault(number, (lines, index + 1, stop, self.file))
-        return numbers[1][0] if len(numbers) > 1 else len(lines)
-
-    def _call(self, line: str) -> bool:
-        """Carry out a call of a subprogram (L100 P3, or its name); return whether the line is one."""
-        found = CALL.match(line)
-        if not found:
-            return False
-        called, times = found.group(1), int(found.group(2) or 1)
-        known = called in HARMLESS or called in TEXT or GEOMETRY.fullmatch(called)
-        if called not in self.programs and not known:
-            for candidate in (f"{called}.SPF", f"{called}.spf", f"{called.lower()}.spf"):
-                beside = self.file.with_name(candidate)
-                if beside.is_file():
-                    found_lines = split_lines(read_bounded(beside))
-                    self.programs[called] = (found_lines, 0, len(found_lines), beside)
-                    break
-        if called not in self.programs:
-            if re.fullmatch(r"L\d+", called):
-                where = f"neither %_N_{called}_SPF in this file nor {called}.SPF beside it is there"
-                raise self.error(f"subprogram call {called} is not read: {where}")
-            return False
-        if times > MOST_CALLS or self.depth >= DEEPEST:
-            raise self.error(f"subprogram {called} is called {times} times at depth {self.depth + 1}, allowed are "
-                             f"{MOST_CALLS} times and a depth of {DEEPEST}")  # fmt: skip
-        self._run_program(self.programs[called], times)
-        return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from compplan.toolpath.readers.gcode_state import State
+from compplan.toolpath.readers.cnc.state import State
 from compplan.toolpath.readers.moves import MoveLog
 
 #: Codes that happen before the move of their block, beside M6, and what they switch on.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.gcode_macro import MacroError, Variables, assign, spell_out, work_out
-from compplan.toolpath.readers.lines import MOST_LINES
+from compplan.toolpath.readers.cnc.macro import MacroError, Variables, assign, spell_out, work_out
+from compplan.toolpath.readers.cnc.words import CALL, GEOMETRY, HARMLESS, TEXT
+from compplan.toolpath.readers.lines import MOST_LINES, read_bounded, split_lines
 
 #: Greatest number of passes of one call, of calls within calls, and of jumps.
 MOST_CALLS = 9999
@@ -28,11 +28,17 @@ IF = re.compile(r"IF\s*(?=\[)")
 ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
 
 
-class GcodeFlowReader(ABC):
-    """Follow a program from line to line."""
+class Flow:
+    """Follow a program from line to line.
 
-    def __init__(self, file: Path) -> None:
-        self.file = file
+    Args:
+        file: Its file.
+        run_line: Carries out one line; returns whether this program ends.
+
+    """
+
+    def __init__(self, file: Path, run_line: Callable[[str], bool]) -> None:
+        self.file, self.run_line = file, run_line
         self.line = self.executed = self.depth = self.jumps = 0
         self.over = False
         self.variables = Variables()
@@ -45,10 +51,6 @@ class GcodeFlowReader(ABC):
         self._call_number = self._calls = 0
         self._passed: dict[tuple[int, int], list[tuple[str, float]]] = {}
         self._numbers: dict[tuple[int, int, int], dict[int, int]] = {}
-
-    @abstractmethod
-    def _run_line(self, raw: str) -> bool:
-        """Carry out one line; return whether this program ends."""
 
     def error(self, message: str) -> InputError:
         """Return an error at the line that is read."""
@@ -66,12 +68,16 @@ class GcodeFlowReader(ABC):
             self.executed += 1
             if self.executed > MOST_LINES:
                 raise self.error(f"more than {MOST_LINES} blocks are carried out, calls counted; no more are read")
-            if self._run_line(lines[index]) or self.over:
+            if self.run_line(lines[index]) or self.over:
                 break
             index += 1
             if self._next is not None:
                 index, self._next = self._next, None
         self._lines, self._first, self._last, self._call_number = kept
+
+    def run(self, lines: Sequence[str]) -> None:
+        """Read every line of the first program up to its end."""
+        self._run_lines(lines, 0, self.find_programs(lines))
 
     def _jump(self, index: int) -> None:
         """Go on at a line.
@@ -103,6 +109,19 @@ class GcodeFlowReader(ABC):
         if place is None:
             raise self.error(f"jump to block N{number}, which is not in this program")
         return place
+
+    def find_programs(self, lines: Sequence[str]) -> int:
+        """Find the subprograms that stand in the file, after %_N_NAME_SPF or O1000; return where the first one ends."""
+        heads = [index for index, line in enumerate(lines) if line.startswith("%_N_")]
+        for index, stop in zip(heads, [*heads[1:], len(lines)], strict=False):
+            found = re.match(r"%_N_(\w+)_SPF", lines[index].upper())
+            if found:
+                self.programs[found.group(1)] = (lines, index + 1, stop, self.file)
+        numbers = [(index, found.group(1)) for index, line in enumerate(lines)
+                   if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
+        for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
+            self.programs.setdefault(number, (lines, index + 1, stop, self.file))
+        return numbers[1][0] if len(numbers) > 1 else len(lines)
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left to be read, None without any.
@@ -158,6 +177,31 @@ class GcodeFlowReader(ABC):
                 return index
             index += step
         raise self.error(f"loop {label} has no {'END' if step > 0 else 'DO'} {label} in this program")
+
+    def call_name(self, line: str) -> bool:
+        """Carry out a call of a subprogram (L100 P3, or its name); return whether the line is one."""
+        found = CALL.match(line)
+        if not found:
+            return False
+        called, times = found.group(1), int(found.group(2) or 1)
+        known = called in HARMLESS or called in TEXT or GEOMETRY.fullmatch(called)
+        if called not in self.programs and not known:
+            for candidate in (f"{called}.SPF", f"{called}.spf", f"{called.lower()}.spf"):
+                beside = self.file.with_name(candidate)
+                if beside.is_file():
+                    found_lines = split_lines(read_bounded(beside))
+                    self.programs[called] = (found_lines, 0, len(found_lines), beside)
+                    break
+        if called not in self.programs:
+            if re.fullmatch(r"L\d+", called):
+                where = f"neither %_N_{called}_SPF in this file nor {called}.SPF beside it is there"
+                raise self.error(f"subprogram call {called} is not read: {where}")
+            return False
+        if times > MOST_CALLS or self.depth >= DEEPEST:
+            raise self.error(f"subprogram {called} is called {times} times at depth {self.depth + 1}, allowed are "
+                             f"{MOST_CALLS} times and a depth of {DEEPEST}")  # fmt: skip
+        self._run_program(self.programs[called], times)
+        return True
 
     def call_number(self, values: Mapping[str, float], *, macro: bool = False, local: bool = False) -> None:
         """Carry out M98 and G65 (subprogram O number), and M97 (block N number of this program).

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from collections.abc import Iterable
-from pathlib import Path
 
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.gcode_codes import HAAS_OFFSETS, NOTED, OFFSETS, PROBES
-from compplan.toolpath.readers.gcode_offsets import find_offset, name_offset
-from compplan.toolpath.readers.gcode_path import PathWriter
-from compplan.toolpath.readers.gcode_state import AXES, State
-from compplan.toolpath.readers.gcode_text import TextReader
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.cnc.frames import Frames
+from compplan.toolpath.readers.cnc.path import PathWriter
+from compplan.toolpath.readers.cnc.state import AXES, find_offset, name_offset
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
 
 
-class GcodeFrameReader(TextReader):
-    """Follow where the program's origin stands, and moves that count from elsewhere."""
+class Origins:
+    """Follow where the program's origin stands, and moves that count from elsewhere.
 
-    def __init__(self, file: Path, options: CamTable, state: State) -> None:
-        super().__init__(file, options, state)
-        self.path = PathWriter(self.log, state, options, self.error)
+    Args:
+        path: Writer of the moves.
+        frames: Frames on top of the origin.
+
+    """
+
+    def __init__(self, path: PathWriter, frames: Frames) -> None:
+        self.path, self.state, self.log, self.error = path, path.state, path.log, path.error
+        self.frames, options = frames, path.options
         self.wcs = find_offset(options.wcs) if options.wcs else None
         #: The work offset that the path stands in, and where the origins of those stood that were left [mm].
         self.part_offset = self.wcs or 54.0
@@ -33,14 +33,14 @@ class GcodeFrameReader(TextReader):
         if self.part_offset != 54.0:
             self.path.mute(OUTSIDE)
 
-    def _use_offset(self, code: float, values: dict[str, float]) -> None:
+    def use_offset(self, code: float, values: dict[str, float]) -> None:
         """Put a work offset in force; the first one before any cut is that of the path."""
         state, path = self.state, self.path
-        if code in (58.0, 59.0) and self.siemens and not values.keys().isdisjoint(AXES):
+        if code in (58.0, 59.0) and self.state.siemens and not values.keys().isdisjoint(AXES):
             raise self.error(f"G{code:g} with coordinates shifts the frame and is not read; post-process without it")
         if code in (54.1, 154.0):
             code = 1000.0 + values.get("P", 0.0)
-        elif code in HAAS_OFFSETS:
+        elif 110.0 <= code < 130.0:  # Haas: G110 is G154 P1
             code += 1000.0 - 109.0
         before = state.offsets.active
         self.used_offsets.add(code)
@@ -82,9 +82,9 @@ class GcodeFrameReader(TextReader):
             used = ", ".join(name_offset(code) for code in sorted(self.used_offsets))
             raise self.error(f"wcs is {name_offset(self.wcs)}, which the file does not use; it uses {used}")
         if self.path.left_out and self.wcs is not None:
-            self.log.note(f"{OUTSIDE}: {self.path.left_out} of them", self.line)
+            self.log.note(f"{OUTSIDE}: {self.path.left_out} of them", self.path.line)
 
-    def _set_offset(self, values: dict[str, float]) -> None:
+    def set_offset(self, values: dict[str, float]) -> None:
         """Read G10: L2 sets a work offset."""
         state = self.state
         named = {axis: values[AXES[axis]] * state.scale for axis in range(3) if AXES[axis] in values}
@@ -92,7 +92,7 @@ class GcodeFrameReader(TextReader):
         if kind == 20.0 or (kind == 2.0 and (state.incremental or values.get("R", 0.0) != 0.0)):
             raise self.error("G10 that turns a work offset, or counts from where the tool is, is not read")
         if kind != 2.0:
-            self.log.note(NOTED[10.0], self.line)
+            self.log.note("G10 offsets are not read", self.path.line)
             return
         number = values.get("P", 0.0)
         if number not in range(16):
@@ -107,30 +107,14 @@ class GcodeFrameReader(TextReader):
         if cutting:
             state.base = combine(1.0, state.base, 1.0, (moved.get(0, 0.0), moved.get(1, 0.0), moved.get(2, 0.0)))
 
-    def _run_once(self, code: float, values: dict[str, float]) -> None:
-        """Carry out a code that takes the coordinates of its block for itself."""
-        named = [axis for axis in range(3) if AXES[axis] in values]
-        if code in (92.0, 52.0):
-            self._offset(code, {axis: values[AXES[axis]] for axis in named})
-        elif code in OFFSETS:
-            self._drop_offset(code)
-        elif code == 10.0:
-            self._set_offset(values)
-        elif code in (28.0, 30.0):
-            self._go_home(code, values, named)
-        elif code in PROBES:
-            self.log.note(f"G{code:g} (probing) is left out; where it ended is not known", self.line)
-            self.path.lose(named)
-        elif code in NOTED:
-            self.log.note(NOTED[code], self.line)
-
-    def _go_home(self, code: float, values: dict[str, float], named: list[int]) -> None:
+    def go_home(self, code: float, values: dict[str, float]) -> None:
         """Carry out G28 and G30: through the intermediate point to the machine's home, which nobody knows.
 
         G91 of the same block acts before: G28 G91 Z0 goes home from where the tool is.
         """
         state = self.state
-        self.log.note(f"G{code:g} goes to the machine's home, whose place is not known: it is left out", self.line)
+        named = [axis for axis in range(3) if AXES[axis] in values]
+        self.log.note(f"G{code:g} goes to the machine's home, whose place is not known: it is left out", self.path.line)
         if named and not (state.incremental and all(values[AXES[axis]] == 0.0 for axis in named)):
             self.path.rapid(state.target(values, range(3)))
         axes = named if named or not values.keys().isdisjoint("ABC") else range(3)
@@ -138,15 +122,12 @@ class GcodeFrameReader(TextReader):
             self.path.retreat()
         self.path.lose(axes)
         if letters := [letter for letter in "ABC" if letter in values]:
-            self.home_rotary(letters)
+            self.frames.home_rotary(letters)
 
-    @abstractmethod
-    def home_rotary(self, letters: Iterable[str]) -> None:
-        """Take rotary axes home."""
-
-    def _offset(self, code: float, coordinates: dict[int, float]) -> None:
+    def shift(self, code: float, values: dict[str, float]) -> None:
         """Carry out G52 and G92."""
         state = self.state
+        coordinates = {axis: values[AXES[axis]] for axis in range(3) if AXES[axis] in values}
         if code == 52.0:
             state.set_shift(coordinates)
             return
@@ -158,7 +139,7 @@ class GcodeFrameReader(TextReader):
         if lost != state.lost or (cutting and state.position != before):
             self.path.rapid(state.position)
 
-    def _drop_offset(self, code: float) -> None:
+    def drop_shift(self, code: float) -> None:
         """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped.
 
         Raises:
@@ -175,14 +156,14 @@ class GcodeFrameReader(TextReader):
             return
         state.clear_origin(keep=code == 92.2)
         if state.declared:
-            self.log.note(DECLARED, self.line)
+            self.log.note(DECLARED, self.path.line)
             refusal = (
                 f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to the "
                 "work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
             )
             self.path.mute(DECLARED, refusal)
 
-    def _move_in_machine(self, values: dict[str, float]) -> None:
+    def move_in_machine(self, values: dict[str, float]) -> None:
         """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""
         state = self.state
         named = [axis for axis in range(3) if AXES[axis] in values]
@@ -190,7 +171,7 @@ class GcodeFrameReader(TextReader):
         if not named:
             return
         if any(place is None for place in places.values()) or self.path.placement is not None:
-            self.log.note("moves in machine coordinates (G53) are left out", self.line)
+            self.log.note("moves in machine coordinates (G53) are left out", self.path.line)
             if 2 in named:
                 self.path.retreat()
             self.path.lose(named)
@@ -203,14 +184,7 @@ class GcodeFrameReader(TextReader):
         cuts = state.motion == 1.0 and self.path.start_cut(target)
         state.settle(named)
         if cuts:
-            self.path.cut_line(target, self._feed(math.dist(target, state.position)))
+            self.path.cut_line(target, self.path.feed(math.dist(target, state.position)))
         elif state.motion != 1.0:
             self.path.rapid(target)
 
-    def _feed(self, length: float) -> float:
-        """Return the feed of a move of this length [mm] in mm/s; 0 where no feed is known."""
-        feed = self.state.feed_mm_s(length)
-        if feed is None:
-            self.log.note("cutting moves before any feed F have none", self.line)
-            return 0.0
-        return feed

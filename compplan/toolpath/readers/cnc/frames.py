@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
 from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc.path import PathWriter
+from compplan.toolpath.readers.cnc.rotary import UP, RotaryError, RotaryMachine, build_machine
+from compplan.toolpath.readers.cnc.state import AXES, PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.frames import Frame, scale_about, tilt_plane, turn_about
-from compplan.toolpath.readers.gcode_frames import GcodeFrameReader
-from compplan.toolpath.readers.gcode_rotary import UP, RotaryError, RotaryMachine, build_machine
-from compplan.toolpath.readers.gcode_state import AXES, PLANE_AXES, PLANE_NORMALS, State
-from compplan.toolpath.readers.options import CamTable
 
 UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not stated"
 #: From this factor on, a scale P without a decimal point counts in thousandths.
@@ -23,11 +21,16 @@ LEAST_THOUSANDTHS = 100.0
 LAYERS = ("mirror", "scale", "rotation", "plane")
 
 
-class TiltReader(GcodeFrameReader):
-    """Follow frames that turn, and rotary axes."""
+class Frames:
+    """Hold the frames in force and the rotary axes; their product is the placement of the path.
 
-    def __init__(self, file: Path, options: CamTable, state: State) -> None:
-        super().__init__(file, options, state)
+    Args:
+        path: Writer of the moves.
+
+    """
+
+    def __init__(self, path: PathWriter) -> None:
+        self.path, self.state, self.log, self.options, self.error = path, path.state, path.log, path.options, path.error
         self.layers: dict[str, Frame] = {}
         self.machine: RotaryMachine | None = None
         self.dynamic_offset = self.turned_to_plane = False
@@ -35,28 +38,7 @@ class TiltReader(GcodeFrameReader):
         #: Letters of rotary axes that have turned.
         self.letters: frozenset[str] = frozenset()
 
-    def run_frame(self, code: float, values: dict[str, float]) -> None:
-        """Carry out a code that turns, scales or tilts the frame."""
-        if code in (254.0, 255.0):
-            self.dynamic_offset = code == 254.0
-            self.place_rotary(keep=True)
-        elif code in (53.1, 53.6):
-            self._turn_to_plane(code)
-        elif code == 69.0:
-            self._set_layers(rotation=None, plane=None)
-        elif code == 50.0:
-            self._set_layers(scale=None)
-        elif code == 68.0:
-            self._set_layers(rotation=self._read_rotation(values))
-        elif code == 68.2:
-            self._set_layers(plane=self._read_plane(values), rotation=None)
-            self.turned_to_plane = False
-        elif code == 51.0:
-            self._set_layers(scale=self._read_scale(values))
-        else:
-            self._set_mirrors(code, values)
-
-    def _set_layers(self, **layers: Frame | None) -> None:
+    def set_layers(self, **layers: Frame | None) -> None:
         """Put frames in force or out of it."""
         for name, layer in layers.items():
             self.layers.pop(name, None)
@@ -90,7 +72,7 @@ class TiltReader(GcodeFrameReader):
                 raise self.error(f"a rotation or scale about the tool's place, whose {letter} is not known; state it")
         return centre[0], centre[1], centre[2]
 
-    def _read_rotation(self, values: dict[str, float]) -> Frame:
+    def read_rotation(self, values: dict[str, float]) -> Frame:
         """Read G68: a turn by R degrees in the plane in force, counter-clockwise."""
         state = self.state
         if "plane" in self.layers and not values.keys().isdisjoint("IJK"):
@@ -106,18 +88,18 @@ class TiltReader(GcodeFrameReader):
             turn = Rotation.from_rotvec([0.0, math.radians(values["R"]), 0.0])
         return turn_about(self._centre(values, letters), turn)
 
-    def _read_scale(self, values: dict[str, float]) -> Frame:
+    def read_scale(self, values: dict[str, float]) -> Frame:
         """Read G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
         scales = [values.get("P", values.get(letter, 1.0)) for letter in "IJK"]
         for number, scale in enumerate(scales):
             if abs(scale) >= LEAST_THOUSANDTHS and scale == int(scale):
-                self.log.note(f"G51 scale {scale:g} is read in thousandths", self.line)
+                self.log.note(f"G51 scale {scale:g} is read in thousandths", self.path.line)
                 scales[number] = scale * 1e-3
         if any(abs(scale) < 1e-4 or abs(scale) > LEAST_THOUSANDTHS for scale in scales):
             raise self.error(f"G51 scales by {scales}, expected factors from 0.0001 to 100")
         return scale_about(self._centre(values), (scales[0], scales[1], scales[2]))
 
-    def _set_mirrors(self, code: float, values: dict[str, float]) -> None:
+    def set_mirrors(self, code: float, values: dict[str, float]) -> None:
         """Read G51.1 (mirror about X.. Y.. Z..) and G50.1 (take mirrors back)."""
         state = self.state
         named = [axis for axis in range(3) if AXES[axis] in values]
@@ -129,9 +111,9 @@ class TiltReader(GcodeFrameReader):
         at = [self.mirrors.get(axis, 0.0) for axis in range(3)]
         sense = [-1.0 if axis in self.mirrors else 1.0 for axis in range(3)]
         centre, senses = (at[0], at[1], at[2]), (sense[0], sense[1], sense[2])
-        self._set_layers(mirror=scale_about(centre, senses) if self.mirrors else None)
+        self.set_layers(mirror=scale_about(centre, senses) if self.mirrors else None)
 
-    def _read_plane(self, values: dict[str, float]) -> Frame:
+    def read_plane(self, values: dict[str, float]) -> Frame:
         """Read G68.2: origin X Y Z, and I J K as Euler angles z x' z'', or with P1 as turns about the fixed X Y Z."""
         state = self.state
         form = values.get("P", 0.0)
@@ -143,7 +125,7 @@ class TiltReader(GcodeFrameReader):
         zero = [state.zero(axis) for axis in range(3)]
         return tilt_plane((origin[0], origin[1], origin[2]), turn, (zero[0], zero[1], zero[2]))
 
-    def _turn_to_plane(self, code: float) -> None:
+    def turn_to_plane(self, code: float) -> None:
         """Read G53.1 and G53.6: the rotary axes set the tool square to the tilted plane."""
         if "plane" not in self.layers:
             raise self.error(f"G{code:g} without a tilted plane (G68.2) has nothing to turn to")
@@ -190,8 +172,8 @@ class TiltReader(GcodeFrameReader):
         turned = {letter: angle for letter, angle in self.state.rotary.items() if angle}
         if self.options.rotary is None and turned and "plane" not in self.layers:
             words = " ".join(f"{letter}{angle:g}" for letter, angle in turned.items())
-            self.path.mute(UNKNOWN_MACHINE, f"rotary words {words} (line {self.line}) turn the tool or the part; state "
-                           'which with rotary = "head", "table" or "head_table" (--rotary)',
+            self.path.mute(UNKNOWN_MACHINE, f"rotary words {words} (line {self.path.line}) turn the tool or the part; "
+                           'state which with rotary = "head", "table" or "head_table" (--rotary)',
                            f"rapid {UNKNOWN_MACHINE} are left out")  # fmt: skip
         elif self.options.rotary is None:
             self.path.unmute(UNKNOWN_MACHINE)
@@ -226,3 +208,10 @@ class TiltReader(GcodeFrameReader):
         if self.machine is None:
             return UP if self.state.rotary and not any(self.state.rotary.values()) else None
         return self.machine.point_tool(self.state.rotary)
+
+    def control_tip(self, on: bool) -> None:
+        """Begin or end that X Y Z are the tip in the part frame."""
+        if self.state.tip_control != on:
+            self.state.tip_control = on
+            if self.state.rotary:
+                self.place_rotary(keep=True)
