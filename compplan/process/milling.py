@@ -30,7 +30,7 @@ from compplan.process.materials import Coefficients
 FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
 #: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed.
-PLOUGHS, PLOUGHING_FEED = 0.003, 1e-5
+PLOUGHS, PLOUGHING_FEED = 0.004, 1e-5
 #: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
 STEEP, STEEP_BEHIND = 0.01, 0.002
 #: Angles by which an arc reaches farther at most, in a ripple.
