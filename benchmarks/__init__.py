@@ -15,7 +15,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
         "engagement", "milling", "force_logs", "drilling",
     ),
     "Is the cause found?": (
-        "outsider", "diagnosis_score", "rival",
+        "outsider", "diagnosis_score", "rival", "ablation",
     ),
     "Do measuring and learning make the next part better?": ("loop", "shop"),
     "Does it bear bad files?": ("bad_inputs", "bad_inputs.cam_mutants"),

@@ -99,7 +99,6 @@ _MODULES = {
     "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
     "plan.compare": ("Comparison", "compare_job", "compare_task"),
     "plan.evaluate": ("Evaluation", "evaluate_run"),
-    "planning.nlp": ("build_program", "solve_program"),
     "planning.problem": ("PlanningProblem",),
     "plan.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",

@@ -109,7 +109,7 @@ class PathProgram:
 _KEPT: list[tuple[tuple[Any, ...], PathProgram]] = []
 
 
-def build_program(problem: PlanningProblem) -> PathProgram:
+def build_nlp(problem: PlanningProblem) -> PathProgram:
     """Build the program of a problem, or find one that differs by numbers alone."""
     key = (len(problem), problem.spin_free, problem.axis_free, problem.turn is None, problem.released is None,
            problem.timed, tuple(map(str, problem.limits)), tuple(map(str, problem.costs)), problem.runs)  # fmt: skip
@@ -194,7 +194,7 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
     return sparse.csc_matrix(stacked[np.argsort(order)]), sizes
 
 
-def solve_program(program: PathProgram, problem: PlanningProblem, guess: Solution | None = None) -> Solution:
+def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | None = None) -> Solution:
     """Solve a program for the numbers of a problem from its posture, or from an earlier solution.
 
     Args:
@@ -258,9 +258,9 @@ def solve_program(program: PathProgram, problem: PlanningProblem, guess: Solutio
 def solve_problem(problem: PlanningProblem, guess: Solution | None = None) -> Solution:
     """Build and solve the program of a problem."""
     clock = time.process_time()
-    program = build_program(problem)
+    program = build_nlp(problem)
     built = time.process_time() - clock
-    found = solve_program(program, problem, guess)
+    found = solve_nlp(program, problem, guess)
     return found._replace(cpu=found.cpu + built)
 
 

@@ -29,7 +29,8 @@ from compplan.process.materials import Coefficients
 #: Angles of a turn, in a bin of the engagement, and pieces of a slice, that a ripple is followed with.
 FINE, PIECES = 8, 24
 #: The edge force stands in full where the edge moves outwards by this share of the feed, and from this feed a tooth on
-#: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed.
+#: [m]; below it grows from nothing (assumed): a floor that is slid over, or a tool at rest, is not ploughed. A smaller
+#: share lets the force of vertical ramps jump within micrometres, which no arm can follow at feed.
 PLOUGHS, PLOUGHING_FEED = 0.004, 1e-5
 #: Least share of the feed that the curvature of a tooth's path is held against, in the cut and behind it.
 STEEP, STEEP_BEHIND = 0.01, 0.002

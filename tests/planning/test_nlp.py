@@ -9,7 +9,7 @@ import pytest
 from compplan.plan.strategies import command_path
 from compplan.plan.task import attain_rows
 from compplan.planning.dense import pick_stations, solve_path, state_problem
-from compplan.planning.nlp import build_program, explain_conflict, solve_problem, solve_program
+from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_function
@@ -73,7 +73,7 @@ def test_the_command_is_the_solution_of_the_program_at_its_stations(spin_free):
 
 def test_the_derivatives_of_the_program_agree_with_finite_differences():
     problem = make_problem(make_task(spin_free=True, max_correction=0.004))
-    program = build_program(problem)
+    program = build_nlp(problem)
     jacobian, constraints = program.solver.get_function("nlp_jac_g"), program.solver.get_function("nlp_g")
     from compplan.planning.nlp import _pack
 
@@ -100,7 +100,7 @@ def test_a_failed_solve_says_which_limits_conflict_and_where():
     free = solve_problem(make_problem(task))
     station = int(free.q[:, 4].argmax())
     problem = make_problem(task, upper=np.where(np.arange(6) == 4, free.q[station, 4] - 0.05, free.problem.upper))
-    solution = solve_program(build_program(problem), problem)
+    solution = solve_nlp(build_nlp(problem), problem)
     assert not solution.success and solution.status != "Solve_Succeeded" and solution.violation > 1e-6
     said = explain_conflict(solution)
     assert "pose" in said and "waypoint" in said and solution.status in said
@@ -115,5 +115,5 @@ def test_a_problem_prints_as_it_is_minimised():
 def test_a_program_is_built_once_for_other_loads():
     task = make_task()
     problem = make_problem(task)
-    program = build_program(problem)
-    assert build_program(replace(problem, wrench=0.5 * problem.wrench)) is program
+    program = build_nlp(problem)
+    assert build_nlp(replace(problem, wrench=0.5 * problem.wrench)) is program

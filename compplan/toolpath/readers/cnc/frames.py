@@ -21,7 +21,7 @@ LEAST_THOUSANDTHS = 100.0
 LAYERS = ("mirror", "scale", "rotation", "plane")
 
 
-class Frames:
+class ProgramFrames:
     """Hold the frames in force and the rotary axes; their product is the placement of the path.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from compplan.toolpath.readers.cnc.flow import Flow
-from compplan.toolpath.readers.cnc.frames import Frames
+from compplan.toolpath.readers.cnc.frames import ProgramFrames
 from compplan.toolpath.readers.cnc.lexer import LENGTHS, Lexer, Words
 from compplan.toolpath.readers.cnc.machine import (
     ENDS,
@@ -17,7 +17,7 @@ from compplan.toolpath.readers.cnc.machine import (
     start_machine,
     stop_machine,
 )
-from compplan.toolpath.readers.cnc.moves import Motion
+from compplan.toolpath.readers.cnc.moves import MotionBlock
 from compplan.toolpath.readers.cnc.offsets import Origins
 from compplan.toolpath.readers.cnc.path import PathWriter
 from compplan.toolpath.readers.cnc.state import State
@@ -41,7 +41,7 @@ CONTRARY = (
 
 
 @dataclass
-class Block:
+class WordBlock:
     """Hold the words of a block.
 
     Args:
@@ -72,7 +72,7 @@ class Code:
 
     """
 
-    run: Callable[[Interpreter, Block, float], None]
+    run: Callable[[Interpreter, WordBlock, float], None]
     rank: int = 0
     takes: str = ""
 
@@ -95,9 +95,9 @@ class Interpreter:
         self.flow = Flow(file, self.run_line)
         self.path = PathWriter(self.flow, state, options)
         self.log, self.error = self.path.log, self.flow.error
-        self.frames = Frames(self.path)
+        self.frames = ProgramFrames(self.path)
         self.origins = Origins(self.path, self.frames)
-        self.motion = Motion(self.path, self.frames)
+        self.motion = MotionBlock(self.path, self.frames)
         self.lexer = Lexer(self.path)
         self.steady = False
 
@@ -125,7 +125,7 @@ class Interpreter:
         What a block says acts in this order, however its words are shuffled: units, distance mode, plane, feed,
         spindle, tool, frames, then a code that takes the coordinates for itself or the motion, and what stops.
         """
-        block = Block()
+        block = WordBlock()
         values, codes, machine = block.values, block.codes, block.machine
         for letter, number in words:
             if letter == "G":
@@ -166,7 +166,7 @@ class Interpreter:
         self.flow.over = self.flow.over or 2.0 in machine or (30.0 in machine and not state.siemens)
         return stop_machine(machine, state, self.log, self.flow.line)
 
-    def _give_words(self, block: Block) -> bool:
+    def _give_words(self, block: WordBlock) -> bool:
         """Give the words of a block to the M code that owns them; return whether nothing is left to be read.
 
         Raises:
@@ -191,7 +191,7 @@ class Interpreter:
         machine.remove(owner)
         return False
 
-    def _check_machine(self, block: Block) -> None:
+    def _check_machine(self, block: WordBlock) -> None:
         """Refuse calls that are not read; follow M128 and M129."""
         if 198.0 in block.machine:
             raise self.error("subprogram call M198 of another file is not read; write the program into the file")
@@ -200,14 +200,14 @@ class Interpreter:
         if 128.0 in block.machine or 129.0 in block.machine:
             self.frames.control_tip(128.0 in block.machine)
 
-    def _ask_for_unit(self, block: Block) -> None:
+    def _ask_for_unit(self, block: WordBlock) -> None:
         """Refuse lengths before the file or the user states their unit; those of printers are millimetres."""
         if self.state.printer or self.options.unit or not (UNITS | UNITLESS).isdisjoint(block.codes):
             return
         if any(block.values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
             raise self.error(refuse_unit("G20 or G21").message)
 
-    def _run_codes(self, block: Block) -> str:
+    def _run_codes(self, block: WordBlock) -> str:
         """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move.
 
         Raises:
@@ -236,7 +236,7 @@ class Interpreter:
             takes = entry.takes if entry.takes == "machine" else takes or entry.takes
         return takes
 
-    def pass_over(self, block: Block, code: float) -> None:
+    def pass_over(self, block: WordBlock, code: float) -> None:
         """Note a code that is not known.
 
         Raises:

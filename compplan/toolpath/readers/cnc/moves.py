@@ -15,7 +15,7 @@ from compplan.toolpath.readers.arcs import (
     fits_circle,
 )
 from compplan.toolpath.readers.cnc.cycles import run_cycle
-from compplan.toolpath.readers.cnc.frames import Frames
+from compplan.toolpath.readers.cnc.frames import ProgramFrames
 from compplan.toolpath.readers.cnc.path import PathWriter
 from compplan.toolpath.readers.cnc.state import FARTHEST_WITHOUT_POINT, PLANE_AXES, PLANE_NORMALS
 from compplan.toolpath.readers.cnc.words import CORNER_WORDS
@@ -39,7 +39,7 @@ class OffCircleError(InputError):
     """Tell that start and end of an arc do not lie on one circle, in one reading of I J K."""
 
 
-class Motion:
+class MotionBlock:
     """Carry out the motion of blocks.
 
     Args:
@@ -48,7 +48,7 @@ class Motion:
 
     """
 
-    def __init__(self, path: PathWriter, frames: Frames) -> None:
+    def __init__(self, path: PathWriter, frames: ProgramFrames) -> None:
         self.path, self.state, self.log, self.options, self.error = path, path.state, path.log, path.options, path.error
         self.frames = frames
         #: A straight move that a corner ends, until the move after it is known.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from compplan.toolpath.readers.arcs import Point, combine
-from compplan.toolpath.readers.cnc.frames import Frames
+from compplan.toolpath.readers.cnc.frames import ProgramFrames
 from compplan.toolpath.readers.cnc.path import PathWriter
 from compplan.toolpath.readers.cnc.state import AXES, find_offset, name_offset
 
@@ -22,7 +22,7 @@ class Origins:
 
     """
 
-    def __init__(self, path: PathWriter, frames: Frames) -> None:
+    def __init__(self, path: PathWriter, frames: ProgramFrames) -> None:
         self.path, self.state, self.log, self.error = path, path.state, path.log, path.error
         self.frames, options = frames, path.options
         self.wcs = find_offset(options.wcs) if options.wcs else None

@@ -7,7 +7,16 @@ modal state, or `Code(operation)` with a function operation(interpreter, block, 
 
 from __future__ import annotations
 
-from compplan.toolpath.readers.cnc.interpreter import CYCLES, MOTIONS, MOVING, PLACES, UNITS, Block, Code, Interpreter
+from compplan.toolpath.readers.cnc.interpreter import (
+    CYCLES,
+    MOTIONS,
+    MOVING,
+    PLACES,
+    UNITS,
+    Code,
+    Interpreter,
+    WordBlock,
+)
 from compplan.toolpath.readers.cnc.state import AXES, PLANE_AXES
 from compplan.toolpath.readers.options import ask_compensation
 
@@ -31,7 +40,7 @@ def note(text: str, takes: str = "") -> Code:
 def refuse(what: str) -> Code:
     """Return a code that is refused."""
 
-    def run(interpreter: Interpreter, block: Block, code: float) -> None:
+    def run(interpreter: Interpreter, block: WordBlock, code: float) -> None:
         raise interpreter.error(f"G{code:g} ({what}) is not read; post-process without it")
 
     return Code(run)
@@ -40,19 +49,19 @@ def refuse(what: str) -> Code:
 def set_mode(**changes: object) -> Code:
     """Return a code that sets modal state."""
 
-    def run(interpreter: Interpreter, block: Block, code: float) -> None:
+    def run(interpreter: Interpreter, block: WordBlock, code: float) -> None:
         for name, value in changes.items():
             setattr(interpreter.state, name, value)
 
     return Code(run)
 
 
-def set_motion(it: Interpreter, block: Block, code: float) -> None:
+def set_motion(it: Interpreter, block: WordBlock, code: float) -> None:
     """G0 to G3: the motion of this block and those after it."""
     it.state.motion, it.state.cycle_code = code, 0.0
 
 
-def begin_cycle(it: Interpreter, block: Block, code: float) -> None:
+def begin_cycle(it: Interpreter, block: WordBlock, code: float) -> None:
     """Begin a cycle; the level it began at stays until it is cancelled."""
     state = it.state
     if not state.cycle_code:
@@ -63,7 +72,7 @@ def begin_cycle(it: Interpreter, block: Block, code: float) -> None:
     state.cycle_code = code
 
 
-def set_unit(it: Interpreter, block: Block, code: float) -> None:
+def set_unit(it: Interpreter, block: WordBlock, code: float) -> None:
     """G20, G21 (G70, G71): inches or millimetres."""
     if code in (70.0, 71.0) and block.names(frozenset("PQUWIJL")):
         raise it.error(f"G{code:g} as a lathe cycle or bolt circle is not read; post-process without it")
@@ -73,38 +82,38 @@ def set_unit(it: Interpreter, block: Block, code: float) -> None:
     it.state.set_unit(25.4 if code in (20.0, 70.0) else 1.0)
 
 
-def refuse_spline(it: Interpreter, block: Block, code: float) -> None:
+def refuse_spline(it: Interpreter, block: WordBlock, code: float) -> None:
     """G5, G5.1: look-ahead of the control, or with coordinates a spline."""
     if block.names(frozenset("XYZIJ")):
         raise it.error(f"G{code:g} (splines) is not read; post-process without it")
 
 
-def use_offset(it: Interpreter, block: Block, code: float) -> None:
+def use_offset(it: Interpreter, block: WordBlock, code: float) -> None:
     """G54 to G59.9, G54.1, G154, G500: a work offset."""
     it.origins.use_offset(code, block.values)
 
 
-def use_haas_offset(it: Interpreter, block: Block, code: float) -> None:
+def use_haas_offset(it: Interpreter, block: WordBlock, code: float) -> None:
     """G110 to G129: a work offset of Haas; other controls have moves there."""
     if block.names(MOVING) and MOTIONS.isdisjoint(block.codes):
         it.pass_over(block, code)
     it.origins.use_offset(code, block.values)
 
 
-def set_dynamic_offset(it: Interpreter, block: Block, code: float) -> None:
+def set_dynamic_offset(it: Interpreter, block: WordBlock, code: float) -> None:
     """G54.2 P, G254, G255: the work offset turns with the table."""
     it.frames.dynamic_offset = block.values.get("P", 0.0) != 0.0 if code == 54.2 else code == 254.0
     it.frames.place_rotary(keep=True)
 
 
-def compensate_length(it: Interpreter, block: Block, code: float) -> None:
+def compensate_length(it: Interpreter, block: WordBlock, code: float) -> None:
     """G43, G44, G49 (tool length), G43.4, G43.5, G234 (control of the tip)."""
     it.frames.control_tip(code in (43.4, 43.5, 234.0))
     if code in (43.0, 44.0):
         it.log.note(LENGTH_NOTE, it.flow.line)
 
 
-def compensate_radius(it: Interpreter, block: Block, code: float) -> None:
+def compensate_radius(it: Interpreter, block: WordBlock, code: float) -> None:
     """G41, G42 and G41.1, G42.1: the radius of the cutter."""
     if code in (41.1, 42.1) and block.values.get("D", 0.0) != 0.0:
         raise it.error(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
@@ -112,25 +121,25 @@ def compensate_radius(it: Interpreter, block: Block, code: float) -> None:
         it.log.note(ask_compensation(it.options, f"G{code:g}"), it.flow.line)
 
 
-def probe_from_home(it: Interpreter, block: Block, code: float) -> None:
+def probe_from_home(it: Interpreter, block: WordBlock, code: float) -> None:
     """G29: bed levelling of printers."""
     it.log.note("G29 (probing) is left out; where it ended is not known", it.flow.line)
     if not block.names(PLACES):
         it.path.lose(range(3))
 
 
-def probe(it: Interpreter, block: Block, code: float) -> None:
+def probe(it: Interpreter, block: WordBlock, code: float) -> None:
     """G31, G38: probing."""
     it.log.note(f"G{code:g} (probing) is left out; where it ended is not known", it.flow.line)
     it.path.lose([axis for axis in range(3) if AXES[axis] in block.values])
 
 
-def rotate(it: Interpreter, block: Block, code: float) -> None:
+def rotate(it: Interpreter, block: WordBlock, code: float) -> None:
     """G68: turn the frame in the plane in force."""
     it.frames.set_layers(rotation=it.frames.read_rotation(block.values))
 
 
-def tilt(it: Interpreter, block: Block, code: float) -> None:
+def tilt(it: Interpreter, block: WordBlock, code: float) -> None:
     """G68.2: tilt the working plane."""
     it.frames.set_layers(plane=it.frames.read_plane(block.values), rotation=None)
     it.frames.turned_to_plane = False
