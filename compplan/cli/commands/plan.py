@@ -14,18 +14,13 @@ from compplan.errors import CompplanError, InfeasibleError
 from compplan.io.tables import dump_json
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from compplan.job.job import Job
-    from compplan.plan.result import Plan
 
 #: What a plan goes through, as it tells it.
 STAGES = (
     "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
     "95 % band", "write",
 )  # fmt: skip
-#: Characters of a line on the terminal at most.
-WIDTH = 100
 #: What to do after a plan, by its status.
 NEXT = {
     "solved": "compplan campaign designs measurements that narrow the 95 % band",
@@ -88,8 +83,13 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
 def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     """Plan a job of one tool, as `carry_out` says."""
     from compplan.cli.commands.progress import show_progress
+    from compplan.io.notes import Stop
+    from compplan.plan.deflection import describe_bending
+    from compplan.plan.frame_notes import describe_part_frame
     from compplan.plan.plan import plan_job
     from compplan.plan.result import replace_said
+    from compplan.reporting.provenance import describe_grade
+    from compplan.reporting.style import format_length
     from compplan.reporting.writers.plan import deliver_plan, note_programs, summarise_plan
 
     with show_progress(STAGES) as announce:
@@ -102,39 +102,27 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     if as_json:
         click.echo(dump_json(summarise_plan(plan), indent=2))
     else:
-        for line in format_plan(plan, folder, files):
-            click.echo(line)
+        click.echo(plan.verdict.sentence)
+        before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
+        click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
+        click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
+        click.echo(f"  {describe_bending(plan.bending)}")
+        click.echo(describe_part_frame(job))
+        wrong = plan.mismatch
+        click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
+        if plan.promise is not None:
+            click.echo(f"true tip within {format_length(plan.promise.whole)} along the whole path, with 95 %")
+            click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
+        elif plan.status == "infeasible":
+            click.echo("no 95 % band is stated, waypoints are out of reach")
+        click.echo(describe_grade(plan.robot))
+        for note in plan.notes:
+            click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)
+        click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
+        click.echo(f"next: open {folder / 'report.html'}, or compplan view {folder}; {NEXT[plan.status]}")
     if plan.status != "solved":
         failing = sorted(plan.command.failures)
         limits = sorted(set(plan.command.failures.values()))
         marked = "infeasible" if plan.status == "infeasible" else "not_confirmed"
         message = f"{plan.explain_failures()}; the best compromise is written, marked {marked}"
         raise InfeasibleError(message, waypoints=failing, limits=limits)
-
-
-def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
-    """Return the terminal's lines about a plan: six at most, of 100 characters at most."""
-    from compplan.io.notes import list_stops
-    from compplan.reporting.plan_summary import first_sentence
-    from compplan.reporting.style import format_length
-
-    verdict, band = plan.verdict, plan.promise
-    before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
-    sizes = f"greatest deviation {before} -> {after} (as modelled)"
-    if band is None:
-        sizes += "; no 95 % band is stated"
-    else:
-        was = "" if band.before is None else f"{format_length(band.before[1])} -> "
-        sizes += f"; 95 % band {was}{format_length(band.whole)}"
-    found = "touched off" if plan.job is not None and plan.job.touched_off else "absolute"
-    lines = [first_sentence(verdict.sentence), sizes]
-    if verdict.word != "keeps" or verdict.change:
-        lines.append(f"largest cause: {verdict.largest_cause}; next: {verdict.change or NEXT[plan.status]}")
-    programs = [path.name for path in files if path.suffix not in {".json", ".html", ".csv"}]
-    lines.append(f"wrote report.html, plan.json, joints.csv, {len(programs)} program files to {folder}")
-    lines.append(f"{verdict.basis}; part frame {found}" if verdict.basis else f"part frame {found}")
-    stops = list_stops(plan.notes)
-    if plan.notes:
-        first = f"; before the machine moves: {stops[0]}" if stops else f"; the first: {plan.notes[0]}"
-        lines.append(f"{len(plan.notes)} notes in report.html{first}")
-    return [line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..." for line in lines]
