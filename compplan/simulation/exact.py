@@ -248,22 +248,6 @@ def solve_exact_pose(
     return position, rotation, thetas
 
 
-def tip_compliance(judge: ExactRobot, q: Array) -> Array:
-    """Return how far the tip of the unloaded arm gives way to a force, J C J^T, base axes. Shape (n, 3, 3). [m/N]
-
-    Args:
-        judge: The judge.
-        q: Joint positions. Shape (n, nq). [rad or m]
-
-    """
-    model, data, found = judge.model, judge.model.createData(), np.empty((len(q), 3, 3))
-    rigid, world = q @ judge.commanded.T + judge.shift, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    for i in range(len(q)):
-        columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, world)[:3, judge.elastic]
-        found[i] = columns @ judge.compliance @ columns.T
-    return found
-
-
 def _settle(
     judge: ExactRobot, data: pin.Data, rigid: Array, wrench: Array, bias: Array, theta: Array, tolerance: float
 ) -> Array:
