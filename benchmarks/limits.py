@@ -64,8 +64,8 @@ def sample_use(
 def main() -> None:
     """Plan jobs and print which share of their limits they use."""
     from compplan.job.job import load_job
-    from compplan.plan.plan import plan_job
-    from compplan.plan.timing import cutting_runs
+    from compplan.planning.plan import plan_job
+    from compplan.planning.run_timing import cutting_runs
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("jobs", type=Path, nargs="+")

@@ -22,10 +22,10 @@ from rich.table import Table
 from scipy.optimize import least_squares
 
 from compplan.job.job import load_job
-from compplan.plan.evaluate import evaluate_run
-from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.strategies import command_path
-from compplan.plan.task import PlanTask
+from compplan.planning.evaluate import evaluate_run
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.strategies import command_path
+from compplan.planning.task import PlanTask
 from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.toolpath import select_waypoints

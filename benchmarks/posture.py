@@ -25,11 +25,11 @@ from benchmarks.posture_cases import Array, Case, list_cases
 from compplan.errors import CompplanError
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
-from compplan.posture.choose import choose_posture_path
-from compplan.posture.configuration import choose_posture
-from compplan.posture.lattice import orient_tool, pick_stations
-from compplan.posture.settings import read_settings
-from compplan.posture.summary import PostureSummary
+from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.configuration import choose_posture
+from compplan.planning.posture.lattice import orient_tool, pick_stations
+from compplan.planning.posture.settings import read_settings
+from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Robot
 from compplan.simulation.exact import ExactRobot
 from compplan.statics.ik import build_arm, solve_branches
@@ -148,7 +148,7 @@ def run_case(case: Case, place: bool) -> dict[str, Any]:
         row["cam_tool_x_deg"] = default[1]
         row["ratio"] = row["accurate_mm"] / row["cam_mm"]
     if place:
-        from compplan.posture.place import _move_job, place_part
+        from compplan.planning.posture.place import _move_job, place_part
 
         result = place_part(case.job, case.robot)
         moved = load_nominal(_move_job(case.job, result.position, result.turn))

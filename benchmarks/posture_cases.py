@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
-from compplan.plan.plan import job_robot
+from compplan.planning.plan import job_robot
 from compplan.robot import Robot
 from compplan.simulation.exact import ExactRobot, build_exact_robot
 from compplan.toolpath.toolpath import Toolpath

@@ -234,9 +234,7 @@ def _build(robot: Robot, model: str) -> FreeRobot:
     return build_structure(soft, links="diagonal" if model == "links" else None)
 
 
-def _load(
-    robot: Robot, model: str, poses: int, rng: np.random.Generator
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _load(robot: Robot, model: str, poses: int, rng: np.random.Generator) -> tuple[Array, Array, NDArray[np.bool_]]:
     seed = int(rng.integers(2**31))
     count = max(poses, 60) if model in ("links", "frames") else poses
     force = 100.0 if robot.name in ("ur10", "fanuc_m10ia") else 1000.0
@@ -250,9 +248,7 @@ def _load(
     return q, wrench, np.zeros(len(q), bool)
 
 
-def _simulate(
-    structure: FreeRobot, truth: Array, blank: Campaign, model: str, rng: np.random.Generator
-) -> Campaign:
+def _simulate(structure: FreeRobot, truth: Array, blank: Campaign, model: str, rng: np.random.Generator) -> Campaign:
     """Measure the true robot in exact equilibrium, with noise, and with small unknown frames where these are fitted."""
     frames = KNOWN_FRAMES
     if model == "frames":

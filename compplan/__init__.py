@@ -21,9 +21,7 @@ loaded when they are first used.
 
 from __future__ import annotations
 
-import sys as _sys
 from importlib import import_module as _import_module
-from types import ModuleType as _ModuleType
 from typing import TYPE_CHECKING
 from typing import Any as _Any
 
@@ -46,10 +44,10 @@ if TYPE_CHECKING:
     from compplan.learning.part import LearnedPart, learn_from_part
     from compplan.measurement.campaign import Campaign
     from compplan.measurement.reading import read_campaign
-    from compplan.plan.compare import Comparison, compare_job
-    from compplan.plan.evaluate import Evaluation, evaluate_run
-    from compplan.plan.plan import Plan, PlanOptions, plan_compensation, plan_job
-    from compplan.posture.place import place_part
+    from compplan.planning.compare import Comparison, compare_job
+    from compplan.planning.evaluate import Evaluation, evaluate_run
+    from compplan.planning.plan import Plan, PlanOptions, plan_compensation, plan_job
+    from compplan.planning.posture.place import place_part
     from compplan.reporting.maps.survey import map_robot
     from compplan.reporting.writers.montecarlo import write_study
     from compplan.reporting.writers.operations import write_operations
@@ -97,10 +95,10 @@ _MODULES = {
     "toolpath.reading": ("read_toolpath",),
     "controllers.writers": ("Program", "Wiring", "build_program", "write_program"),
     "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
-    "plan.compare": ("Comparison", "compare_job", "compare_task"),
-    "plan.evaluate": ("Evaluation", "evaluate_run"),
+    "planning.compare": ("Comparison", "compare_job", "compare_task"),
+    "planning.evaluate": ("Evaluation", "evaluate_run"),
     "planning.problem": ("PlanningProblem",),
-    "plan.plan": (
+    "planning.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),
     "robot": ("Robot", "load_robot", "write_robot_folder"),
@@ -114,7 +112,7 @@ _MODULES = {
     "learning.campaign": ("PoseCampaign", "Equipment", "design_campaign"),
     "learning.part": ("LearnedPart", "learn_from_part"),
     "reporting.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
-    "posture.place": ("PlaceResult", "place_part"),
+    "planning.posture.place": ("PlaceResult", "place_part"),
     "robot.folder_template": ("write_skeleton",),
     "statics.chain": ("build_chain", "joint_jacobian", "locate_frames"),
     "statics.elastic": ("solve_equilibrium",),
@@ -147,10 +145,6 @@ __all__ = [  # noqa: RUF022 (by subject)
 ]  # fmt: skip
 
 
-#: Verbs that share their name with a room of the package.
-_SHARED = ("plan",)
-
-
 def __getattr__(name: str) -> _Any:
     if name not in _HOME:
         raise AttributeError(f"module 'compplan' has no attribute {name!r}")
@@ -159,23 +153,5 @@ def __getattr__(name: str) -> _Any:
     return value
 
 
-class _Package(_ModuleType):
-    """The package: its public names, and verbs that stay what they are when a room of their name is imported.
-
-    Importing the room `compplan.plan` sets the attribute `plan` of the package. Here the verb stays in its place and
-    has the attributes of the room, so that `compplan.plan.compare` is found by either way.
-    """
-
-    def __dir__(self) -> list[str]:
-        return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _SHARED and isinstance(value, _ModuleType)):
-            super().__setattr__(name, value)
-            return
-        verb = getattr(_import_module(f"compplan.{_HOME[name]}"), name)
-        verb.__dict__ = value.__dict__
-        super().__setattr__(name, verb)
-
-
-_sys.modules[__name__].__class__ = _Package
+def __dir__() -> list[str]:
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -10,7 +10,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 
-from compplan.plan import plan as planning
+from compplan.planning import plan as planning
 
 # processes that tests start keep what Python compiled, as users' processes do
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

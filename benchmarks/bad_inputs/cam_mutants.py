@@ -25,8 +25,22 @@ from compplan.toolpath.toolpath import check_toolpath
 SLOWEST = 5.0
 MOST_MEMORY = 2**30
 PROGRAMS = {file.stem: file.read_text(encoding="utf-8") for file in sorted(Path(__file__).parent.glob("cam/*.*"))}
-ODD = ["1e999", "nan", "-inf", "1000000000000", "1E-300", "0", "-0", "1O", "1.2.3", "", "99999999",
-       "0.0000001", "1,5", "--1"]
+ODD = [
+    "1e999",
+    "nan",
+    "-inf",
+    "1000000000000",
+    "1E-300",
+    "0",
+    "-0",
+    "1O",
+    "1.2.3",
+    "",
+    "99999999",
+    "0.0000001",
+    "1,5",
+    "--1",
+]
 SIGNS = list("()[]{}\"';,$%!#&=/\\*:+-. \t\r\n\x85\x0c\x00\u2028\u2029\ufeff\xe4")
 SIGNS += ["$\n", "\n%\n", "(((", ")))", "$$"]
 

@@ -278,4 +278,3 @@ def _quaternion(rotation: Array) -> Array:
 
 def _text(values: Array | float) -> str:
     return " ".join(repr(float(value)) for value in np.atleast_1d(values))
-

@@ -192,8 +192,12 @@ def _read_gcode(path: Path) -> dict[str, Array]:
                 feeds.append(0.0 if motion == 0 else feed)
                 rapids.append(motion == 0)
         at = target
-    return {"tip": np.array(tips), "axis": np.tile([0.0, 0, 1], (len(tips), 1)), "feed": np.array(feeds),
-            "rapid": np.array(rapids, float)}
+    return {
+        "tip": np.array(tips),
+        "axis": np.tile([0.0, 0, 1], (len(tips), 1)),
+        "feed": np.array(feeds),
+        "rapid": np.array(rapids, float),
+    }
 
 
 def _arc(start: Array, end: Array, to_centre: Array, motion: int) -> list[Array]:

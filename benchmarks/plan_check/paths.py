@@ -157,7 +157,5 @@ def _vary_robot(name: str, folder: Path, *, gravity: bool = False, softer: float
     if gravity:
         text = re.sub(r"^tcp ", "gravity = [0.0, 0.0, -9.81]\ntcp ", text, count=1, flags=re.MULTILINE)
     if softer != 1.0:
-        text = re.sub(
-            r"^(compliance = )(\S+)", lambda m: f"{m[1]}{softer * float(m[2])!r}", text, flags=re.MULTILINE
-        )
+        text = re.sub(r"^(compliance = )(\S+)", lambda m: f"{m[1]}{softer * float(m[2])!r}", text, flags=re.MULTILINE)
     file.write_text(text, encoding="utf-8")

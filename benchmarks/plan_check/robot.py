@@ -141,6 +141,7 @@ def _pendant(file: Path) -> Array | None:
 
 def said_rotation(table: dict) -> Array:
     """Return the rotation that a table [tool] or [part] says in one of its forms."""
+
     def about(axis: str, degrees: float) -> Array:
         return rotation_vector(np.radians(degrees) * UNIT[axis])
 

@@ -28,9 +28,7 @@ class Outcome:
     lines: int = 1
 
 
-def run_plan(
-    job: Path, folder: Path, *, mistake: str = "", limit_s: float = 900.0, by_clock: bool = True
-) -> Outcome:
+def run_plan(job: Path, folder: Path, *, mistake: str = "", limit_s: float = 900.0, by_clock: bool = True) -> Outcome:
     """Plan a job into a folder, within so many seconds by the clock, or else of processor time."""
     path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH", ""), str(ROOT)]))
     environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}

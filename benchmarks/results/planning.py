@@ -80,8 +80,8 @@ def _plan_softer(name: str) -> float:
     """Return what a plan leaves in a cell whose compliances are 20 % larger than the robot's. [mm]"""
     import compplan.simulation.simulated_robot as cells
     from compplan.job.job import load_job
-    from compplan.plan.evaluate import evaluate_run
-    from compplan.plan.plan import plan_job
+    from compplan.planning.evaluate import evaluate_run
+    from compplan.planning.plan import plan_job
 
     plan = plan_job(load_job(ROOT / "paths" / f"{name}.toml"))
     cell = cells.build_simulated_robot(plan.robot.scale_compliance(1.2), "20 % softer")

@@ -11,12 +11,12 @@ import numpy as np
 from benchmarks.redundant_jobs import JOBS, write_job
 from benchmarks.results.findings import Findings, Settings, draw_table
 from compplan.job.job import Job, check_job
-from compplan.plan.deflection import measure_bending
-from compplan.plan.feed import time_run
-from compplan.plan.plan import PlanOptions, build_task, prepare_job
-from compplan.plan.reversals import list_reversals
-from compplan.plan.run_meter import BAND_ROWS, spread_tip
-from compplan.plan.task import PlanTask
+from compplan.planning.deflection import measure_bending
+from compplan.planning.feed import time_run
+from compplan.planning.plan import PlanOptions, build_task, prepare_job
+from compplan.planning.reversals import list_reversals
+from compplan.planning.run_meter import BAND_ROWS, spread_tip
+from compplan.planning.task import PlanTask
 from compplan.robot import Robot
 from compplan.uncertainty.band import band_radius
 from compplan.uncertainty.sensitivities import pick_rows, read_force_spread

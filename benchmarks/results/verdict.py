@@ -10,7 +10,7 @@ from benchmarks.results.findings import Findings, Settings, draw_table, run_benc
 
 TITLE = 'Verdict: is a part that "keeps" its tolerance within it?'
 QUESTION = (
-    'Is a plan that rests on a mistake called solved; does the 95 % band hold the tip of an arm in motion; and is '
+    "Is a plan that rests on a mistake called solved; does the 95 % band hold the tip of an arm in motion; and is "
     '"keeps" ever wrong?'
 )
 METHOD = (

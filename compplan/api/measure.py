@@ -59,8 +59,10 @@ def diagnose(
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
     mounted = take_robot(robot, tool)
-    campaign = measurements if isinstance(measurements, Campaign) else read_campaign(
-        measurements, mounted, None if instrument is None else read_instrument(Path(instrument))
+    campaign = (
+        measurements
+        if isinstance(measurements, Campaign)
+        else read_campaign(measurements, mounted, None if instrument is None else read_instrument(Path(instrument)))
     )
     if target_offset_mm is not None:
         campaign = replace(campaign, target_offset=np.asarray(target_offset_mm, float) * 1e-3)

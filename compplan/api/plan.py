@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from compplan.plan.compare import Comparison
-    from compplan.plan.result import Plan
+    from compplan.planning.compare import Comparison
+    from compplan.planning.result import Plan
     from compplan.robot import Robot
 
 
@@ -40,7 +40,7 @@ def plan(
     """
     from compplan.api.given_job import make_job
     from compplan.job.operations import settle_job
-    from compplan.plan.plan import plan_job
+    from compplan.planning.plan import plan_job
     from compplan.reporting.writers.plan import deliver_plan, note_programs
 
     result = note_programs(plan_job(settle_job(make_job(job, robot, tables)), progress=progress))
@@ -73,7 +73,7 @@ def compare(
     """
     from compplan.api.given_job import make_job
     from compplan.job.operations import settle_job
-    from compplan.plan.compare import compare_job
+    from compplan.planning.compare import compare_job
     from compplan.reporting.writers.plan import write_comparison
 
     result = compare_job(settle_job(make_job(job, robot, tables)), announce=progress)

@@ -163,9 +163,7 @@ def _prefer_less_geometry(growth: _Growth, progress: Callable[[str], None]) -> _
     return growth
 
 
-def _place_added(
-    problem: IdentifyProblem, kept: Estimate, refinement: Refinement
-) -> tuple[Estimate, tuple[str, ...]]:
+def _place_added(problem: IdentifyProblem, kept: Estimate, refinement: Refinement) -> tuple[Estimate, tuple[str, ...]]:
     """Find where added springs sit, where their place shows on held-out poses."""
     notes = []
     added = {entry.added for entry in refinement.rounds if entry.added}

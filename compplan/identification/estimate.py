@@ -157,9 +157,7 @@ def fit_rows(structure: FreeRobot, rows: Rows) -> Estimate:
     state, system, noise, steps = iterate_gauss_newton(
         state, partial(linearise, rows), advance, sizes, free, group=rows.group, loss=rows.loss, sigma=rows.sigma
     )
-    covariance, freedom, clustered = state_spread(
-        system, rows.taken.q, noise, rows.loss, rows.group, free, rows.sigma
-    )
+    covariance, freedom, clustered = state_spread(system, rows.taken.q, noise, rows.loss, rows.group, free, rows.sigma)
     return Estimate(
         parameters=parameters,
         values=np.r_[state.values, np.zeros(len(parameters) - p)],
@@ -199,6 +197,4 @@ def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparab
     if len(free) and not free.any():
         raise InputError(f"nothing can be identified: {'; '.join(item.sentence for item in held[:3])}")
     if system.known.sum() <= free.sum():
-        raise InputError(
-            f"{system.known.sum()} measured numbers for {free.sum()} parameters, expected more; add poses"
-        )
+        raise InputError(f"{system.known.sum()} measured numbers for {free.sum()} parameters, expected more; add poses")

@@ -37,7 +37,6 @@ KEY_WITHOUT_END = re.compile(r"\s*\[*\s*(?:[\w-]+\s*\.\s*){50}")
 Model = TypeVar("Model", bound=StrictTable)
 
 
-
 def refuse_other_types(value: object) -> object:
     """Refuse what is no whole number: true and 1.0 are equal to 1, and no versions or signs."""
     if isinstance(value, bool) or not isinstance(value, int):

@@ -55,7 +55,7 @@ def _expand_auto(value: object) -> object:
     if value == "auto":
         return {}
     if isinstance(value, str):
-        raise ValueError(f"is {value!r}, must be 'auto' or a table such as {{ shoulder = \"front\", elbow = \"up\" }}")
+        raise ValueError(f'is {value!r}, must be \'auto\' or a table such as {{ shoulder = "front", elbow = "up" }}')
     return value
 
 

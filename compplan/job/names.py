@@ -1,6 +1,7 @@
 """What a job may name: effects, strategies of a plan, and those that read sensors while the part is cut.
 
-Each name is that of one file in `compplan.effects` or `compplan.plan.strategies`, which open these registries; a file
+Each name is that of one file in `compplan.effects` or `compplan.planning.strategies`, which open these registries; a
+file
 is imported when it is first used, so that a job is checked before anything heavy is loaded. Job schema, help texts,
 commented job and pages read these lists. Program languages are listed in `compplan.controllers.writers`, CAM readers in
 `compplan.toolpath.readers`, force models in `compplan.process.force_models`.

@@ -30,8 +30,8 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import DISTANCE, Observations
 from compplan.measurement.poses.information import learn_rows
-from compplan.plan.plan import Plan
-from compplan.posture.collision_scene import CollisionScene, build_scene
+from compplan.planning.plan import Plan
+from compplan.planning.posture.collision_scene import CollisionScene, build_scene
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.predict import predict_campaign

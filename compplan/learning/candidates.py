@@ -16,8 +16,8 @@ from compplan.effects import solve_model_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.observations import Observations
 from compplan.measurement.poses.pool import take_clear
-from compplan.posture.clearance import measure_margin
-from compplan.posture.collision_scene import CollisionScene
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.robot.model import STANDARD_GRAVITY
 from compplan.robot.uncertainty import Unknown

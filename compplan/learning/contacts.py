@@ -13,8 +13,8 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.learning.candidates import FLOOR, Candidates, run_up
 from compplan.measurement.observations import CONTACT, DISTANCE, READING, KnownDistances, Observations, along
-from compplan.posture.clearance import measure_margin
-from compplan.posture.collision_scene import CollisionScene
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 

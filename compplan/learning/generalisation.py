@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import ConvergenceError
 from compplan.measurement.distance import band_radius
-from compplan.plan.task import PlanTask
+from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.ik import build_arm, pose_error, refine_ik

@@ -227,9 +227,7 @@ def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateM
         model: Its size is the width that sizes are tried in, its scale that of the folder.
         gathered: The measurements.
     """
-    tries = [
-        replace(model, size=size * model.size, scale=scale * model.scale) for scale in SCALES for size in SIZES
-    ]
+    tries = [replace(model, size=size * model.size, scale=scale * model.scale) for scale in SCALES for size in SIZES]
     scores = [_log_evidence(one, gathered) for one in tries]
     best = int(np.argmax(scores))
     return scores[best], tries[best]

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.posture.clearance import measure_margin
-from compplan.posture.collision_scene import CollisionScene
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 
 #: Postures that are looked at on the way between two poses.

@@ -25,11 +25,11 @@ from compplan.learning.residual import Residual, read_residual, residual_file
 from compplan.learning.surface import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
-from compplan.plan.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.plan.result import Plan
-from compplan.plan.task import PlanTask
-from compplan.posture.kept_posture import read_lock, turn_about_axis
-from compplan.posture.trace import reach_tip_and_axis
+from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
+from compplan.planning.posture.kept_posture import read_lock, turn_about_axis
+from compplan.planning.posture.trace import reach_tip_and_axis
+from compplan.planning.result import Plan
+from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.pose import fit_displacement, see_position

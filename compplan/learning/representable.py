@@ -157,6 +157,5 @@ def list_learned(known: Uncertainty, values: Array, held: Array, most: int = 10)
     share = np.abs(values) / np.maximum(width, 1e-300)
     names, keys = known.names, [key for unknown in known.unknowns for key in unknown.keys]
     return [
-        Learned(names[k], keys[k], float(values[k]), float(width[k]), bool(kept[k]))
-        for k in np.argsort(-share)[:most]
+        Learned(names[k], keys[k], float(values[k]), float(width[k]), bool(kept[k])) for k in np.argsort(-share)[:most]
     ]

@@ -20,7 +20,7 @@ from compplan.learning.gathered_points import Gathered
 from compplan.learning.generalisation import check_generalisation
 from compplan.learning.model_update import ModelUpdate, Own, UpdateModel, condition
 from compplan.learning.representable import apply_update
-from compplan.plan.task import PlanTask
+from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, LearnedPartTable, add_part, find_axes
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty

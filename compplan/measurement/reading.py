@@ -159,4 +159,3 @@ def _modes(table: Table) -> NDArray[np.str_] | None:
             message = f"mode is {mode!r}, choose from {list(MODES)}"
             raise InputError(message, file=table.file, where=int(table.lines[row]))
     return table.text["mode"]
-

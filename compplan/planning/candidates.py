@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.errors import ConvergenceError
-from compplan.plan.feed import time_run
-from compplan.plan.narrow import INERTIA_WINDOWS
-from compplan.plan.run_meter import RunMeter, TimedStart
-from compplan.plan.task import PlanTask
-from compplan.plan.timing import cutting_runs, time_rapids
+from compplan.planning.feed import time_run
+from compplan.planning.narrow import INERTIA_WINDOWS
+from compplan.planning.posture.initial_branches import Bettered, Start, find_plain, stand
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
-from compplan.posture.initial_branches import Bettered, Start, find_plain, stand
+from compplan.planning.run_meter import RunMeter, TimedStart
+from compplan.planning.run_timing import cutting_runs, time_rapids
+from compplan.planning.task import PlanTask
 
 LOG = logging.getLogger(__name__)
 
@@ -120,9 +120,7 @@ def _take(start: Start, first: TimedStart, taken: Candidate, least: float) -> St
                    notes=(*stood.notes, told.sentence(run.start.pace)))  # fmt: skip
 
 
-def _choose_run(
-    preset: str, first: TimedStart, runs: list[Candidate], meter: RunMeter
-) -> Candidate | None:
+def _choose_run(preset: str, first: TimedStart, runs: list[Candidate], meter: RunMeter) -> Candidate | None:
     """Choose the run that a preset is for, of all runs and of the best ones eased; None where none gains.
 
     Args:
@@ -132,6 +130,7 @@ def _choose_run(
         meter: How runs are measured.
 
     """
+
     def share(run: TimedStart) -> tuple[float, float, float]:
         return run.time / first.time, run.band / first.band, run.still / first.still
 
@@ -156,8 +155,15 @@ def _choose_run(
     best, least = None, 1.0 - LEAST_GAIN
     for run, name, how in runs:
         value = value_of(run)
-        LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", name, "" if how is None else ", program",
-                  first.time, run.time, 1e3 * first.band, 1e3 * run.band)
+        LOG.debug(
+            "%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm",
+            name,
+            "" if how is None else ", program",
+            first.time,
+            run.time,
+            1e3 * first.band,
+            1e3 * run.band,
+        )
         if value < least:
             best, least = (run, name, how), value
     return best

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from compplan.plan.strategies.equations import differentiate_equations, pose_equations
-from compplan.plan.strategies.limits import AT_CORRECTION, measure_correction
-from compplan.plan.task import PlanTask, attain_rows
-from compplan.plan.timing import cutting_runs
 from compplan.planning.costs import Cost, Departure, MissedPose, Time
 from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.problem import PlanningProblem
+from compplan.planning.run_timing import cutting_runs
+from compplan.planning.strategies.equations import differentiate_equations, pose_equations
+from compplan.planning.strategies.limits import AT_CORRECTION, measure_correction
+from compplan.planning.task import PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 

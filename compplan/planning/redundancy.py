@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from compplan.plan.run_meter import RunMeter, spread_tip
-from compplan.plan.task import PlanTask
-from compplan.plan.timing import cutting_runs
 from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
 from compplan.planning.limits import (
@@ -31,12 +28,15 @@ from compplan.planning.limits import (
     linearise_clearance,
 )
 from compplan.planning.nlp import Solution, solve_problem
+from compplan.planning.posture.clearance import sweep_margin
+from compplan.planning.posture.collision_scene import CollisionScene
+from compplan.planning.posture.initial_branches import PostureRequest, Start, stand
+from compplan.planning.posture.lattice import orient_tool
+from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.planning.problem import PlanningProblem
-from compplan.posture.clearance import sweep_margin
-from compplan.posture.collision_scene import CollisionScene
-from compplan.posture.initial_branches import PostureRequest, Start, stand
-from compplan.posture.lattice import orient_tool
-from compplan.posture.summary import PostureSummary, summarise_costs
+from compplan.planning.run_meter import RunMeter, spread_tip
+from compplan.planning.run_timing import cutting_runs
+from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.statics.sensitivity import attain_pose
@@ -155,17 +155,26 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
     place = {row: number for number, row in enumerate(rows.tolist())}
     runs = tuple((place[a], place[b]) for a, b in cutting_runs(rapid, task.rests)
                  if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
-    room = np.minimum(0.0 if request is None else robot.room(request.settings.limit_margin),
-                      np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0))
+    room = np.minimum(
+        0.0 if request is None else robot.room(request.settings.limit_margin),
+        np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0),
+    )
     room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
     bias = np.zeros((k, task.chain.n_springs))
     attained = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
-    limits: list[Limit] = [PoseEquation(free.room), JointRange(), VelocityLimit(task.velocity_limits),
-                           AccelerationLimit(np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits,
-                                                      20.0 * task.velocity_limits))]  # fmt: skip
+    most = np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits, 20.0 * task.velocity_limits)
+    limits: list[Limit] = [
+        PoseEquation(free.room),
+        JointRange(),
+        VelocityLimit(task.velocity_limits),
+        AccelerationLimit(most),
+    ]
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
-    costs: list[Cost] = [Time(prices.time, time), JointTravel(prices.motion, unit),
-                         Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), limits[3].most)]  # type: ignore
+    costs: list[Cost] = [
+        Time(prices.time, time),
+        JointTravel(prices.motion, unit),
+        Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), most),
+    ]
     if band is not None:
         limits.append(replace(band, most=prices.most_band))
         costs.append(Band(max(prices.band, 1e-3), k))
@@ -271,8 +280,11 @@ def _follow(
     inside = np.clip(every, place[0], place[-1])
     spread = CubicSpline(place, moved, bc_type="natural")(inside)
     leans = {name: name in free.names for name in ("lead", "lean")}
-    turned = {"spin": stance.spin + spread[:, 0],
-              "lead": stance.lead + leans["lead"] * spread[:, 1], "lean": stance.lean + leans["lean"] * spread[:, 2]}
+    turned = {
+        "spin": stance.spin + spread[:, 0],
+        "lead": stance.lead + leans["lead"] * spread[:, 1],
+        "lean": stance.lean + leans["lean"] * spread[:, 2],
+    }
     for name, most in (("lead", stance.settings.lead), ("lean", stance.settings.lean)):
         turned[name] = np.clip(turned[name], -most, most) if leans[name] else turned[name]
     aside = np.zeros((len(nominal), 3))

@@ -267,9 +267,7 @@ def _describe_lean(axes: Array) -> list[str]:
             f"{LEANS:g} deg material under overhangs may be missed."]  # fmt: skip
 
 
-def _describe_cut(
-    process: CuttingTable, toolpath: Toolpath, found: Engagement, job: Path
-) -> list[str]:
+def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, job: Path) -> list[str]:
     """Say where coefficients come from, and what is odd about the cut."""
     resistance, notes = process.resistance, []
     name = process.material or "coefficients"

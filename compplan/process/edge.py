@@ -56,9 +56,9 @@ class EdgeSolver:
         turning = None if self.turning is None else self.turning[rows]
         return outward_speed(self.cutter.slices, self.travel[rows], angles, turning) > SLIDES
 
-    def _list_before(self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]) -> tuple[
-        NDArray[np.int_], NDArray[np.int_]
-    ]:
+    def _list_before(
+        self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """List pairs of a sample and a move of the chunk that came before it."""
         if not len(row) or self.run_from[row[-1]] <= moves[0]:  # runs begin in order, as rows do
             return row[:0], moves[:0]

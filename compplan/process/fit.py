@@ -311,9 +311,7 @@ def _jackknife(matrix: Array, target: Array, rows: int) -> tuple[Array, float]:
     return covariance, float(1.0 - (unseen**2).sum() / max(float((flat**2).sum()), 1e-300))
 
 
-def _list_numbers(
-    model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array
-) -> tuple[FittedNumber, ...]:
+def _list_numbers(model: _Prediction, known: NDArray[np.bool_], value: Array, sigma: Array) -> tuple[FittedNumber, ...]:
     """Return the numbers with their intervals: the model's, the lag, offsets and drifts of the forces."""
     own = int(known.sum())
     kept = np.flatnonzero(known)

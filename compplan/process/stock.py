@@ -240,9 +240,7 @@ def _portion_boxes(
         yield item[rows], low[rows], high[rows]
 
 
-def _raster(
-    at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array
-) -> None:
+def _raster(at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array) -> None:
     """Bring triangles into a height map: each column takes the highest and the lowest crossing.
 
     Args:

@@ -146,5 +146,9 @@ def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
 def _turn(wrench: Array, axes: Array) -> Array:
     """Express a wrench in base axes. Shape (n, 6)."""
     stacked = axes if axes.ndim == 3 else axes[None]
-    return np.hstack([np.einsum("nij,nj->ni", np.broadcast_to(stacked, (len(wrench), 3, 3)), part)
-                      for part in (wrench[:, :3], wrench[:, 3:])])
+    return np.hstack(
+        [
+            np.einsum("nij,nj->ni", np.broadcast_to(stacked, (len(wrench), 3, 3)), part)
+            for part in (wrench[:, :3], wrench[:, 3:])
+        ]
+    )

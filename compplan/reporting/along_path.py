@@ -49,9 +49,7 @@ class Stations:
         return np.column_stack([rows, self.time[rows]]).astype(np.float32)
 
 
-def place_stations(
-    position: Array, time: Array, cut: NDArray[np.bool_], failures: Iterable[int] = ()
-) -> Stations:
+def place_stations(position: Array, time: Array, cut: NDArray[np.bool_], failures: Iterable[int] = ()) -> Stations:
     """Return where the waypoints of a path are; what is not in the cut is shaded.
 
     Args:

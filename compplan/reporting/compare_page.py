@@ -26,8 +26,8 @@ from compplan.reporting.style import (
 from compplan.reporting.summaries import choose_best, join_names, open_comparison
 
 if TYPE_CHECKING:
-    from compplan.plan.compare import Comparison
-    from compplan.plan.evaluate import Evaluation
+    from compplan.planning.compare import Comparison
+    from compplan.planning.evaluate import Evaluation
 
 #: What the picture of the first screen shows.
 DRAWN_CAPTION = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."

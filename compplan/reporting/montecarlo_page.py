@@ -131,9 +131,7 @@ def _strategies(result: JobStudy) -> Section:
     ]
     heads = [Column(title) for title in ("strategy", "knows", "measures", "commands")]
     height = 90 + 34 * len(figures)
-    chart = Chart(
-        draw_distributions(result.run), BOXES, height=height
-    )
+    chart = Chart(draw_distributions(result.run), BOXES, height=height)
     fold = Fold("What each strategy knows, measures and commands", [PageTable(heads, about)])
     return Section("Strategies", [table, chart, fold])
 

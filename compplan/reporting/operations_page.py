@@ -113,9 +113,7 @@ def _table(tools: Sequence[Mapping[str, Any]]) -> PageTable:
 
 
 def _programs(tools: Sequence[Mapping[str, Any]], mains: Sequence[str]) -> PageTable:
-    rows: list[Row] = [
-        [tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools
-    ]
+    rows: list[Row] = [[tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools]
     if mains:
         rows.append(["all, in order", ", ".join(mains)])
     return PageTable([Column("tool"), Column("files")], rows)

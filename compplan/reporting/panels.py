@@ -33,9 +33,7 @@ def draw_panels(
     figure = _lay_out(list(panels))
     for number, series in enumerate(panels.values()):
         row, col = number // columns + 1, number % columns + 1
-        add_lines(
-            figure, stations, series, "mm", row=row, col=col, colours=CATEGORIES, legend=number == 0, limit=ROWS
-        )
+        add_lines(figure, stations, series, "mm", row=row, col=col, colours=CATEGORIES, legend=number == 0, limit=ROWS)
         figure.add_hline(y=tolerance, line={"color": TOLERANCE, "width": 1.2, "dash": "dash"}, row=row, col=col)
         shade_spans(figure, stations, row=row, col=col)
     for trace in figure.data:

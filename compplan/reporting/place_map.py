@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.posture.place import PlaceResult, Ratings
+from compplan.planning.posture.place import PlaceResult, Ratings
 from compplan.reporting import figure as go
 from compplan.reporting.style import INK, PAPER, SEQUENTIAL
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.posture.summary import PostureMap
+from compplan.planning.posture.summary import PostureMap
 from compplan.reporting.page import Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
 from compplan.reporting.posture_section import show_map
 from compplan.reporting.style import format_percent

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.notes import list_remarks
-from compplan.plan.reversals import describe_reversals, list_reversals
-from compplan.plan.slow import describe_causes, mark_slow
-from compplan.posture.alternatives import compare_postures
+from compplan.planning.posture.alternatives import compare_postures
+from compplan.planning.reversals import describe_reversals, list_reversals
+from compplan.planning.slow import describe_causes, mark_slow
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
     FLOOR,
@@ -46,7 +46,7 @@ from compplan.reporting.style import (
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.plan.plan import Plan
+    from compplan.planning.plan import Plan
 
 #: Waypoints and stretches that a table lists at most.
 LISTED = 40

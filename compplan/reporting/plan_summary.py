@@ -13,8 +13,8 @@ from compplan.controllers.writers.frames import flange_turn, place_numbers, rota
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import list_stops
-from compplan.plan.frame_notes import describe_part_frame
-from compplan.plan.slow import mark_slow
+from compplan.planning.frame_notes import describe_part_frame
+from compplan.planning.slow import mark_slow
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.curve_chart import draw_curves
 from compplan.reporting.page import Block, Chart, Column, KeyFigure, PageTable, Row, Section, Summary, TableCell
@@ -31,7 +31,7 @@ from compplan.robot import Array, Joint
 from compplan.robot.mounting import mounted_tool
 
 if TYPE_CHECKING:
-    from compplan.plan.plan import Plan
+    from compplan.planning.plan import Plan
 
 #: What the verdict looks like.
 TONES = {"keeps": "good", "may_not_keep": "bad", "not_known": "unsure"}

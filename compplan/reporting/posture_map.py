@@ -11,7 +11,7 @@ from compplan.reporting.page import Block, Chart, Section
 from compplan.reporting.style import BEFORE, SEQUENTIAL
 
 if TYPE_CHECKING:
-    from compplan.plan.plan import Plan
+    from compplan.planning.plan import Plan
 
 
 def extra_axis_sections(plan: Plan) -> list[Section]:
@@ -29,9 +29,7 @@ def extra_axis_sections(plan: Plan) -> list[Section]:
         colorscale=[list(stop) for stop in SEQUENTIAL], colorbar={"title": {"text": "remaining, mm", "side": "top"}},
     )  # fmt: skip
     line = {"color": BEFORE, "width": 3}
-    figure.add_scatter(
-        x=1e3 * picture.length, y=scale * picture.held[:, 0], mode="lines", line=line, name="chosen"
-    )
+    figure.add_scatter(x=1e3 * picture.length, y=scale * picture.held[:, 0], mode="lines", line=line, name="chosen")
     figure.update_xaxes(title_text="along the path, mm", showgrid=False)
     figure.update_yaxes(title_text=f"{plan.robot.joint_names[0]}, {unit}", showgrid=False)
     caption = "Colour: least deviation that would remain over all rotations. Line: positions chosen."

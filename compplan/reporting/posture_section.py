@@ -13,8 +13,8 @@ from compplan.reporting.style import AFTER, LIMIT, NEUTRAL, SEQUENTIAL, format_l
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.posture.clearance import ClearanceProfile
-    from compplan.posture.summary import PostureMap, PostureSummary
+    from compplan.planning.posture.clearance import ClearanceProfile
+    from compplan.planning.posture.summary import PostureMap, PostureSummary
 
 #: Why a posture cannot be used, and the colour it gets: out of reach, joint limit, collision, not wanted.
 FORBIDDEN = {1: "#b9c0c7", 2: "#8e979f", 4: "#5c4a57", 5: "#d9dde1"}
@@ -92,7 +92,7 @@ def draw_posture_map(picture: PostureMap) -> Any:
     Args:
         picture: The map.
     """
-    from compplan.posture.lattice import REASONS
+    from compplan.planning.posture.lattice import REASONS
 
     length, spin = 1e3 * picture.length, np.degrees(picture.spin)
     figure = go.Figure()
@@ -152,7 +152,6 @@ def draw_clearance(stations: Stations, clearance: ClearanceProfile) -> Chart:
 
 
 def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], name: str) -> Any:
-
     return go.Heatmap(
         z=values.T.astype(np.float32), x=length.astype(np.float32), y=spin.astype(np.float32), colorscale=scale,
         showscale=False, name=name, hoverinfo="name", hoverongaps=False,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from compplan.plan.tolerance_verdict import describe_tolerance
+from compplan.planning.tolerance_verdict import describe_tolerance
 from compplan.reporting.along_path import Stations, below, draw_lines, outline_below
 from compplan.reporting.force_moves import list_rates, mark_force
 from compplan.reporting.page import Chart, Column, Columns, PageTable, Row, Section, TableCell
@@ -25,7 +25,7 @@ from compplan.reporting.style import (
 )
 
 if TYPE_CHECKING:
-    from compplan.plan.plan import Plan
+    from compplan.planning.plan import Plan
 
 #: The band flattens the other lines where it reaches this many times as far.
 FLATTENED = 2.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compplan.plan.strategies.online import ONLINE, STRATEGIES
+from compplan.planning.strategies.online import ONLINE, STRATEGIES
 from compplan.reporting.style import AFTER, BEFORE, NEUTRAL
 
 

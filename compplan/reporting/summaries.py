@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compplan.io.notes import list_stops
-from compplan.plan.tolerance_verdict import MEASURE
+from compplan.planning.tolerance_verdict import MEASURE
 from compplan.reporting.diagnosis_text import reaches_noise
 from compplan.reporting.effect_text import describe_effect, name_effect
 from compplan.reporting.page import Block, KeyFigure, Summary
@@ -81,7 +81,7 @@ def open_comparison(
     ]  # fmt: skip
     if "none" in left:
         figures.append(KeyFigure(format_mm(left["none"]), "rms deviation without correction"))
-    todo = f"Plan with it: compplan plan JOB, where the job says strategy = \"{best}\"."
+    todo = f'Plan with it: compplan plan JOB, where the job says strategy = "{best}".'
     if not kept:
         todo = f"{MEASURE} What is not known of it matters more than the strategy."
     return Summary(verdict, "good" if kept else "unsure", figures, picture, todo)

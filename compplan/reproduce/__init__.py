@@ -20,9 +20,7 @@ class Paper(Protocol):
 
 
 #: Every paper, by the name of its file.
-PAPERS: Registry[Paper] = Registry(
-    ("mamedov2018", "klimchik2018", "johra2022", "dumas2011", "singh2021"), __name__
-)
+PAPERS: Registry[Paper] = Registry(("mamedov2018", "klimchik2018", "johra2022", "dumas2011", "singh2021"), __name__)
 
 
 def reproduce_paper(name: str, load: Callable[[str], Robot] = load_robot) -> Reproduction:

@@ -227,4 +227,3 @@ def build_links(table: ElasticityTable, chain_links: Sequence[str], file: Path) 
             check_compliance(float(matrix[row, row]), slides=slides, file=file, where=f"{where}.compliance")
         blocks.append(LinkElasticity(entry.link, matrix))
     return tuple(blocks)
-

@@ -109,7 +109,6 @@ class Chain:
         """Name of each elastic coordinate. Length s."""
         return tuple(self.names[element] for element in self.spring_elements)
 
-
     @cached_property
     def compiled(self) -> CompiledChain:
         """The chain prepared for walking."""

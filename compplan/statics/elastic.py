@@ -121,9 +121,7 @@ def _solve_pieces(
     """Solve the equilibrium piece by piece; the last walk with the centres of the bodies where they are asked for."""
     for rows in chunks(len(q)):
         part = chain.take(rows)
-        extra, start = (
-            None if each is None else list(np.ascontiguousarray(each[rows].T)) for each in (bias, theta)
-        )
+        extra, start = (None if each is None else list(np.ascontiguousarray(each[rows].T)) for each in (bias, theta))
         columns = np.ascontiguousarray((load[:1] if load.strides[0] == 0 else load[rows]).T)
         turned = np.ascontiguousarray(q[rows].T)
         yield rows, _iterate(part, turned, columns, extra, tolerance, start, first=rows.start, bodies=bodies)
@@ -248,9 +246,7 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
     return hessian
 
 
-def load_derivative(
-    chain: Chain, frames: Frames, wrench: Array, elements: NDArray[np.int_] | None = None
-) -> Array:
+def load_derivative(chain: Chain, frames: Frames, wrench: Array, elements: NDArray[np.int_] | None = None) -> Array:
     """Differentiate the load on elements with respect to the motion of every element, in closed form.
 
     An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)

@@ -41,8 +41,13 @@ class AttainedPose(NamedTuple):
 
 
 def attain_pose(
-    chain: Chain, q: Array, wrench: Array | None, *, slope: bool = True,
-    torque_bias: Array | None = None, theta: Array | None = None,
+    chain: Chain,
+    q: Array,
+    wrench: Array | None,
+    *,
+    slope: bool = True,
+    torque_bias: Array | None = None,
+    theta: Array | None = None,
 ) -> AttainedPose:
     """Solve the loaded equilibrium at every pose and differentiate it with respect to the commanded joints.
 

@@ -290,9 +290,7 @@ def _shifted(position: Array, shift: Terms, columns: Sequence[Array]) -> Array:
     return position
 
 
-def _hang(
-    bodies: list[tuple[int, Terms]], columns: Sequence[Array], position: Array, centres: list[Array]
-) -> None:
+def _hang(bodies: list[tuple[int, Terms]], columns: Sequence[Array], position: Array, centres: list[Array]) -> None:
     for b, shift in bodies:
         centres[b] = _shifted(position, shift, columns)
 

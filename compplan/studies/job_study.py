@@ -10,7 +10,7 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.io.provenance import note_seed
 from compplan.job.job import Job
-from compplan.plan.plan import build_task, prepare_job
+from compplan.planning.plan import build_task, prepare_job
 from compplan.studies.runner import Run, Settings, run_study
 from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
 from compplan.studies.storage import discard_chunks
@@ -101,15 +101,17 @@ def study_job(
     return JobStudy(job, run, indices, summary)
 
 
-def _prepare(
-    job: Job, strategies: Sequence[str], most_waypoints: int, say: Callable[[str], None]
-) -> tuple[Study, str]:
+def _prepare(job: Job, strategies: Sequence[str], most_waypoints: int, say: Callable[[str], None]) -> tuple[Study, str]:
     """Find the posture and let every strategy command the path; the study, and the job's own strategy."""
     say("posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
     study = prepare_study(
-        task, job.noise, strategies or None, most_waypoints=most_waypoints, force=read_force_spread(job),
+        task,
+        job.noise,
+        strategies or None,
+        most_waypoints=most_waypoints,
+        force=read_force_spread(job),
         announce=say,
     )
     return study, options.strategy

@@ -48,9 +48,7 @@ def build_kernel(chain: Chain) -> Kernel:
     return Kernel(chain.compiled, tuple(int(k) for k in elements), tuple(bool(s) for s in chain.translates[elements]))
 
 
-def settle_tips(
-    kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array
-) -> Array:
+def settle_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array) -> Array:
     """Solve the loaded equilibrium of n poses for the tip.
 
     theta = f C (J^T w + tau_g), with a factor f on the compliance of every elastic coordinate, pose by pose.

@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from compplan.effects import transmission_error
 from compplan.effects.forward_model import own_springs
 from compplan.job.noise import NoiseTable
-from compplan.plan.task import PlanTask
+from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate

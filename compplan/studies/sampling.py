@@ -22,7 +22,7 @@ from compplan.effects import (
 )
 from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
-from compplan.plan.task import PlanTask
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.studies.factors import Factors, to_normal
 from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior

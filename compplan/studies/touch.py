@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.effects.attained import TRANSIENT, attain_with_effects, rest_robot
 from compplan.job.noise import NoiseTable
-from compplan.plan.task import PlanTask
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.robot.pose import linear_displacement
 from compplan.studies.kernel import Kernel, settle_tips

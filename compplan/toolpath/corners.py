@@ -79,9 +79,7 @@ def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> To
     return replace(divided, position=position, axis=axis, rounded=moved, notes=notes, arc=arc)
 
 
-def _reach_corners(
-    toolpath: Toolpath, corners: NDArray[np.int_], along: Array, turn: Array, wanted: Array
-) -> Array:
+def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, turn: Array, wanted: Array) -> Array:
     """Return how far before and behind each corner its rounding begins, other corners and ends of cuts left alone."""
     rapid, n = toolpath.rapid, len(toolpath)
     fixed = np.zeros(n, bool)

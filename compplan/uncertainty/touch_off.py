@@ -155,9 +155,7 @@ def pick_corners(points: Array) -> Array:
     return corners
 
 
-def _reach_points(
-    believed: Robot, points: Array, position: Array, rotation: Array, near: Array
-) -> tuple[Array, Array]:
+def _reach_points(believed: Robot, points: Array, position: Array, rotation: Array, near: Array) -> tuple[Array, Array]:
     """Return points that the arm reaches, and the joint positions at which the controller shows them."""
     arm = build_arm(believed)
     there = refine_ik(arm, near, position, rotation, iterations=30) if len(arm.arm) == 6 else near
@@ -195,9 +193,7 @@ def is_lasting(unknowns: Sequence[Unknown]) -> Array:
     return np.repeat(lasting, [len(unknown.keys) for unknown in unknowns])
 
 
-def subtract_touch(
-    model: Array, position: Array, touched: TouchedPart | None, unknowns: Sequence[Unknown]
-) -> Array:
+def subtract_touch(model: Array, position: Array, touched: TouchedPart | None, unknowns: Sequence[Unknown]) -> Array:
     """Return motions of the tip relative to the part that moves with the touched points.
 
     Args:

@@ -33,16 +33,19 @@ def ask(code: str) -> str:
 
 
 def test_a_verb_stays_a_verb_whichever_room_of_its_name_is_imported_and_when() -> None:
-    rooms_first, verb_first = "import compplan.plan.compare; import compplan as cp", "import compplan as cp; cp.plan"
+    rooms_first, verb_first = (
+        "import compplan.planning.compare; import compplan as cp",
+        "import compplan as cp; cp.plan",
+    )
     for order in (rooms_first, f"{verb_first}; import compplan.planning.nlp"):
         said = ask(
             f"{order}\nimport compplan.diagnosis.results.where as w\nfrom compplan import plan\n"
-            "from compplan.plan import strategies\n"
-            "import compplan.plan.compare as c\n"
+            "from compplan.planning import strategies\n"
+            "import compplan.planning.compare as c\n"
             "assert cp.plan is plan and callable(plan) and callable(cp.diagnose)\n"
-            "assert cp.plan.compare is c and w.split_diagnosis and strategies.STRATEGIES\n"
+            "assert c.compare_task and w.split_diagnosis and strategies.STRATEGIES\n"
             "from unittest import mock\n"
-            "with mock.patch('compplan.plan.compare.DRAWS', 3):\n    assert c.DRAWS == 3\n"
+            "with mock.patch('compplan.planning.compare.DRAWS', 3):\n    assert c.DRAWS == 3\n"
             "print(cp.plan.__doc__[:4])"
         )  # fmt: skip
         assert said == "Plan\n"

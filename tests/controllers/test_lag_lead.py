@@ -16,7 +16,7 @@ from executed_emulator import STEP, SimulatedRobot, drive
 import compplan as cp
 from benchmarks.executed.job import measure_beside
 from compplan.controllers.writers.joint_convention import load_motion
-from compplan.plan.executed import lead_lag
+from compplan.planning.executed import lead_lag
 from compplan.robot import load_robot, write_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 

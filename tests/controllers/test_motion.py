@@ -26,7 +26,7 @@ from compplan.controllers.writers import WRITERS, Program, build_program, kawasa
 from compplan.controllers.writers.motion_table import MotionTable, read_motion
 from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
 from compplan.job.output import OutputTable
-from compplan.plan.executed import describe_unfollowed
+from compplan.planning.executed import describe_unfollowed
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, refine_ik

@@ -17,8 +17,8 @@ from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.post import Post, read_post
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.plan.plan import plan_job
-from compplan.plan.result import Plan
+from compplan.planning.plan import plan_job
+from compplan.planning.result import Plan
 from compplan.reporting.writers.plan import deliver_plan, note_programs
 from compplan.robot import load_robot
 

@@ -29,11 +29,7 @@ def test_a_cause_of_places_is_found_beside_angles_that_are_read_a_thousand_times
     channels = (make_channel(along, places), make_channel(np.zeros(VALUES), angles))
     ledger = SimpleNamespace(channels=channels, join_columns=lambda signatures: np.array(signatures, int))
     search: Any = SimpleNamespace(ledger=ledger, prior=SimpleNamespace(background=np.array([-1])))
-    none: Any = SimpleNamespace(
-        signatures=(), posterior=SimpleNamespace(columns=np.zeros(0, int), mean=np.zeros(0))
-    )
+    none: Any = SimpleNamespace(signatures=(), posterior=SimpleNamespace(columns=np.zeros(0, int), mean=np.zeros(0)))
     fitted = np.array([along @ places / (along @ along)])
-    claimed: Any = SimpleNamespace(
-        signatures=(0,), posterior=SimpleNamespace(columns=np.zeros(1, int), mean=fitted)
-    )
+    claimed: Any = SimpleNamespace(signatures=(0,), posterior=SimpleNamespace(columns=np.zeros(1, int), mean=fitted))
     assert explains_enough(search, none, claimed) is wanted

@@ -128,7 +128,9 @@ def test_a_bent_law_of_deflection_has_to_show(
         return SimpleNamespace(claims=tuple(claims), score=0.0, posterior=SimpleNamespace(hyper=None))
 
     search: Any = SimpleNamespace(
-        ledger=SimpleNamespace(signatures=signatures), model=model, gains=lambda base: gains,
+        ledger=SimpleNamespace(signatures=signatures),
+        model=model,
+        gains=lambda base: gains,
         without=lambda claims, *gone: [claim for claim in claims if claim not in gone],
     )
     monkeypatch.setattr(doubt, "representable_forms", lambda ledger, special: {0} if special == 1 else set())

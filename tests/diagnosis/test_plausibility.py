@@ -156,9 +156,7 @@ def test_a_clock_that_is_off_is_no_lag(robot: Robot) -> None:
 def test_a_wrench_about_the_flange_is_asked_about(robot: Robot) -> None:
     campaign = draw(robot, path=0)
     tool = next(joint for joint in robot.joints if joint.name == "tool_fixed").placement
-    flange_to_tcp = np.einsum(
-        "nij,j->ni", cp.predict_campaign(robot, campaign).rotation, tool[:3, :3].T @ tool[:3, 3]
-    )
+    flange_to_tcp = np.einsum("nij,j->ni", cp.predict_campaign(robot, campaign).rotation, tool[:3, :3].T @ tool[:3, 3])
     moment = np.cross(flange_to_tcp, campaign.wrench[:, :3])
     wrong = replace(campaign, wrench=np.hstack([campaign.wrench[:, :3], moment]))
     assert "point of the wrench" in about(robot, wrong)

@@ -65,9 +65,7 @@ def test_trap_3_a_frame_that_jumps_by_millimetres_is_a_shift_at_its_row(robot: R
 def test_a_target_or_frame_that_moves_twice_is_named_twice_by_its_own_name(robot: Robot, name: str) -> None:
     """The second event of a turning target once made it a shift of the frame."""
     rows = {14: (5e-4, -2e-4, 1e-4), 28: (-3e-4, 4e-4, 1e-4)}
-    moves = [
-        Effect(name, None, None, {"row": row, "tx_m": x, "ty_m": y, "tz_m": z}) for row, (x, y, z) in rows.items()
-    ]
+    moves = [Effect(name, None, None, {"row": row, "tx_m": x, "ty_m": y, "tz_m": z}) for row, (x, y, z) in rows.items()]
     campaign = measure(robot, plan_rows(robot, 20, poses=40, loads=0), moves, 20, orientation=False)
     found = {f.effect.parameters["row"]: f for f in diagnose_campaign(robot, campaign).verdict.findings}
     assert {(row, f.effect.name) for row, f in found.items()} == {(14, name), (28, name)}

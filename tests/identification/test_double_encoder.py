@@ -20,9 +20,7 @@ N = 30
 LINK = 2e-7
 
 
-def campaign(
-    *, vertical: bool = False, seed: int | None = None
-) -> tuple[Robot, Campaign]:
+def campaign(*, vertical: bool = False, seed: int | None = None) -> tuple[Robot, Campaign]:
     robot = replace(load_robot("kuka_kr120_r3900"), link_elasticities=())
     truth = replace(robot, springs=(*robot.springs, *(replace(s, compliance=LINK) for s in link_springs(robot))))
     drawn = draw_candidates(robot, N, vertical=vertical, lever=0.0 if vertical else 0.3, force=981.0, seed=1)

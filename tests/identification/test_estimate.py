@@ -141,9 +141,10 @@ def test_the_reduced_model_of_the_kr270_lies_within_17_percent_of_the_papers_tab
     reduced = reduce_model(full, q, wrench, rotation_weight=1.0)
     table = np.array([0.56, 0.30, 0.43, 2.8, 3.2, 2.1]) * 1e-6
     assert np.abs(reduced.compliance / table - 1).max() < 0.17
-    assert np.linalg.norm(reduced.residual[:, :3], axis=1).mean() < 0.25 * np.linalg.norm(
-        reduced.deflection[:, :3], axis=1
-    ).mean()
+    assert (
+        np.linalg.norm(reduced.residual[:, :3], axis=1).mean()
+        < 0.25 * np.linalg.norm(reduced.deflection[:, :3], axis=1).mean()
+    )
 
 
 def test_a_pure_force_through_the_last_axis_leaves_joint_6_of_the_reduced_model_unidentifiable() -> None:

@@ -11,7 +11,7 @@ from commandline import run_command
 from compplan.errors import InputError
 from compplan.io import transaction
 from compplan.io.transaction import check_results, replace_folder
-from compplan.plan import plan as planning
+from compplan.planning import plan as planning
 
 GOOD = Path(__file__).parents[1] / "bad_inputs" / "good"
 

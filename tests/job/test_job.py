@@ -14,8 +14,8 @@ from compplan.errors import InputError
 from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job, check_job, load_job
 from compplan.job.loading import load_nominal
-from compplan.plan.plan import job_robot, read_options
-from compplan.posture.settings import read_settings
+from compplan.planning.plan import job_robot, read_options
+from compplan.planning.posture.settings import read_settings
 from compplan.process.force_models import FORCE_MODELS
 from compplan.robot import robot_folders
 
@@ -152,8 +152,10 @@ def test_a_missing_toolpath_file_is_named_with_its_key(tmp_path: Path) -> None:
 
 def test_a_constant_feed_replaces_the_one_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "path.nc").write_text("G21 G0 X0 Y0 Z0\nG1 X10\n")
-    (tmp_path / "job.toml").write_text('schema = 1\nrobot = "ur10"\ntoolpath = "path.nc"\n[process]\nrequired = false\n'
-                                       'model = "columns"\n[feed]\nconstant_mm_s = 7.0\n')
+    (tmp_path / "job.toml").write_text(
+        'schema = 1\nrobot = "ur10"\ntoolpath = "path.nc"\n[process]\nrequired = false\n'
+        'model = "columns"\n[feed]\nconstant_mm_s = 7.0\n'
+    )
     nominal = load_nominal(load_job(tmp_path / "job.toml"))
     assert nominal.feed[~nominal.rapid] == pytest.approx(7e-3)
     assert len(nominal) == 11  # divided at 1 mm

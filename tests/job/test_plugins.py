@@ -14,7 +14,7 @@ from commandline import run_command
 
 ROOT = Path(__file__).parents[2]
 CODE = {
-    "careful": "from compplan.plan.strategies.mirror import command_path\n",
+    "careful": "from compplan.planning.strategies.mirror import command_path\n",
     "dots": (
         "import dataclasses\nfrom compplan.toolpath.readers import gcode\nname, suffixes = 'dots', ('.dots',)\n"
         "def recognise(text):\n    return text.startswith('dots')\n"

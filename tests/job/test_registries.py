@@ -27,7 +27,7 @@ from compplan.errors import InputError
 from compplan.job.commented_job import write_job_text
 from compplan.job.job import Job
 from compplan.job.names import EFFECTS
-from compplan.plan.strategies.online import ONLINE, STRATEGIES
+from compplan.planning.strategies.online import ONLINE, STRATEGIES
 from compplan.process.force_models import FORCE_MODELS
 from compplan.reporting.effect_text import describe_effect
 from compplan.toolpath.readers import READERS
@@ -50,7 +50,9 @@ def add_module(tmp_path, monkeypatch):
 
 
 def test_a_strategy_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, capsys) -> None:
-    module = add_module("timid", "from compplan.plan.strategies.none import command_path\nwords = 'with much care'\n")
+    module = add_module(
+        "timid", "from compplan.planning.strategies.none import command_path\nwords = 'with much care'\n"
+    )
     assert run_command(["plan", write_job(tmp_path, plan='strategy = "timid"'), "--out", tmp_path / "o"],
                        monkeypatch, capsys).status == 2  # fmt: skip
     monkeypatch.setitem(STRATEGIES, "timid", module)
@@ -102,7 +104,7 @@ def test_a_reader_is_one_file_and_one_line(add_module, tmp_path, monkeypatch, ca
     assert cp.read_toolpath(tmp_path / "part.dots").cutting_length == pytest.approx(0.015)
 
 
-WAVY_FLOOR = '''
+WAVY_FLOOR = """
 from dataclasses import replace
 import numpy as np
 from compplan.effects.checks import Rule
@@ -123,7 +125,7 @@ def apply(scene, effect):
 
 def fold(robot, effect):
     return None
-'''
+"""
 
 
 def test_an_effect_is_one_file_and_one_line(add_module, tmp_path, monkeypatch) -> None:

@@ -14,8 +14,8 @@ from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.loading import load_path
 from compplan.job.tolerance import ToleranceTable
-from compplan.plan.allowed import find_allowed
-from compplan.plan.plan import plan_job
+from compplan.planning.allowed import find_allowed
+from compplan.planning.plan import plan_job
 from compplan.reporting.writers.plan import make_program, write_moves
 from compplan.robot import Array
 from compplan.toolpath.events import Event

@@ -48,8 +48,10 @@ def test_each_tool_of_a_cam_file_takes_its_cutter_from_its_own_file(tmp_path: Pa
     (tmp_path / "part.nc").write_text("G21 G90\nT1 M6\nS9000 M3\nG0 X0 Y0 Z5\nG1 Z-1 F500\nX40\nG0 Z5\n"
                                       "T2 M6\nG0 X10\nG1 Z-4 F200\nG0 Z5\nM30\n")  # fmt: skip
     process = {"model": "end_mill", "diameter_mm": 20.0, "spindle_rpm": 9000.0, "material": "al6082_t6"}
-    tools = [{"number": 1, "position_mm": [0.0, 0.0, 150.0], "cutter_file": "both.json", "cutter_name": "4711-12"},
-             {"number": 2, "position_mm": [0.0, 0.0, 160.0], "cutter_file": "both.json", "cutter_name": "D-025"}]
+    tools = [
+        {"number": 1, "position_mm": [0.0, 0.0, 150.0], "cutter_file": "both.json", "cutter_name": "4711-12"},
+        {"number": 2, "position_mm": [0.0, 0.0, 160.0], "cutter_file": "both.json", "cutter_name": "D-025"},
+    ]
     job = check_job({"schema": 1, "robot": "kuka_kr16_2", "toolpath": "part.nc", "process": process, "tool": tools},
                     tmp_path / "job.toml")  # fmt: skip
     mill, drill = split_job(job)

@@ -85,7 +85,7 @@ def test_a_tool_that_cuts_again_is_an_operation_of_its_own_and_one_that_cuts_not
     job = make_job(tmp_path, f"{HEAD}{MILL}{idle}{DRILL}{MILL}M30\n", tool=TOOLS, process=PROCESS)
     assert [one.label for one in split_job(job)] == ["T1", "T2", "T1_run2"]
     same = make_job(tmp_path, f"{HEAD}{MILL}{MILL}M30\n", tool=TOOLS, process=PROCESS)
-    only, = split_job(same)
+    (only,) = split_job(same)
     assert only.label == "" and only.cam.operation is None and only.name == "Bracket"
 
 
@@ -252,10 +252,14 @@ FUSION = {"version": 1, "data": [
      "geometry": {"DC": 5 / 25.4, "NOF": 2, "LB": 3.0, "SIG": 118}, "holder": {"gaugeLength": 150 / 25.4 - 3.0}},
 ]}  # fmt: skip
 
+
 def write_table(folder: Path, form: str) -> Path:
     rows = [dict(zip(CSV.split("\n")[0].split(","), row.split(","), strict=True)) for row in CSV.split("\n")[1:3]]
-    toml = "".join("[[tool]]\n" + "".join(
-        f"{key} = {value if value[0].isdigit() else repr(value)}\n" for key, value in row.items()) for row in rows)
+    toml = "".join(
+        "[[tool]]\n"
+        + "".join(f"{key} = {value if value[0].isdigit() else repr(value)}\n" for key, value in row.items())
+        for row in rows
+    )
     texts = {"t.csv": CSV, "t.toml": toml, "t.json": json.dumps(FUSION)}
     file = folder / form
     if form == "t.tools":

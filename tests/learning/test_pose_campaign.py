@@ -33,7 +33,7 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.instrument import read_instrument
 from compplan.measurement.observations import CONTACT
 from compplan.measurement.reading import read_campaign
-from compplan.plan.plan import plan_job
+from compplan.planning.plan import plan_job
 from compplan.robot import Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown

@@ -170,7 +170,7 @@ def test_a_force_in_part_axes_turns_with_the_part() -> None:
 
 def test_a_plan_and_its_band_read_the_process_file_of_the_robot_folder(job: Job, tmp_path: Path) -> None:
     """1.2 times the force: the correction grows by that, the independent check agrees, the force's band shrinks."""
-    from compplan.plan.plan import plan_job
+    from compplan.planning.plan import plan_job
 
     folder = tmp_path / "robot"
     shutil.copytree(find_robot_folder("kuka_kr270"), folder)

@@ -88,9 +88,7 @@ def degrees(q: Array) -> str:
     return ",".join(f"{value:.7f}" for value in np.rad2deg(q))
 
 
-def socket_log(
-    robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA
-) -> tuple[Path, Path]:
+def socket_log(robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA) -> tuple[Path, Path]:
     """Write a log of two sockets 200 mm apart at three places, and its instrument file."""
     rng, rows, said = np.random.default_rng(3), [], ["schema = 1", "[instrument]", "sigma_mm = 0.02"]
     for number, place in enumerate(([1.0, 0.2, 0.7], [0.3, 1.0, 0.9], [0.8, -0.8, 1.1])):
@@ -104,9 +102,7 @@ def socket_log(
     return write_log(folder / "sockets.csv", f"run,contact,{JOINTS}", rows), folder / "sockets.toml"
 
 
-def gauge_log(
-    robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA
-) -> tuple[Path, Path]:
+def gauge_log(robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA) -> tuple[Path, Path]:
     """Write a log of six dial gauges whose zeros nobody knows, and its instrument file."""
     rng, q = np.random.default_rng(4), draw_poses(robot, 150, 5)
     unit = np.repeat(rng.normal(size=(6, 3)), 25, axis=0)
@@ -122,9 +118,7 @@ def gauge_log(
     return write_log(folder / "gauge.csv", head, rows), folder / "gauge.toml"
 
 
-def bar_log(
-    robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA
-) -> tuple[Path, Path]:
+def bar_log(robot: Robot, folder: Path, effects: Effects = PLANTED, sigma: float = SIGMA) -> tuple[Path, Path]:
     """Write a log of a ball bar about three centres that nobody knows, and its instrument file."""
     rng, q = np.random.default_rng(6), draw_poses(robot, 150, 7)
     centre = np.repeat([[0.9, 0.4, 0.2], [-0.2, 0.9, 0.4], [-0.7, -0.5, 0.6]], 50, axis=0)

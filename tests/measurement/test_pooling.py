@@ -1,6 +1,5 @@
 """Pooling: many rows of a pose are one row with their mean, its standard deviation from their scatter."""
 
-
 import numpy as np
 import pytest
 

@@ -12,15 +12,15 @@ from scipy.integrate import odeint
 
 import compplan as cp
 from compplan.job.job import check_job
-from compplan.plan.agreement import _resolve_starts
-from compplan.plan.approach import DWELL
-from compplan.plan.between import measure_between
-from compplan.plan.feed import time_run
-from compplan.plan.motion_limits import measure_use
-from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.timing import cutting_runs
-from compplan.plan.verdict import find_breaches, set_up_bench
+from compplan.planning.agreement import _resolve_starts
+from compplan.planning.approach import DWELL
+from compplan.planning.between import measure_between
+from compplan.planning.feed import time_run
+from compplan.planning.motion_limits import measure_use
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.run_timing import cutting_runs
 from compplan.planning.timing import ease, ease_duration, ease_times, smooth_profile
+from compplan.planning.verdict import find_breaches, set_up_bench
 from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import locate_frames
@@ -138,7 +138,7 @@ def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the
 
 
 def test_a_planner_that_is_wrong_is_not_confirmed(tmp_path, monkeypatch):
-    from compplan.plan import plan as module
+    from compplan.planning import plan as module
 
     honest = module.build_chain
 
@@ -198,7 +198,7 @@ def test_effects_of_a_folder_count_between_waypoints_too_and_divide_the_path_no_
 
 
 def test_a_path_that_would_need_too_many_waypoints_is_refused_with_the_waypoint(tmp_path, monkeypatch):
-    monkeypatch.setattr("compplan.plan.sampling.MOST_WAYPOINTS", 10)
+    monkeypatch.setattr("compplan.planning.sampling.MOST_WAYPOINTS", 10)
     job = three_points(tmp_path, CONSTANT, sampling={"max_step_mm": 1000.0, "chord_mm": 0.01})
     with pytest.raises(cp.InfeasibleError, match=r"after waypoint \d+ \(s = .* mm\); raise sampling.chord_mm"):
         cp.plan_job(job)

@@ -12,13 +12,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import compplan.job.loading as loading
-import compplan.plan.deflection as bending
-import compplan.posture.lattice as lattice
+import compplan.planning.deflection as bending
+import compplan.planning.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, check_job, load_job
-from compplan.plan import executed
-from compplan.plan.plan import plan_job
-from compplan.plan.timing import Timing
-from compplan.plan.verdict import hold_load
+from compplan.planning import executed
+from compplan.planning.plan import plan_job
+from compplan.planning.run_timing import Timing
+from compplan.planning.verdict import hold_load
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import build_exact_robot

@@ -9,8 +9,8 @@ import pytest
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.job.names import STRATEGIES
-from compplan.plan.compare import draw_strategies
-from compplan.plan.evaluate import evaluate_run
+from compplan.planning.compare import draw_strategies
+from compplan.planning.evaluate import evaluate_run
 from compplan.reporting.compare_page import find_left
 from compplan.reporting.writers.plan import summarise_comparison
 from compplan.robot.uncertainty import Uncertainty, Unknown

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError, UnknownNameError
-from compplan.posture.costs import (
+from compplan.planning.posture.costs import (
     ModelScatter,
     choose_weights,
     error_columns,

@@ -15,8 +15,8 @@ import compplan.controllers.writers.krl as krl
 import compplan.controllers.writers.program as programs
 import compplan.reporting.writers.plan as outputs
 from compplan.job.job import load_job
-from compplan.plan.plan import plan_job
-from compplan.plan.result import Plan
+from compplan.planning.plan import plan_job
+from compplan.planning.result import Plan
 from compplan.reporting.writers.plan import deliver_plan, note_programs
 
 NC = "G21 G90 G17\nG0 X0 Y0 Z20\nG1 Z0 F600\nX30\nG3 X40 Y10 I0 J10\nG1 Y25\nG0 Z20\n"

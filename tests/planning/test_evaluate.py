@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from compplan.plan.evaluate import Evaluation
+from compplan.planning.evaluate import Evaluation
 
 
 def test_figures_are_of_the_cut_alone():

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from compplan.job.job import check_job
-from compplan.plan.feed import FeedRequest, TorqueRules, find_constant_feed, time_run
-from compplan.plan.plan import PlanOptions, build_task
+from compplan.planning.feed import FeedRequest, TorqueRules, find_constant_feed, time_run
+from compplan.planning.plan import PlanOptions, build_task
 from compplan.robot import load_robot
 from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath
@@ -156,9 +156,7 @@ def test_torque_rows_agree_with_inverse_dynamics() -> None:
     data = rules.model.createData()
     for i in (0, 20, 49):
         q, v = rules.positions[i], rate[i] * np.sqrt(x)
-        columns = pin.computeFrameJacobian(
-            rules.model, data, q, rules.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
+        columns = pin.computeFrameJacobian(rules.model, data, q, rules.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         torque = pin.rnea(rules.model, data, q, v, rate[i] * u + change[i] * x) - columns.T @ wrench[i]
         assert a[i] * u + b[i] * x + c[i] == pytest.approx(torque, abs=1e-6)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InputError
-from compplan.plan.plan import PlanOptions, plan_compensation
+from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.robot import read_robot_folder
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.generators import Pace, generate_circle

@@ -15,10 +15,10 @@ from commandline import run_command
 
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
-from compplan.plan.deflection import Bending, describe_bending
-from compplan.plan.frame_notes import ask_about_tool
-from compplan.plan.notes import describe_spindle
-from compplan.plan.slow import describe_causes, list_causes
+from compplan.planning.deflection import Bending, describe_bending
+from compplan.planning.frame_notes import ask_about_tool
+from compplan.planning.notes import describe_spindle
+from compplan.planning.slow import describe_causes, list_causes
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames
@@ -71,7 +71,7 @@ def test_a_slow_run_names_corners_the_limit_and_what_is_left(follows: bool, word
     assert causes.pop("at corners, where the tool comes to rest") == [28, 29, 30, 31, 32]
     assert causes.pop("at rounded corners") == [77, 78, 79, 80, 81, 82, 83]
     assert causes.pop("by the velocity limit of joint_2") == [59, 60, 61]
-    (text, left), = causes.items()
+    ((text, left),) = causes.items()
     assert text.startswith(words) and "up to 30 % of its limit" in text
     assert left == [*range(50, 59), *range(62, 77), *range(84, 95)]
     said = describe_causes(*slow_run(follows))
@@ -149,13 +149,13 @@ def test_a_new_job_stands_within_reach_with_a_tool_that_is_straight(tmp_path, mo
 def test_a_tool_that_leaves_the_flange_sideways_is_asked_about() -> None:
     job = {**JOB, "robot": "kuka_kr16_2", "tool": {"position_mm": [0.0, 0.0, 150.0]}}
     kuka, ur = load_robot("kuka_kr16_2"), load_robot("ur10")
-    note, = ask_about_tool(check_job(job), kuka)
+    (note,) = ask_about_tool(check_job(job), kuka)
     assert "90 deg away from the direction x" in note and 'frame = "pendant", position_mm = [0.0, 0.0, 150.0]' in note
     assert not ask_about_tool(check_job({**job, "collision": {"tool": "spindle.stl"}}), kuka)
     assert not ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 150.0]}}), ur)  # z leaves a ur10
-    note, = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)
+    (note,) = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [280.0, 0.0, 30.0]}}), ur)
     assert "The tip lies 83.9 deg aside of the direction z" in note
-    note, = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 1200.0]}}), ur)
+    (note,) = ask_about_tool(check_job({**JOB, "tool": {"position_mm": [0.0, 0.0, 1200.0]}}), ur)
     assert list_stops(["a remark", note]) == [note] and list_remarks(["a remark", note]) == ["a remark"]
     assert "1200 mm long" in note and "tool.position_mm in mm" in note
 

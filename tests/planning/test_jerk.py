@@ -12,10 +12,10 @@ import pytest
 from benchmarks.limits import sample_use
 from compplan.controllers.readback.robot import read_joints
 from compplan.job.job import LimitsTable
-from compplan.plan.checks import _vote_on_jerk
-from compplan.plan.feed import FeedRequest, TorqueRules, time_run
-from compplan.plan.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
-from compplan.plan.timing import cutting_runs, find_slowdown, time_command
+from compplan.planning.checks import _vote_on_jerk
+from compplan.planning.feed import FeedRequest, TorqueRules, time_run
+from compplan.planning.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
+from compplan.planning.run_timing import cutting_runs, find_slowdown, time_command
 from compplan.planning.timing import ease, ease_times, time_cut
 from compplan.robot import Array
 from tests.planning.test_feed import ROBOT, arc_path, make_task, square_path
@@ -63,7 +63,7 @@ def test_a_run_that_has_to_stand_still_on_its_way_is_timed_within_its_jerk(monke
 
     task = make_task(arc_path(0.3, 1.2, 120))
     task = replace(task, jerk_limits=limit_jerk(ROBOT, 1.0, 0.1))
-    monkeypatch.setattr("compplan.plan.timing.time_cut", stop_halfway)
+    monkeypatch.setattr("compplan.planning.run_timing.time_cut", stop_halfway)
     held = time_command(task, task.q_start)
     assert np.isfinite(held.time).all() and (np.diff(held.time) >= 0.0).all()
     assert measure_smooth_use(task.q_start, held.time, *_limits(task)).max() < 1.001

@@ -9,8 +9,8 @@ import pytest
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning.part import build_learned
-from compplan.plan.plan import build_task, prepare_job
-from compplan.posture.kept_posture import describe_posture_change, is_same_machine
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.posture.kept_posture import describe_posture_change, is_same_machine
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import write_robot_folder
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compplan.plan.strategies import command_path
-from compplan.plan.strategies.limits import OUT_OF_REACH, check_limits, measure_correction, name_failures
-from compplan.plan.strategies.mirror import mirror_deviation
+from compplan.planning.strategies import command_path
+from compplan.planning.strategies.limits import OUT_OF_REACH, check_limits, measure_correction, name_failures
+from compplan.planning.strategies.mirror import mirror_deviation
 from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose
 from tests.planning.test_strategies import make_path, make_task

@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from compplan.plan.strategies import command_path
-from compplan.plan.task import attain_rows
 from compplan.planning.dense import pick_stations, solve_path, state_problem
 from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
+from compplan.planning.strategies import command_path
+from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain
 from compplan.statics.kinematics import build_loaded_function

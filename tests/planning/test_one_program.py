@@ -11,11 +11,11 @@ import pytest
 
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
-from compplan.plan.plan import Plan, build_task, plan_job, prepare_job
-from compplan.plan.reversals import describe_reversals, list_reversals
-from compplan.plan.timing import cutting_runs, time_command
 from compplan.planning.candidates import judge_gain
-from compplan.posture.slides import count_reversals
+from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
+from compplan.planning.posture.slides import count_reversals
+from compplan.planning.reversals import describe_reversals, list_reversals
+from compplan.planning.run_timing import cutting_runs, time_command
 from compplan.reporting.writers.plan import write_plan
 
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
@@ -121,5 +121,3 @@ def test_a_mirror_strategy_keeps_the_posture_of_the_graph() -> None:
     robot, nominal, options = prepare_job(check_job(CIRCLE, "job.toml"))
     task = build_task(robot, nominal, replace(options, strategy="iterated_mirror"))
     assert task.start is not None and task.start.bettered is None
-
-

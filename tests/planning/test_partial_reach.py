@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from compplan.job.job import Job, check_job
-from compplan.plan.approach import plan_approach
-from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.strategies import command_path
-from compplan.plan.strategies.limits import OUT_OF_REACH
-from compplan.posture.follow import follow_from, reach_with_all
+from compplan.planning.approach import plan_approach
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.posture.follow import follow_from, reach_with_all
+from compplan.planning.strategies import command_path
+from compplan.planning.strategies.limits import OUT_OF_REACH
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 

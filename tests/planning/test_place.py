@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.job import check_job
-from compplan.plan.plan import job_robot
-from compplan.posture.place import Rater, place_part, summarise_placement
-from compplan.posture.settings import PostureSettings
+from compplan.planning.plan import job_robot
+from compplan.planning.posture.place import Rater, place_part, summarise_placement
+from compplan.planning.posture.settings import PostureSettings
 from compplan.reporting.place_map import draw_place_map
 
 TABLE = {

@@ -12,9 +12,9 @@ import compplan as cp
 from compplan.diagnosis import campaign_diagnosis
 from compplan.errors import InputError
 from compplan.job.job import CollisionTable, check_job
-from compplan.plan.notes import _ask_about_x
-from compplan.plan.plan import build_task, prepare_job
-from compplan.posture import collision_scene
+from compplan.planning.notes import _ask_about_x
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.posture import collision_scene
 from compplan.reporting.writers.post import read_part
 from compplan.statics.chain import locate_frames
 

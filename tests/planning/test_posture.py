@@ -11,16 +11,16 @@ from arms import one_joint_arm
 from benchmarks.posture import brute_force, cam_default, cut_stations, mean_square, quantile
 from benchmarks.posture_cases import make_case
 from compplan.errors import InfeasibleError
-from compplan.plan.plan import PlanOptions, plan_compensation
-from compplan.posture.choose import choose_posture_path, sum_errors
-from compplan.posture.configuration import choose_posture
-from compplan.posture.costs import Weights
-from compplan.posture.initial_branches import PostureRequest
-from compplan.posture.lattice import orient_tool
-from compplan.posture.motion import MotionFigures, MotionPrice, measure_inertia_error
-from compplan.posture.search import Rungs, _Joints, _step
-from compplan.posture.settings import PostureSettings
-from compplan.posture.summary import summarise_costs
+from compplan.planning.plan import PlanOptions, plan_compensation
+from compplan.planning.posture.choose import choose_posture_path, sum_errors
+from compplan.planning.posture.configuration import choose_posture
+from compplan.planning.posture.costs import Weights
+from compplan.planning.posture.initial_branches import PostureRequest
+from compplan.planning.posture.lattice import orient_tool
+from compplan.planning.posture.motion import MotionFigures, MotionPrice, measure_inertia_error
+from compplan.planning.posture.search import Rungs, _Joints, _step
+from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.summary import summarise_costs
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm
@@ -290,6 +290,6 @@ def test_a_step_of_the_search_finds_what_a_plain_loop_over_all_edges_finds(monke
             least[o, t], back[o, t] = cost, around[o, w] * b + s
     assert 5 < np.isfinite(least).sum() < g * b
     for block in (60_000, 20):  # all targets at once, and one by one
-        monkeypatch.setattr("compplan.posture.search.BLOCK", block)
+        monkeypatch.setattr("compplan.planning.posture.search.BLOCK", block)
         found, pointer = _step(last, before, here, around, 1, rungs, weights, joints, passes)
         assert found == pytest.approx(least) and (pointer == back).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 
-from compplan.posture.motion import measure_travel_error
+from compplan.planning.posture.motion import measure_travel_error
 from compplan.statics.chain import build_chain
 
 

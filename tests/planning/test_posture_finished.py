@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-import compplan.plan.plan as planning
+import compplan.planning.plan as planning
 from compplan.job.job import check_job
-from compplan.plan.feed import time_run
-from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.task import PlanTask
+from compplan.planning.feed import time_run
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.task import PlanTask
 
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
 RAIL: dict[str, Any] = {

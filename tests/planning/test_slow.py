@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.plan.slow import find_slow_spans
+from compplan.planning.slow import find_slow_spans
 
 N = 200
 

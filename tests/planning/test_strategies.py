@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import UnknownNameError
-from compplan.plan.evaluate import evaluate_run
-from compplan.plan.plan import PlanOptions, build_task
-from compplan.plan.strategies import STRATEGIES, command_path
-from compplan.posture.configuration import Preference
+from compplan.planning.evaluate import evaluate_run
+from compplan.planning.plan import PlanOptions, build_task
+from compplan.planning.posture.configuration import Preference
+from compplan.planning.strategies import STRATEGIES, command_path
 from compplan.robot import LinkElasticity, Spring, load_robot
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.simulation.simulated_robot import build_simulated_robot

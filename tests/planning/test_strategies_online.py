@@ -5,7 +5,7 @@ import pytest
 from montecarlo_cases import cone_study, noise_free_robots
 
 from compplan.errors import UnknownNameError
-from compplan.plan.strategies.online import ONLINE, STRATEGIES, prepare_answers
+from compplan.planning.strategies.online import ONLINE, STRATEGIES, prepare_answers
 from compplan.studies.evaluation import run_strategy
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from compplan.controllers.writers.joint_convention import locate_link
-from compplan.plan.feed import TorqueRules
-from compplan.plan.narrow import INERTIA_WINDOWS
-from compplan.plan.task import PlanTask
-from compplan.plan.timing import FULL_USE, _smooth_run, _turn_in_place, state_timing, time_command
+from compplan.planning.feed import TorqueRules
+from compplan.planning.narrow import INERTIA_WINDOWS
+from compplan.planning.run_timing import FULL_USE, _smooth_run, _turn_in_place, state_timing, time_command
+from compplan.planning.task import PlanTask
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import select_waypoints
 from tests.planning.test_feed import ROBOT, arc_path, make_task

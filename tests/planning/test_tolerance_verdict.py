@@ -13,8 +13,15 @@ import pytest
 from commandline import run_command
 
 from compplan.job.job import check_job
-from compplan.plan.plan import plan_compensation, plan_job, prepare_job
-from compplan.plan.tolerance_verdict import MEASURE, TOUCH_OFF, explain_width, find_change, find_stretches, share_length
+from compplan.planning.plan import plan_compensation, plan_job, prepare_job
+from compplan.planning.tolerance_verdict import (
+    MEASURE,
+    TOUCH_OFF,
+    explain_width,
+    find_change,
+    find_stretches,
+    share_length,
+)
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import widen_to_path
 

@@ -25,7 +25,11 @@ def circle(approach: float = 0.0) -> Toolpath:
 
 def milling(**changes: object) -> MillingProcess:
     keys: dict[str, object] = {
-        "model": "milling", "depth_mm": 2.0, "width_mm": 10.0, "diameter_mm": 10.0, "spindle_rpm": 6000.0,
+        "model": "milling",
+        "depth_mm": 2.0,
+        "width_mm": 10.0,
+        "diameter_mm": 10.0,
+        "spindle_rpm": 6000.0,
         "kc_N_mm2": 800.0,
     }
     return MillingProcess.model_validate(keys | changes)

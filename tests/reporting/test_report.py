@@ -15,14 +15,14 @@ import trimesh
 from robot_library import over_robots
 
 from compplan.errors import ShapeError
-from compplan.plan.approach import Passage
-from compplan.plan.between import Between
-from compplan.plan.compare import Comparison
-from compplan.plan.deflection import Bending
-from compplan.plan.evaluate import Evaluation, measure_margins
-from compplan.plan.result import Plan
-from compplan.plan.task import Command, PlanTask
-from compplan.plan.timing import state_timing
+from compplan.planning.approach import Passage
+from compplan.planning.between import Between
+from compplan.planning.compare import Comparison
+from compplan.planning.deflection import Bending
+from compplan.planning.evaluate import Evaluation, measure_margins
+from compplan.planning.result import Plan
+from compplan.planning.run_timing import state_timing
+from compplan.planning.task import Command, PlanTask
 from compplan.reporting import (
     Chart,
     Column,
@@ -294,7 +294,7 @@ def test_the_page_of_a_plan_says_what_it_reaches(tmp_path: Path) -> None:
 
 def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> None:
     from compplan.job.job import load_job
-    from compplan.plan.plan import plan_job
+    from compplan.planning.plan import plan_job
 
     (tmp_path / "job.toml").write_text(JOB)
     plan = plan_job(load_job(tmp_path / "job.toml"))
@@ -313,7 +313,7 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
 
 def test_a_real_comparison_gets_its_page(tmp_path: Path) -> None:
     from compplan.job.job import load_job
-    from compplan.plan.compare import compare_job
+    from compplan.planning.compare import compare_job
 
     (tmp_path / "job.toml").write_text(JOB)
     comparison = compare_job(load_job(tmp_path / "job.toml"))

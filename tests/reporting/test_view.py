@@ -16,7 +16,7 @@ from montecarlo_cases import cone_job
 
 from compplan.cli import group
 from compplan.errors import InputError
-from compplan.plan.plan import Plan, plan_job
+from compplan.planning.plan import Plan, plan_job
 from compplan.reporting.robot_scene import locate_links
 from compplan.reporting.style import CATEGORIES, NEUTRAL, SEQUENTIAL
 from compplan.reporting.thinning import simplify_path

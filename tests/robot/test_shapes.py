@@ -14,7 +14,7 @@ from planted_robots import PLANTS, plant_robot
 
 from compplan.cli.doctor import examine_robot
 from compplan.errors import InputError
-from compplan.posture.collision_scene import check_bodies
+from compplan.planning.posture.collision_scene import check_bodies
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.shapes import read_bodies, read_origin
 from compplan.robot.solids import make_geometry

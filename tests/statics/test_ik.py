@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.controllers.writers.joint_convention import load_controller, name_words
 from compplan.errors import InputError, ShapeError
-from compplan.posture.configuration import Preference, choose_posture
+from compplan.planning.posture.configuration import Preference, choose_posture
 from compplan.robot import load_robot
 from compplan.statics import ik
 from compplan.statics.chain import locate_frames

@@ -71,7 +71,7 @@ def test_in_a_cell_without_faults_every_exact_strategy_leaves_nothing() -> None:
 
 def test_a_sensor_strategy_answers_as_exactly_as_its_solved_equation() -> None:
     """First order around the expected wrench against the exact solution for another wrench: below 2 um at 20 % more."""
-    from compplan.plan.strategies import iterated_mirror
+    from compplan.planning.strategies import iterated_mirror
 
     study, task = cone_study(), cone_study().task
     cells = noise_free_robots(study, np.ones(1), np.array([1.2]))

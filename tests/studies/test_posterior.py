@@ -14,7 +14,7 @@ from compplan.effects.forward_model import own_springs
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.noise import NoiseTable
-from compplan.plan.plan import build_task, prepare_job
+from compplan.planning.plan import build_task, prepare_job
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.studies import evaluation as judging
 from compplan.studies.evaluation import run_strategy

@@ -43,7 +43,6 @@ class Field:
         return np.asarray(np.cos(position @ self.frequency.T + self.phase) @ self.amplitude)
 
 
-
 @dataclass(frozen=True, eq=False)
 class Draw:
     """One robot that might be the true one.
@@ -57,7 +56,6 @@ class Draw:
     robot: Robot
     field: Field
     values: Array
-
 
 
 def draw_values(known: Uncertainty, count: int, seed: int) -> Array:
@@ -78,7 +76,6 @@ def draw_field(known: Uncertainty, seed: int, number: int) -> Field:
     frequency = random.standard_normal((WAVES, 3)) / known.scale
     phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
     return Field(frequency, phase, known.smooth * np.sqrt(2.0 / WAVES) * random.standard_normal((WAVES, 3)))
-
 
 
 def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
@@ -102,7 +99,6 @@ def draw_robots(robot: Robot, count: int, seed: int) -> Iterator[Draw]:
             if effect is not None:
                 drawn = fold_effects(drawn, [effect])
         yield Draw(drawn, draw_field(known, seed, number), values)
-
 
 
 class Sampled(NamedTuple):

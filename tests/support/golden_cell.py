@@ -230,7 +230,7 @@ def write_job(folder: Path, language: str, *, fills: bool = True) -> Path:
         f"mass_kg = {MASS}\ncentre_of_mass_mm = [60.0, 7.0, -20.0]\n"
         f'[process]\nmodel = "constant"\nforce_N = [0.0, 0.0, 0.0]\n'
         f'[plan]\nstrategy = "none"\nrotate_about_tool_axis = false\ntool_x = [0.0, 0.0, 1.0]\n'
-        f'[feed]\ncorner_tolerance_mm = 0.0\n'
+        f"[feed]\ncorner_tolerance_mm = 0.0\n"
         f'[output]\nform = "both"\nfit_tolerance_mm = 0.0\nprograms = ["{language}"]\n'
         f"cell = {{ overwrite = {'true' if fills else 'false'} }}\n"
     )

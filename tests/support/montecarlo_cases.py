@@ -8,8 +8,8 @@ import numpy as np
 
 from compplan.job.job import Job, check_job
 from compplan.job.noise import NoiseTable
-from compplan.plan.plan import build_task, prepare_job
-from compplan.plan.task import PlanTask
+from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.studies.sampling import Cells
 from compplan.studies.study import Study, prepare_study

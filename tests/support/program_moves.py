@@ -15,6 +15,15 @@ from compplan.controllers.readback.poses import (
 )
 
 __all__ = [
-    "NUMBER", "Move", "Pose", "abb_pose", "fanuc_pose", "kawasaki_pose", "kuka_pose", "read_numbers", "shift",
-    "turn", "vector_pose",
+    "NUMBER",
+    "Move",
+    "Pose",
+    "abb_pose",
+    "fanuc_pose",
+    "kawasaki_pose",
+    "kuka_pose",
+    "read_numbers",
+    "shift",
+    "turn",
+    "vector_pose",
 ]

@@ -99,9 +99,7 @@ TEMPLATES: tuple[Template, ...] = (
 )
 
 
-def draw_robot(
-    rng: np.random.Generator, name: str, *, rail: bool = False
-) -> tuple[RobotDescription, Template]:
+def draw_robot(rng: np.random.Generator, name: str, *, rail: bool = False) -> tuple[RobotDescription, Template]:
     """Draw a nominal robot: one of the templates with masses, centres and tool of its own.
 
     Args:

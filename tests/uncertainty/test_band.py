@@ -14,7 +14,7 @@ from commandline import run_command
 from drawn_robots import draw_field, draw_robots, draw_values, sample_promise
 
 from compplan.measurement.distance import band_radius, calibrate_band
-from compplan.plan.plan import PlanOptions, plan_compensation
+from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.toolpath.generators import Pace, generate_circle

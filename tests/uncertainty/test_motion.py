@@ -14,8 +14,8 @@ from scipy.special import ndtri
 
 from compplan.job.job import check_job
 from compplan.measurement.distance import band_radius
-from compplan.plan.deflection import find_inside, follow_links
-from compplan.plan.plan import plan_job
+from compplan.planning.deflection import find_inside, follow_links
+from compplan.planning.plan import plan_job
 from compplan.robot.model import Body
 from compplan.simulation.inertia import average_loads
 from compplan.simulation.response import MODES, ring
@@ -194,7 +194,8 @@ def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not()
     plain, placed = (
         plan_job(check_job({**JOB, **more}, "job.toml"))
         for more in (
-            {"part": {**JOB["part"], "touched_off": False}}, {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}}
+            {"part": {**JOB["part"], "touched_off": False}},
+            {"noise": {"part_frame_mm": 0.5, "part_frame_deg": 0.0}},
         )
     )
     assert any("place of the part" in one for one in plain.verdict.left_out)

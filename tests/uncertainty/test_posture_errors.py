@@ -13,9 +13,9 @@ from compplan.effects.linearization import linearize_model
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
-from compplan.plan.plan import job_robot, plan_job
-from compplan.posture.choose import choose_posture_path
-from compplan.posture.settings import read_settings
+from compplan.planning.plan import job_robot, plan_job
+from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.settings import read_settings
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.uncertainty.assumed import robot_uncertainty

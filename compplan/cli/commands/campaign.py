@@ -56,7 +56,7 @@ def command(
     from compplan.job.operations import load_one_job
     from compplan.learning.campaign import Equipment, design_campaign, parse_weights
     from compplan.measurement.registration import parse_parts
-    from compplan.plan.plan import plan_job
+    from compplan.planning.plan import plan_job
     from compplan.reporting.writers.campaign import write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:

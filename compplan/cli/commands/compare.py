@@ -13,7 +13,7 @@ from compplan.io.tables import dump_json
 from compplan.job.names import STRATEGIES
 
 if TYPE_CHECKING:
-    from compplan.plan.compare import Comparison
+    from compplan.planning.compare import Comparison
 
 
 @click.command(epilog=f"Strategies: {', '.join(STRATEGIES)}.")
@@ -28,7 +28,7 @@ def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     """
     from compplan.cli.commands.progress import show_progress
     from compplan.job.operations import load_one_job
-    from compplan.plan.compare import compare_job
+    from compplan.planning.compare import compare_job
     from compplan.reporting.writers.plan import summarise_comparison, write_comparison
 
     checked = load_one_job(job, robot)

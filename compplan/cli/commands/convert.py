@@ -20,8 +20,10 @@ from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_
 
 CHOICES = {
     "arc_centres": ["incremental", "absolute", "reversed"],
-    "circle_sense": ["auto", "right_hand", "left_hand"], "tilt_angles": ["spatial"],
-    "cycles": ["skip", "expand"], "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
+    "circle_sense": ["auto", "right_hand", "left_hand"],
+    "tilt_angles": ["spatial"],
+    "cycles": ["skip", "expand"],
+    "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
 }
 
 #: Endings of a toolpath table.

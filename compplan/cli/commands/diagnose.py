@@ -40,7 +40,9 @@ from compplan.reporting.writers.diagnosis import deliver_diagnosis
 @click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
 @click.option(
-    "--without", multiple=True, metavar="EFFECT",
+    "--without",
+    multiple=True,
+    metavar="EFFECT",
     help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}.",
 )
 @measured_options

@@ -17,8 +17,12 @@ from compplan.process.force_models import FORCE_MODELS
 @click.command(epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.")
 @click.argument("job", type=click.Path(path_type=Path))
 @click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
-@click.option("--log", type=click.Path(path_type=Path), help="Measured forces: CSV with s_mm or t_s, the length or the "
-              "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path),
+    help="Measured forces: CSV with s_mm or t_s, the length or the "
+    "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.",
+)
 @click.option("--write", "table", type=click.Path(path_type=Path), help="With --log: write the fitted coefficients to "
               "this file, which a job then names as its materials; process.toml of a robot folder takes the level "
               "instead, which later plans read.")  # fmt: skip

@@ -177,8 +177,8 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
     """
     from compplan.job.job import check_job
     from compplan.job.operations import split_job
-    from compplan.plan.plan import job_robot
-    from compplan.posture.first_place import find_first_place
+    from compplan.planning.plan import job_robot
+    from compplan.planning.posture.first_place import find_first_place
 
     try:
         job = split_job(check_job(tomllib.loads(text), file))[0]
@@ -195,7 +195,7 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
 def ease_force(text: str, file: Path) -> str:
     """Lower the force of a job's text to what its arm bears; it stays where the path cannot be followed."""
     from compplan.job.job import check_job
-    from compplan.plan.first_force import bearable_share
+    from compplan.planning.first_force import bearable_share
     from compplan.process.force_models.isf import IsfProcess
 
     try:

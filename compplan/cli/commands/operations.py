@@ -13,7 +13,7 @@ from compplan.io.tables import dump_json
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
-    from compplan.plan.result import Plan
+    from compplan.planning.result import Plan
 
 
 def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str = "") -> None:
@@ -31,9 +31,9 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
     """
     from compplan.cli.commands.progress import show_progress
     from compplan.io.notes import Stop
-    from compplan.plan.operations import summarise_operations
-    from compplan.plan.plan import plan_job
-    from compplan.plan.result import replace_said
+    from compplan.planning.operations import summarise_operations
+    from compplan.planning.plan import plan_job
+    from compplan.planning.result import replace_said
     from compplan.reporting.operations_page import describe_operations
     from compplan.reporting.writers.operations import deliver_operations, describe_order
     from compplan.reporting.writers.plan import note_programs

@@ -21,8 +21,8 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     """
     from compplan.cli.commands.progress import show_progress
     from compplan.job.operations import load_one_job
-    from compplan.plan.plan import job_robot
-    from compplan.posture.place import place_part
+    from compplan.planning.plan import job_robot
+    from compplan.planning.posture.place import place_part
     from compplan.reporting.writers.place import write_placement
     from compplan.uncertainty.posture_errors import posture_errors
 

@@ -84,10 +84,10 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     """Plan a job of one tool, as `carry_out` says."""
     from compplan.cli.commands.progress import show_progress
     from compplan.io.notes import Stop
-    from compplan.plan.deflection import describe_bending
-    from compplan.plan.frame_notes import describe_part_frame
-    from compplan.plan.plan import plan_job
-    from compplan.plan.result import replace_said
+    from compplan.planning.deflection import describe_bending
+    from compplan.planning.frame_notes import describe_part_frame
+    from compplan.planning.plan import plan_job
+    from compplan.planning.result import replace_said
     from compplan.reporting.provenance import describe_grade
     from compplan.reporting.style import format_length
     from compplan.reporting.writers.plan import deliver_plan, note_programs, summarise_plan

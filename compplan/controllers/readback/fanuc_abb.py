@@ -86,7 +86,17 @@ class _Fanuc:
         mounted = self.frames.get(self.active["UTOOL"])
         self.moves.append(
             Move(
-                kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via,
+                kind,
+                stops,
+                joints,
+                external,
+                pose,
+                feed,
+                percent,
+                configuration,
+                mounted,
+                base,
+                via=via,
                 carried=carried is not None,
             )
         )
@@ -102,9 +112,7 @@ def read_fanuc(path: Path) -> list[Move]:
 # ------------------------------------------------------------------------------------------------------------- RAPID
 
 
-_RAPID_MOVE = re.compile(
-    r"(Move(?:AbsJ|L|C)) \[(.*)\],(\[[^\]]*\]),(\w+|\[FALSE,[^\]]*\]),(\w+)(?:\\WObj:=(\w+))?;"
-)
+_RAPID_MOVE = re.compile(r"(Move(?:AbsJ|L|C)) \[(.*)\],(\[[^\]]*\]),(\w+|\[FALSE,[^\]]*\]),(\w+)(?:\\WObj:=(\w+))?;")
 
 
 @dataclass
@@ -149,7 +157,18 @@ class _Rapid:
         kind, stops = {"MoveAbsJ": "joint", "MoveL": "line", "MoveC": "arc"}[word], zone == "fine"
         self.moves.append(
             Move(
-                kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load, via=via,
+                kind,
+                stops,
+                joints,
+                external,
+                pose,
+                feed,
+                None,
+                configuration,
+                mounted,
+                base,
+                load,
+                via=via,
                 carried=self.units.get(frame or "", "") in self.active,
             )
         )

@@ -74,7 +74,7 @@ def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] 
         if row is None:
             return (
                 f"move {number} ends beside the planned path behind waypoint {at} (the way there included): the wrist "
-                "may be near a singularity; write joint moves ([output] form = \"joint\") or move the part"
+                'may be near a singularity; write joint moves ([output] form = "joint") or move the part'
             )
         at = row
         found.append(at)

@@ -198,7 +198,17 @@ class _Krl:
         load = tuple(self.values.get("$LOAD") or ())
         self.moves.append(
             Move(
-                kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle,
+                kind,
+                stops,
+                joints,
+                external,
+                pose,
+                feed,
+                percent,
+                configuration,
+                **frames,
+                load=load,
+                via=middle,
                 carried=self.carried,
             )
         )

@@ -57,9 +57,7 @@ class ReportedProgram:
 
     def take(self, rows: NDArray[np.int_]) -> ReportedProgram:
         """Return what is to be said at some of the rows."""
-        words = {
-            key: replace(word, above=word.above[rows], sure=word.sure[rows]) for key, word in self.words.items()
-        }
+        words = {key: replace(word, above=word.above[rows], sure=word.sure[rows]) for key, word in self.words.items()}
         return replace(
             self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], stands=self.stands[rows],
             share=self.share[rows],

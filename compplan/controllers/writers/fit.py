@@ -132,13 +132,31 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     some: dict[str, Any] = {
         name: None if (values := getattr(program, name)) is None else values[ends]
         for name in (
-            "joints", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of",
+            "joints",
+            "rapid",
+            "exact",
+            "time",
+            "tcp",
+            "status",
+            "bent",
+            "free",
+            "coarser",
+            "arc_of",
+            "line_of",
             "corner",
         )
     }
     words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
     fewer = replace(
-        program, **some, feed=feed, via=via, bend=bend, words=words, native=native, events=tuple(events), tolerance=0.0,
+        program,
+        **some,
+        feed=feed,
+        via=via,
+        bend=bend,
+        words=words,
+        native=native,
+        events=tuple(events),
+        tolerance=0.0,
         pieces={},
     )
     return Fitted(fewer, ends, kind, int(np.count_nonzero(short)))
@@ -147,9 +165,7 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
 class _Track:
     """The tip along a program's rows: what a line, an arc or a cubic between two of them leaves."""
 
-    def __init__(
-        self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool, curves: bool
-    ) -> None:
+    def __init__(self, program: Program, tolerance: float, stops: NDArray[np.bool_], arcs: bool, curves: bool) -> None:
         assert program.time is not None
         poses = program.positions
         self.x, self.turn = 1e3 * poses[:, :3, 3], quaternions(poses)

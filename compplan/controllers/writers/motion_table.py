@@ -140,5 +140,3 @@ def list_assumed_motion(table: MotionTable | None) -> list[str]:
     if table is not None and table.source == ASSUMED:
         stated = set()
     return [name for name in MotionTable.model_fields if name not in {*stated, "source", "resolution_mm"}]
-
-

@@ -57,12 +57,15 @@ class Templated(Protocol):
     @property
     def name(self) -> str:
         """Name of the program."""
+
     @property
     def header(self) -> tuple[str, ...]:
         """Lines that run before the first move."""
+
     @property
     def footer(self) -> tuple[str, ...]:
         """Lines that run after the last move."""
+
     @property
     def post(self) -> Post:
         """How the job wants it written."""

@@ -47,9 +47,7 @@ def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]
     found: list[Effect] = []
     gap = typical_gap(robot, part, register, found)
     while gap > SUSPICIOUS:
-        trials = [
-            (typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot))
-        ]
+        trials = [(typical_gap(robot, part, register, [*found, e]), n, e) for n, e in enumerate(hypotheses(robot))]
         best = min(trials, key=lambda t: (t[0], t[1]))
         if best[0] > CONVINCING * gap:
             several = [(typical_gap(robot, part, register, [*found, *e]), n, e)

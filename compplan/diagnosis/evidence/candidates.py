@@ -27,9 +27,7 @@ def key_of(signature: Signature) -> Key:
     return (*signature.place, signature.form)
 
 
-def offered_signatures(
-    at: Linearization, register: Sequence[str], excluded: Sequence[str]
-) -> list[Signature]:
+def offered_signatures(at: Linearization, register: Sequence[str], excluded: Sequence[str]) -> list[Signature]:
     """List every signature that needs no search for rows or periods: registration and effects."""
     offered = registration_signatures(at, register)
     for name, model in EFFECTS.items():

@@ -208,9 +208,7 @@ def _frames(fitted: Fit) -> Array:
     return np.asarray(np.linalg.qr(columns.reshape(ledger.observed[0].size, columns.shape[-1]))[0])
 
 
-def _predict_rest(
-    fitted: Fit, frames: Array, given: Sequence[tuple[Array, Array]], rest: NDArray[np.bool_]
-) -> float:
+def _predict_rest(fitted: Fit, frames: Array, given: Sequence[tuple[Array, Array]], rest: NDArray[np.bool_]) -> float:
     """Return the mean square distance that a model fitted to some products leaves of other rows. [m^2]"""
     ledger, posterior = fitted.search.ledger, fitted.model.posterior
     prior = fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns]

@@ -143,9 +143,7 @@ def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
     return _Known(tuple(unknowns), np.array(columns, int), moment, missing)
 
 
-def _add_rivals(
-    known: _Known, explanations: Sequence[Explanation]
-) -> tuple[_Known, tuple[AlternativeRobot, ...]]:
+def _add_rivals(known: _Known, explanations: Sequence[Explanation]) -> tuple[_Known, tuple[AlternativeRobot, ...]]:
     """Add what the robot is off under rival explanations: to the second moment, and one by one.
 
     A cause changes the robot by d, which is d_r with weight w_r and else nothing. The mean that the folder lacks

@@ -278,9 +278,7 @@ def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) ->
             effect = signature.effect(values[columns] * signature.scale)
             rivals = tuple(find_alternatives(fit, claim.signature, values))
             beyond = find_breach(fit, effect, explained, gap)
-            found.append(
-                Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond)
-            )
+            found.append(Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond))
     return tuple(found)
 
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
 
 
-
 @dataclass(frozen=True, eq=False)
 class Division:
     """How a gap spreads over the rows.

@@ -181,7 +181,12 @@ def _search_ledger(
     prior = build_prior(ledger, free, problem.excluded)
     candidates = [n for n in range(len(signatures)) if n not in free]
     search = Search(
-        ledger, prior, log_priors(signatures), candidates, start_hyper(ledger, len(CLASSES)), progress=progress,
+        ledger,
+        prior,
+        log_priors(signatures),
+        candidates,
+        start_hyper(ledger, len(CLASSES)),
+        progress=progress,
         rigid=is_rigid(problem),
     )
     numbers = {key_of(s): n for n, s in enumerate(signatures)}

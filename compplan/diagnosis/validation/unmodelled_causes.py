@@ -81,9 +81,7 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
     ledger = extend_normal_equations(old, fresh)
     kinds = list(dict.fromkeys(class_of(s) for s in fresh))
     numbers = range(len(old.signatures), len(ledger.signatures))
-    members = tuple(
-        ledger.join_columns(n for n in numbers if class_of(ledger.signatures[n]) == kind) for kind in kinds
-    )
+    members = tuple(ledger.join_columns(n for n in numbers if class_of(ledger.signatures[n]) == kind) for kind in kinds)
     prior = _loosen(fit, ledger, members)
     hyper = fit.model.posterior.hyper
     hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))

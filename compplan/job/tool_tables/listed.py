@@ -90,7 +90,7 @@ def read_scale(unit: str, path: Path, tool: int) -> float:
         return 1.0
     if lower.startswith("inch") or lower == "in":
         return INCH
-    raise InputError(f"T{tool} states no unit of its lengths; write [tools] unit = \"mm\" or \"inch\"", file=path)
+    raise InputError(f'T{tool} states no unit of its lengths; write [tools] unit = "mm" or "inch"', file=path)
 
 
 def as_mapping(value: object) -> Mapping[str, Any]:

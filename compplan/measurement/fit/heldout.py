@@ -78,5 +78,3 @@ def distance_rms(residual: Array, rows: NDArray[np.bool_]) -> float:
     part = residual[rows, :3]
     known = np.isfinite(part).any(axis=1)
     return float(np.sqrt(np.mean(np.nansum(part[known] ** 2, axis=1)))) if known.any() else float("nan")
-
-

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from compplan.planning.posture.clearance import linearise_margin
+from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.problem import PlanningProblem, Station
-from compplan.posture.clearance import linearise_margin
-from compplan.posture.collision_scene import CollisionScene
 from compplan.robot import Array
 
 

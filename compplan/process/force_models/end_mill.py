@@ -47,9 +47,7 @@ class EndMillProcess(CuttingTable):
 
     def spindle(self) -> Spindle:
         """Return how the cutter turns."""
-        return Spindle(
-            self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm
-        )
+        return Spindle(self.teeth, self.spindle_rpm / 60.0, float(np.radians(self.helix_deg)), 1e-3 * self.runout_mm)
 
     def cutter(self) -> Cutter:
         """Return the cutter's shape."""

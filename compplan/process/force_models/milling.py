@@ -71,8 +71,16 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
     cos_cos = 0.5 * (high - low) + 0.25 * (np.sin(2.0 * high) - np.sin(2.0 * low))
     cosine = np.sin(high) - np.sin(low)
     kr = process.radial_ratio
-    shape = np.array([-cos_sin - kr * cos_cos, cos_cos - kr * cos_sin, process.axial_ratio * cosine, 0.0, 0.0,
-                      radius * 1e-3 * cosine])
+    shape = np.array(
+        [
+            -cos_sin - kr * cos_cos,
+            cos_cos - kr * cos_sin,
+            process.axial_ratio * cosine,
+            0.0,
+            0.0,
+            radius * 1e-3 * cosine,
+        ]
+    )
     feed_mm_rev = feed * 1e3 * 60.0 / process.spindle_rpm  # teeth times feed a tooth
     return (process.kc_N_mm2 * process.depth_mm * feed_mm_rev / (2.0 * np.pi))[:, None] * shape
 

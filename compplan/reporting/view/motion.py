@@ -23,7 +23,6 @@ def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
     return follow_joints(cell.base, cell.joints, value)
 
 
-
 def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
     """Return how the tip moves with each joint: axis x (tip - axis point) of a turning joint, axis of a sliding one.
 

@@ -96,10 +96,15 @@ def summarise_update(teaching: LearnedPart) -> dict[str, Any]:
         "band_before_mm": _describe_band(lesson.band_before, lesson.band_seen[0]),
         "band_after_mm": _describe_band(lesson.band_after, lesson.band_seen[1]),
         "told_other_paths": {
-            "force": teaching.travel.force and lesson.taken, "robot": teaching.travel.robot and lesson.taken,
-            "left_mm": dict(zip(("nothing", "force", "force_and_robot"),
-                                (1e3 * value if np.isfinite(value) else None for value in teaching.travel.left),
-                                strict=True)),
+            "force": teaching.travel.force and lesson.taken,
+            "robot": teaching.travel.robot and lesson.taken,
+            "left_mm": dict(
+                zip(
+                    ("nothing", "force", "force_and_robot"),
+                    (1e3 * value if np.isfinite(value) else None for value in teaching.travel.left),
+                    strict=True,
+                )
+            ),
             "force_level": None if teaching.force is None else teaching.force.level,
         },
         "learned": [

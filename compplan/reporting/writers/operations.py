@@ -17,8 +17,8 @@ from typing import Any
 from compplan.controllers.writers.sequence import WHOLE
 from compplan.io.tables import read_text, write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.plan.operations import summarise_operations
-from compplan.plan.result import Plan
+from compplan.planning.operations import summarise_operations
+from compplan.planning.result import Plan
 from compplan.reporting.operations_page import write_operations_page
 from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
 
@@ -73,9 +73,7 @@ def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> 
     return read, [Path(folder) / name for name in names]
 
 
-def _write_mains(
-    plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str
-) -> list[Path]:
+def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:
     """Write the programs that call those of all tools, in the languages that have calls."""
     from compplan.controllers.writers.sequence import write_sequence
 

@@ -9,7 +9,7 @@ from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json
 from compplan.io.transaction import replace_folder
 from compplan.job.job import Job
-from compplan.posture.place import PlaceResult, summarise_placement
+from compplan.planning.posture.place import PlaceResult, summarise_placement
 from compplan.reporting.place_map import draw_place_map
 from compplan.reporting.place_page import write_place_page
 

@@ -22,9 +22,9 @@ from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.job import Job
-from compplan.plan.compare import Comparison, summarise_comparison
-from compplan.plan.executed import bound_zones, describe_unfollowed
-from compplan.plan.result import Plan, replace_said, summarise_plan
+from compplan.planning.compare import Comparison, summarise_comparison
+from compplan.planning.executed import bound_zones, describe_unfollowed
+from compplan.planning.result import Plan, replace_said, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose

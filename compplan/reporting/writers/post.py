@@ -11,9 +11,9 @@ from compplan.errors import InputError
 from compplan.io.tomlfile import read_named_table, read_toml
 from compplan.job.job import Job, check_job
 from compplan.job.operations import split_job
-from compplan.plan.operations import worst_status
-from compplan.plan.plan import plan_job
-from compplan.plan.result import Plan
+from compplan.planning.operations import worst_status
+from compplan.planning.plan import plan_job
+from compplan.planning.result import Plan
 from compplan.reporting.writers.operations import deliver_operations
 from compplan.reporting.writers.plan import deliver_plan, note_programs
 from compplan.robot.folder import find_robot_folder

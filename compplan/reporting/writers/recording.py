@@ -32,7 +32,7 @@ from compplan.robot.solids import triangulate_box, triangulate_rod
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
     from compplan.diagnosis.results.shares import Shares
-    from compplan.plan.plan import Plan
+    from compplan.planning.plan import Plan
 
 #: Colour of the stock.
 STOCK_COLOUR = (0.66, 0.70, 0.74, 0.35)

@@ -18,21 +18,68 @@ from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import refuse_unit
 
 REFUSED = {
-    "COPY": "repeated paths", "TRACUT": "transformed paths", "MACRO": "macros", "CALL": "macros", "LOOPST": "loops",
-    "SPLINE": "splines", "BSPLINE": "splines", "POCKET": "pocket cycles", "GOLFT": "part programs",
-    "GORGT": "part programs", "GOUP": "part programs", "GODOWN": "part programs", "GOBACK": "part programs",
-    "GO": "part programs", "HELIX": "helix records", "REFSYS": "transformed paths", "MIRROR": "mirrored paths",
-    "SCALE": "scaled paths", "INDEX": "repeated paths",
-    "BSPLN": "splines", "PITCH": "threads", "PLUNGE": "plunge moves",
+    "COPY": "repeated paths",
+    "TRACUT": "transformed paths",
+    "MACRO": "macros",
+    "CALL": "macros",
+    "LOOPST": "loops",
+    "SPLINE": "splines",
+    "BSPLINE": "splines",
+    "POCKET": "pocket cycles",
+    "GOLFT": "part programs",
+    "GORGT": "part programs",
+    "GOUP": "part programs",
+    "GODOWN": "part programs",
+    "GOBACK": "part programs",
+    "GO": "part programs",
+    "HELIX": "helix records",
+    "REFSYS": "transformed paths",
+    "MIRROR": "mirrored paths",
+    "SCALE": "scaled paths",
+    "INDEX": "repeated paths",
+    "BSPLN": "splines",
+    "PITCH": "threads",
+    "PLUNGE": "plunge moves",
 }
 SILENT = {
-    "MACHIN", "TLDATA", "SELECT", "CUTTER", "INTOL", "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI",
-    "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
-    "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *RECORDS,
+    "MACHIN",
+    "TLDATA",
+    "SELECT",
+    "CUTTER",
+    "INTOL",
+    "TOLER",
+    "OUTTOL",
+    "PAINT",
+    "DISPLAY",
+    "END-OF-PATH",
+    "FINI",
+    "SEQNO",
+    "REWIND",
+    "MULTAX",
+    "END",
+    "LEADER",
+    "CLEARP",
+    "CLDIST",
+    "PROBE",
+    "CLRSRF",
+    "OPSKIP",
+    "TLCOMP",
+    "CUTCOM",
+    "ARCSLP",
+    "LINTOL",
+    "MAXDPM",
+    "MAXANG",
+    "DISPLY",
+    "PROGRAM",
+    *RECORDS,
 }
 #: mm/s for one unit of feed; None: a revolution of the spindle.
 FEED_UNITS = {
-    "MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0,
+    "MMPM": 1.0 / 60.0,
+    "MMPMIN": 1.0 / 60.0,
+    "MPM": 1000.0 / 60.0,
+    "MMPS": 1.0,
+    "IPM": INCH / 60.0,
     "FPM": 12 * INCH / 60.0,
 }
 REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
@@ -296,4 +343,3 @@ class _AptReader(ArcReader):
         self.placed = True
         length = math.dist(point, start)
         self.before = combine(1.0 / length, point, -1.0 / length, start) if length > 1e-6 and not rapid else None
-

@@ -146,9 +146,7 @@ class ArcReader:
 
     def _cut_arc(self, pending: Pending, start: Point, end: Point, axis: Point) -> None:
         """Cut along an arc, and keep how it leaves for the arc after it."""
-        arc = arc_about(
-            start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns
-        )
+        arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
         if not fits_circle(arc.radius, arc.end_radius):
             message = f"arc starts {arc.radius:.4f} mm from its axis and ends {arc.end_radius:.4f} mm from it"
             raise self.error(f"{message}, expected the same radius")

@@ -376,4 +376,3 @@ class _HeidenhainReader(HeidenhainCycleReader):
             self.log.note(f"FUNCTION {rest.split()[0]} is not read", self.line)
         else:
             raise self.error(f"FUNCTION {rest[:30]!r} is not read and may change the path")
-

@@ -176,7 +176,7 @@ class HeidenhainFrameReader(FollowedReader):
         self.tilted = not tilt.plain
         if tilt == self.tilt:
             return
-        if (self.turned or self.scale != 1.0 or self.mirror != (1.0, 1.0, 1.0) or self.after != NOWHERE):
+        if self.turned or self.scale != 1.0 or self.mirror != (1.0, 1.0, 1.0) or self.after != NOWHERE:
             raise self.error("a plane is tilted, or tilted back, while a shift made in it, a rotation, a mirror or a "
                              "scale is in force; take that back first")  # fmt: skip
         self.tilt = tilt

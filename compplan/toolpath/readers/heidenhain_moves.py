@@ -297,9 +297,7 @@ class HeidenhainMoveReader(HeidenhainMachineReader):
                 centre = places[0], places[1], places[2]
             if "IPA" in words:
                 turns = self._count_turns(self.value(words["IPA"]), right_hand=right_hand)
-        self.contour.add(
-            Element(start, target, named, feed, self.line, centre, normal, right_hand, turns), corner
-        )
+        self.contour.add(Element(start, target, named, feed, self.line, centre, normal, right_hand, turns), corner)
         self.was_rapid = False
 
     def _sense(self, words: Mapping[str, str]) -> bool:

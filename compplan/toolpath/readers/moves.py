@@ -34,7 +34,13 @@ LARGEST_RADIUS = 1e6
 #: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none, line.
 WIDTH = 10
 COUNTERS = (
-    "cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks", "rotary_only_moves",
+    "cutting_moves",
+    "rapid_moves",
+    "arcs",
+    "full_circles",
+    "helical_arcs",
+    "unmoved_blocks",
+    "rotary_only_moves",
     "cycles",
 )
 
@@ -317,7 +323,15 @@ class MoveLog:
         return CamFile(
             Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line),
             CamFacts(
-                str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
-                waypoints=len(table), notes=notes, **facts
+                str(file),
+                kind,
+                unit,
+                lines,
+                cutting_length_mm=self.length,
+                box_mm=box,
+                arc_length_mm=self.arc_length,
+                waypoints=len(table),
+                notes=notes,
+                **facts,
             ),
         )

@@ -13,9 +13,7 @@ PLAIN_CODE = re.compile(
     rf"(?:F{_NUMBER}[ \t]*)?"
 )
 #: L X+1.5 Y-2 Z+.3 F1000 (Heidenhain).
-PLAIN_KLARTEXT = re.compile(
-    rf"L(?: ?X{_NUMBER})?(?: ?Y{_NUMBER})?(?: ?Z{_NUMBER})?(?: ?F{_NUMBER})?(?: M90)?"
-)
+PLAIN_KLARTEXT = re.compile(rf"L(?: ?X{_NUMBER})?(?: ?Y{_NUMBER})?(?: ?Z{_NUMBER})?(?: ?F{_NUMBER})?(?: M90)?")
 
 
 def read_place(found: re.Match[str], old: Point, scale: float, zero: Point = (0.0, 0.0, 0.0)) -> Point | None:

@@ -54,7 +54,6 @@ HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
 
 
-
 def recognise(text: str) -> int:
     """Tell whether a text is of a Sinumerik control: 1 for G-code of no mark, which the ending decides."""
     sure = SURE.search(BRACKETED.sub("", text)) is not None and PROGRAM_NUMBER.search(text) is None
@@ -277,6 +276,7 @@ class _SinumerikReader(SinumerikFlowReader):
             self.numbers.pop((variable, indices), None)
             return
         self.numbers[variable, indices] = value
+
 
 def _holds(unit: Unit) -> bool:
     """Return whether a program has a line that is no comment."""

@@ -375,7 +375,6 @@ class SinumerikMoveReader(SinumerikFrameReader):
         return find_centre(start, target, normal, signed, right_hand=right_hand), target
 
 
-
 def _flat(point: Point, normal: Point) -> Point:
     """Return a point moved into the plane through the origin."""
     return combine(1.0, point, -dot(point, normal), normal)

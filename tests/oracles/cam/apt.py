@@ -263,9 +263,7 @@ class AptReader:
             along = sign * _dot(self.straight, across) / math.hypot(*self.straight) / math.hypot(*across)
             self.votes += 1 if along > SMOOTH else -1 if along < -SMOOTH else 0
         middle = tuple(c + rise * k for c, k in zip(arc.centre, n, strict=True))
-        self.record.move(
-            ARC, place, self.speed(), self.axis, centre=middle, normal=n, sweep=sweep + arc.turns * turn
-        )
+        self.record.move(ARC, place, self.speed(), self.axis, centre=middle, normal=n, sweep=sweep + arc.turns * turn)
         self.at, self.straight = place, ()
 
     def read_cycle(self, words: list[str]) -> None:

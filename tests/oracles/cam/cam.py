@@ -112,9 +112,7 @@ def pick_operation(reading: Reading, number: int) -> Reading:
     if reading.kind[first] != RAPID and first > 0:
         first -= 1  # the cut begins where the tool before ended
     rows = slice(first, after)
-    taken = {
-        item.name: getattr(reading, item.name)[rows].copy() for item in fields(reading) if item.name != "notes"
-    }
+    taken = {item.name: getattr(reading, item.name)[rows].copy() for item in fields(reading) if item.name != "notes"}
     taken["kind"][0], taken["feed"][0] = RAPID, 0.0
     return replace(reading, **taken)
 

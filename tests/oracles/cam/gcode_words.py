@@ -57,7 +57,7 @@ def _cut_slowly(text: str, values: dict[str, float], line: int) -> Words:
     while at < len(text):
         head = _START.match(text, at)
         if head is None:
-            raise CannotTellError(f"{text[at:at + 20]!r}", line)
+            raise CannotTellError(f"{text[at : at + 20]!r}", line)
         at = head.end()
         sign = -1.0 if head[2] == "-" else 1.0
         if text[at : at + 1] == "[":
@@ -72,7 +72,7 @@ def _cut_slowly(text: str, values: dict[str, float], line: int) -> Words:
                 words.append((head[1], 0.0))
                 continue
             if match is None:
-                raise CannotTellError(f"{text[head.start():head.start() + 20]!r}", line)
+                raise CannotTellError(f"{text[head.start() : head.start() + 20]!r}", line)
             value, end = evaluate(match[0], values), match.end()
         words.append((head[1], sign * value))
         at = end

@@ -17,9 +17,7 @@ _FIELD = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER})\s*")
 _MOVE = re.compile(r"S?(PTP|LIN|CIRC)\b\s*(.*)")
 _TARGET = re.compile(r"\{[^{}]*\}|[A-Z_]\w*(?:\[\d+\])?")
 _HEAD = re.compile(r"\s*(?:GLOBAL\s+)?DEF\s+(\w+)\s*\(")
-_ASSIGN = re.compile(
-    r"(?:(?:GLOBAL|DECL)\s+)*(?:(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?([$\w.]+(?:\[\d+\])?)\s*=\s*(.+)"
-)
+_ASSIGN = re.compile(r"(?:(?:GLOBAL|DECL)\s+)*(?:(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?([$\w.]+(?:\[\d+\])?)\s*=\s*(.+)")
 #: Statements that move nothing and set nothing that counts here.
 SILENT = re.compile(
     r"DEF\b|DEFDAT\b|END$|ENDDAT|DECL\b|INT\b|REAL\b|EXT\b|EXTERNAL\b|INTERRUPT\b|TRIGGER\b|WAIT\b|HALT|PULSE\b|INI$|"

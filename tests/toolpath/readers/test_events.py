@@ -71,7 +71,7 @@ def test_a_dwell_leaves_the_feed_alone(read) -> None:
 
 
 def test_comments_stand_where_the_file_has_them(read) -> None:
-    cam = read("(part; 7)\nG21 G0 X0 Y0 Z0 ; above\nG1 X1 F9 (cut)\nMSG(\"half\")\nCYCLE832(0.1)\nX2 (end\n", ".mpf")
+    cam = read('(part; 7)\nG21 G0 X0 Y0 Z0 ; above\nG1 X1 F9 (cut)\nMSG("half")\nCYCLE832(0.1)\nX2 (end\n', ".mpf")
     texts = [(0 if e.place < 0 else e.place, e.text) for e in cam.toolpath.events]
     assert texts == [(0, "part; 7"), (0, "above"), (0, "cut"), (1, "half"), (1, "end")]
     assert cam.toolpath.events[0].place == -1 and cam.facts.events == 0

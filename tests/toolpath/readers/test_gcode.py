@@ -94,7 +94,11 @@ def test_a_clockwise_arc_bends_to_the_right(read) -> None:
 
 
 @given(
-    st.floats(0.5, 200), st.floats(-np.pi, np.pi), st.floats(0.05, 6.2), st.booleans(), st.floats(-3, 3),
+    st.floats(0.5, 200),
+    st.floats(-np.pi, np.pi),
+    st.floats(0.05, 6.2),
+    st.booleans(),
+    st.floats(-3, 3),
     st.floats(1e-4, 0.05),
 )
 @settings(max_examples=60, deadline=None)

@@ -116,9 +116,13 @@ def test_a_path_that_goes_where_the_file_goes_is_the_same() -> None:
 @pytest.mark.parametrize(
     "other",
     [
-        PART.replace("G1 Y20\n", ""), PART.replace("G2", "G3"), PART.replace("Y20", "Y19.99"),
+        PART.replace("G1 Y20\n", ""),
+        PART.replace("G2", "G3"),
+        PART.replace("Y20", "Y19.99"),
         PART.replace("\nX0\n", "\n"),
-        PART.replace("G1 Y20\n", "G1 Y20\nY25\nY20\n"), PART.replace("G1 Z0", "G0 Z0"), PART.replace("G0 X0", "G0 X1"),
+        PART.replace("G1 Y20\n", "G1 Y20\nY25\nY20\n"),
+        PART.replace("G1 Z0", "G0 Z0"),
+        PART.replace("G0 X0", "G0 X1"),
         PART + "X5\n",
     ],
 )

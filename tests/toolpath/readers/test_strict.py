@@ -241,7 +241,7 @@ def test_notes_stay_with_the_toolpath_and_strict_refuses_them(read, tmp_path: Pa
 
 
 def test_a_plan_tells_what_its_reader_noted(tmp_path: Path) -> None:
-    from compplan.plan.plan import plan_job
+    from compplan.planning.plan import plan_job
     from compplan.reporting.writers.plan import summarise_plan
 
     (tmp_path / "part.nc").write_text("G21 M77\nG0 X0 Y0 Z0\nG41\nG1 X20 F600\n")

@@ -237,9 +237,7 @@ class Flow:
         if macro:
             self.variables.local.pop()
 
-    def _run_program(
-        self, program: tuple[Sequence[str], int, int, Path], times: int, start: int | None = None
-    ) -> None:
+    def _run_program(self, program: tuple[Sequence[str], int, int, Path], times: int, start: int | None = None) -> None:
         """Carry out a subprogram so many times."""
         lines, first, last, file = program
         here, at, self.file = self.line, self.file, file

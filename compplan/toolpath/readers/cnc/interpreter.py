@@ -88,9 +88,7 @@ class Interpreter:
 
     """
 
-    def __init__(
-        self, file: Path, options: CamTable, state: State, find_code: Callable[[float], Code | None]
-    ) -> None:
+    def __init__(self, file: Path, options: CamTable, state: State, find_code: Callable[[float], Code | None]) -> None:
         self.options, self.state, self.find_code = options, state, find_code
         self.flow = Flow(file, self.run_line)
         self.path = PathWriter(self.flow, state, options)

@@ -209,4 +209,3 @@ class Lexer:
         state = self.state
         old = [value / state.scale for value in state.shift] if found.group(1) == "ATRANS" else [0.0, 0.0, 0.0]
         state.set_shift({axis: old[axis] + numbers.get(AXES[axis], 0.0) for axis in range(3)})
-

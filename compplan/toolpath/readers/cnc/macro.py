@@ -27,8 +27,12 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
     "FIX": lambda x: math.floor(x), "FUP": lambda x: math.ceil(x),
 }  # fmt: skip
 COMPARE: dict[str, Callable[[float, float], bool]] = {
-    "EQ": lambda a, b: a == b, "NE": lambda a, b: a != b, "GT": lambda a, b: a > b, "LT": lambda a, b: a < b,
-    "GE": lambda a, b: a >= b, "LE": lambda a, b: a <= b,
+    "EQ": lambda a, b: a == b,
+    "NE": lambda a, b: a != b,
+    "GT": lambda a, b: a > b,
+    "LT": lambda a, b: a < b,
+    "GE": lambda a, b: a >= b,
+    "LE": lambda a, b: a <= b,
 }
 #: Operators from the weakest to the strongest.
 LEVELS = (("EQ", "NE", "GT", "LT", "GE", "LE"), ("+", "-", "OR", "XOR"), ("*", "/", "AND", "MOD"), ("**",))
@@ -130,7 +134,9 @@ class Evaluator:
         if token in FUNCTIONS or token == "POW":
             return self._call(token)
         if not token or not (token[0].isdigit() or token[0] == "."):
-            raise MacroError(f"expression {self.text.strip()[:40]!r} cannot be read at {self.text[self.place:][:10]!r}")
+            raise MacroError(
+                f"expression {self.text.strip()[:40]!r} cannot be read at {self.text[self.place :][:10]!r}"
+            )
         return float(token)
 
     def _evaluate_bracket(self) -> float | None:

@@ -187,4 +187,3 @@ class Origins:
             self.path.cut_line(target, self.path.feed(math.dist(target, state.position)))
         elif state.motion != 1.0:
             self.path.rapid(target)
-

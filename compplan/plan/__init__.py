@@ -1,1 +1,0 @@
-"""From a task to a corrected command: the nonlinear program, strategies, feed, timing, evaluation."""

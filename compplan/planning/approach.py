@@ -1,0 +1,140 @@
+"""How the tool comes to the path and leaves it, where the toolpath does not say.
+
+From above, along the tool axis, the unloaded tool goes to the first point; there the correction is brought in while the
+force grows, so that it never runs ahead of the force into the part. The way out is the same, backwards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compplan.planning.strategies.lost_motion import cross_first
+from compplan.planning.task import PlanTask
+from compplan.planning.timing import ease, ease_duration
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import select_waypoints
+
+#: Height of the approach and of the retract along the tool axis, where the toolpath has none of its own. [m]
+APPROACH = 0.05
+#: Rows that the way down and the loading are written in, even in time.
+DOWN_ROWS, LOADING_ROWS = 48, 16
+#: The tool stands this long where the cut begins or ends. [s]
+DWELL = 0.02
+
+
+@dataclass(frozen=True)
+class Passage:
+    """The way to the first waypoint, or from the last one, that waypoint not counted; k rows in order of time.
+
+    Attributes:
+        key_q: Joint positions that a program goes through: above, and the unloaded tool at the point. Shape (k', nq),
+            k' from 0 to 3: the third lies on the other side of lost motion.
+        key_gap: Time from each of them to the next, the waypoint's own included. Shape (k',). [s]
+        q: Joint positions of the rows. Shape (k, nq). [rad or m]
+        position: Wanted tip. Shape (k, 3). [m]
+        wrench: Wrench that acts. Shape (k, 6). [N, N m]
+        gap: Time from each row to the next, the waypoint's own included. Shape (k,). [s]
+
+    """
+
+    key_q: Array
+    key_gap: Array
+    q: Array
+    position: Array
+    wrench: Array
+    gap: Array
+
+
+def plan_approach(task: PlanTask, q: Array) -> Passage:
+    """Plan the way to the first waypoint; nothing where the toolpath comes there in a rapid move."""
+    return _pass(task, q, 0)
+
+
+def plan_retract(task: PlanTask, q: Array) -> Passage:
+    """Plan the way from the last waypoint; nothing where the toolpath leaves it in a rapid move."""
+    way = _pass(task, q, len(task) - 1)
+    backwards = (part[::-1] for part in (way.key_q, way.key_gap, way.q, way.position, way.wrench, way.gap))
+    return Passage(*backwards)
+
+
+def _pass(task: PlanTask, q: Array, end: int) -> Passage:
+    nq = q.shape[1]
+    none = np.zeros((0, nq))
+    nothing = Passage(none, np.zeros(0), none, np.zeros((0, 3)), np.zeros((0, 6)), np.zeros(0))
+    if task.nominal.rapid[end]:
+        return nothing
+    loaded, point = q[end], task.position[end]
+    free = _unload(task, loaded, end)
+    legs = []
+    above, top = _above(task, free, end)
+    if len(above):
+        legs.append((above[0], free, point + top, point, np.zeros(6), np.zeros(6), DOWN_ROWS))
+    key = [*above]
+    cross = cross_first(task) if end == 0 else np.zeros(nq)
+    if np.abs(loaded + cross - free).max() > 1e-9:
+        legs.append((free, loaded + cross, point, point, np.zeros(6), task.wrench[end], LOADING_ROWS))
+        key.append(free)
+    if cross.any():
+        legs.append((loaded + cross, loaded, point, point, task.wrench[end], task.wrench[end], LOADING_ROWS))
+        key.append(loaded + cross)
+    if not legs:
+        return nothing
+    parts = [_leg(task, *leg) for leg in legs]
+    parts.append((loaded[None], point[None], task.wrench[end : end + 1], np.array([DWELL])))
+    q_rows, position, wrench, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
+    key_gap = np.array([float(part[3].sum()) for part in parts[:-1]])
+    key_gap[-1] += DWELL
+    return Passage(np.array(key).reshape(-1, nq), key_gap, q_rows, position, wrench, gap)
+
+
+def _leg(
+    task: PlanTask, start: Array, end: Array, here: Array, there: Array, before: Array, after: Array, rows: int
+) -> tuple[Array, Array, Array, Array]:
+    """Return rows of a gentle joint move, its end left out, and the times to the next row."""
+    u = np.arange(rows + 1) / rows
+    share = ease(u)[:, None]
+    duration = 1.05 * ease_duration(np.abs(end - start), task.velocity_limits, task.acceleration_limits)
+    feed = float(np.median(task.nominal.feed[task.nominal.feed > 0])) if (task.nominal.feed > 0).any() else 0.1
+    if not np.any(here - there):
+        tips = locate_frames(task.chain, np.array([start, end])).tcp_position
+        duration = max(duration, 1.875 * float(np.linalg.norm(tips[1] - tips[0])) / feed)
+    time = u * max(duration, task.gentle_time)
+    q, wrench = start * (1 - share) + end * share, before * (1 - share) + after * share
+    # a joint move bows: the rows say where the tool goes, not where a straight line would have it
+    position = task.see_position(attain_pose(task.chain, q, wrench, slope=False).position)
+    return q[:-1], position[:-1], wrench[:-1], np.diff(time)
+
+
+def _unload(task: PlanTask, q: Array, end: int) -> Array:
+    """Return the joint positions nearest to q that put the tool at a waypoint while no wrench acts, weights alone."""
+    found = q[None].copy()
+    wanted = task.see_pose(attain_pose(task.chain, q[None], task.wrench[end : end + 1], slope=False))
+    none = np.zeros((1, 6))
+    for _ in range(8):
+        here = task.see_pose(attain_pose(task.chain, found, none))
+        lean = np.cross(wanted.rotation[0, :, 2], here.rotation[0, :, 2])
+        missed = np.r_[here.position[0] - task.position[end], lean]
+        if np.abs(missed).max() < 1e-11:
+            break
+        found -= (np.linalg.pinv(here.jacobian[0], rcond=1e-6) @ missed)[None]
+    return np.clip(found[0], task.robot.lower, task.robot.upper)
+
+
+def _above(task: PlanTask, q: Array, end: int) -> tuple[Array, Array]:
+    """Return joint positions with the unloaded tool above a waypoint, shape (0 or 1, nq), and where that is from it."""
+    row, arm = slice(end, end + 1), build_arm(task.robot)
+    top = APPROACH * task.nominal.axis[end]
+    rotation = task.rotation[row]
+    if task.spin_free:
+        x = locate_frames(task.chain, q[None]).tcp_rotation[0, :, 0]
+        rotation = tool_axes(select_waypoints(task.nominal, np.array([end])), x)
+    above = refine_ik(arm, q[None], task.position[row] + top, rotation, iterations=30)
+    reached = np.abs(pose_error(arm.chain, above, task.position[row] + top, rotation)).max() < 1e-6
+    inside = ((above >= task.robot.lower) & (above <= task.robot.upper)).all()
+    return (above if reached and inside else np.zeros((0, q.shape[0]))), top

@@ -1,0 +1,226 @@
+"""What bends the arm along a path, cause by cause: process, weight, the motion's own inertia; and how it rings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.planning.posture.initial_branches import PostureRequest
+from compplan.planning.run_timing import Timing, cutting_runs
+from compplan.planning.strategies.equations import differentiate_equations, pose_equations
+from compplan.planning.task import PlanTask
+from compplan.robot import Array, Robot
+from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.elastic import locate_loaded, solve_equilibrium
+from compplan.statics.ik import middle_of_limits
+from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
+from compplan.statics.sensitivity import AttainedPose, chunk_rows
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
+
+#: Waypoints that are looked at where there are more: the half with the greatest accelerations, and even ones.
+LOOKED_AT = 2000
+#: Postures at which frequencies are computed.
+POSTURES = 25
+#: Share of critical damping of an arm's modes where a job states none (assumed).
+DAMPING = 0.03
+#: Window over which the load of inertia is averaged before it is compensated, in periods of the lowest mode.
+FOLLOWED = 0.5
+#: Newton steps from a command to where its links go: half a millimetre becomes a nanometre in two.
+LINK_STEPS = 2
+#: Shortest and longest time over which motion is smoothed. [s]
+SHORTEST, LONGEST = 0.02, 0.3
+
+
+@dataclass(frozen=True)
+class Bending:
+    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it.
+
+    Attributes:
+        process: By the wrench on the tool. [m]
+        weight: By the weights that the model carries. [m]
+        inertia: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
+        compensated: Whether the plan compensates that.
+        frequencies: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
+        masses: Where the folder has its masses from.
+        motion: What the motion adds to the band, or None.
+        at_once: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
+
+    """
+
+    process: float
+    weight: float
+    inertia: float
+    compensated: bool
+    frequencies: Array
+    masses: str
+    motion: Motion | None = None
+    at_once: float = float("nan")
+
+    def describe(self) -> dict[str, object]:
+        """Describe it for plan.json; what is not known is left out."""
+        name = "inertia" if self.compensated else "inertia_not_compensated"
+        sizes = {"process": self.process, "weight": self.weight, name: self.inertia}
+        rings = [float(value) for value in self.frequencies if np.isfinite(value)]
+        return {
+            "bending_mm": {name: 1e3 * value for name, value in sizes.items() if np.isfinite(value)},
+            "natural_frequencies_hz": rings,
+            "masses": self.masses,
+        }
+
+
+def describe_bending(bending: Bending) -> str:
+    """Say in a line what bends the arm, cause by cause; causes that bend nothing are left out."""
+    word = "compensated" if bending.compensated else "not compensated"
+    causes = {"weight": bending.weight, "process force": bending.process, f"inertia, {word}": bending.inertia}
+    said = [f"{1e3 * size:.3g} mm ({name})" for name, size in causes.items() if np.isfinite(size) and size > 1e-8]
+    return f"the arm bends by up to {', '.join(said)}" if said else "nothing bends the arm in this model"
+
+
+def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = DAMPING) -> Bending:
+    """Measure what bends the arm along a command.
+
+    Args:
+        task: The task; its wrench acts.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        timing: Its run.
+        damping: Share of critical damping of the modes.
+
+    """
+    rows = np.flatnonzero(task.compensated)
+    if len(rows) > LOOKED_AT:
+        push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
+        fast = rows[np.argsort(push)[-LOOKED_AT // 2 :]]
+        rows = np.union1d(fast, rows[np.linspace(0, len(rows) - 1, LOOKED_AT // 2).astype(int)])
+    dynamics, still = build_dynamics(task.robot), np.zeros((len(rows), 6))
+    stiff = locate_frames(task.chain, q[rows]).tcp_position
+    free = solve_equilibrium(task.chain, q[rows], still, tolerance=1e-10).position
+    loaded = solve_equilibrium(task.chain, q[rows], task.wrench[rows], tolerance=1e-10).position
+    motion = measure_motion(task, timing.time, dynamics, damping)
+    inertia, at_once, rings = float("nan"), float("nan"), np.full(2, np.nan)
+    if motion is not None:
+        inertia, at_once = _greatest(motion.answer[task.cut]), _greatest(motion.static)
+        few = rows[np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int)]
+        rings = natural_frequencies(dynamics, q[few]).min(axis=0)
+    masses = str(task.robot.sources.get("masses", "the folder does not say"))
+    return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses, motion,
+                   at_once)  # fmt: skip
+
+
+def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: float) -> Motion | None:
+    """Let the arm answer to the load of its motion with its own modes; None without masses on springs.
+
+    Args:
+        task: The task.
+        time: Time at each waypoint. Shape (n,). [s]
+        dynamics: The robot with its masses.
+        damping: Share of critical damping of its modes.
+
+    """
+    if not dynamics.known:
+        return None
+    loads = load_motion(build_moving_chain(task.robot), task.q_links, time, find_inside(task))
+    held = np.zeros_like(loads) if not task.inertia or task.bias is None else task.bias
+
+    def locate(bias: Array | None) -> Array:
+        return locate_loaded(task.chain, task.q_links, task.wrench, tolerance=1e-10, torque_bias=bias,
+                             theta=task.theta)[0]  # fmt: skip
+
+    still, moving = locate(None), locate(loads)
+    moved = locate(held) if held.any() else still
+    width, masses = know_masses(task.robot, robot_uncertainty(task.robot))
+    source = f"{masses}, damping of the modes {damping:g} of critical (assumed)"
+    return swing_arm(
+        dynamics, task.q_links, time, Push(loads, moving - still), Push(held, moved - still), width=width,
+        damping=damping, source=source,
+    )  # fmt: skip
+
+
+def find_runs(task: PlanTask) -> list[tuple[int, int]]:
+    """Return first and last waypoint of every run of the cut that begins and ends at rest."""
+    return cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+
+
+def find_inside(task: PlanTask) -> NDArray[np.bool_]:
+    """Tell which waypoints are in motion, within a run from rest to rest. Shape (n,)."""
+    inside = np.zeros(len(task), bool)
+    for first, last in find_runs(task):
+        inside[first + 1 : last] = True
+    return inside
+
+
+def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
+    """Return the load of inertia that a plan compensates: as far as the arm can follow it. Shape (n, s). [N m or N]
+
+    It is that of an arm whose tool follows the path, turned as the command turns it.
+
+    Args:
+        task: The task, its links where a command has them.
+        time: Time at each waypoint. Shape (n,). [s]
+        masses: The chain with its masses.
+
+    """
+    loads = load_motion(masses, task.q_links, time, find_inside(task))
+    return smooth_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
+
+
+def follow_links(task: PlanTask, q: Array) -> Array:
+    """Return where the links of an arm go whose loaded tool follows the path. Shape (n, nq). [rad or m]
+
+    They are those of a stiff arm with its tool on the path, turned about its axis as the command turns it: a command
+    may use the free rotation, and then that moves masses which q_start leaves where they are. Newton steps from the
+    command that move the joints least.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+
+    """
+    problem, links = task.problem, task.q_start.copy()
+    if not problem.redundant:
+        return links
+    rows = np.flatnonzero(task.compensated & ~task.missed)
+    for part in chunk_rows(len(rows), task.chain):
+        some = rows[part]
+        here = q[some]
+        for _ in range(LINK_STEPS):
+            frames = locate_frames(task.chain, here)
+            stiff = AttainedPose(frames.tcp_position, frames.tcp_rotation, joint_jacobian(task.chain, frames))
+            columns = differentiate_equations(problem, stiff, some) * ~problem.stays
+            normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
+            missed = pose_equations(problem, stiff, some)[..., None]
+            here = here - (np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed))[..., 0]
+        links[some] = here
+    return links
+
+
+def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
+    """Return the time over which motion is smoothed: a period of the lowest natural frequency, which it leaves at rest.
+
+    Args:
+        robot: The robot.
+        q: Some postures along the path. Shape (k, nq). [rad or m]
+        default: The time where no frequency is known. [s]
+
+    """
+    lowest = natural_frequencies(build_dynamics(robot), q, 1)
+    if not np.isfinite(lowest).all():
+        return default
+    return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
+
+
+def state_frequency(request: PostureRequest, robot: Robot) -> PostureRequest:
+    """Price the inertia of joint motion by the arm's lowest natural frequency amid its joint limits, where known."""
+    lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
+    if not np.isfinite(lowest):
+        return request
+    motion = request.settings.motion
+    source = f"{motion.source}; natural frequency of the robot folder's masses and springs"
+    return replace(request, settings=replace(request.settings, motion=motion._replace(frequency=lowest, source=source)))
+
+
+def _greatest(shift: Array) -> float:
+    return float(np.linalg.norm(shift, axis=1).max(initial=0.0))

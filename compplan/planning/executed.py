@@ -1,0 +1,404 @@
+"""Where the controller takes the loaded tip, and the command that leads by the lag of its drives.
+
+The third path that is judged, beside joint-linear and straight moves: the lines and arcs that programs hold, blended in
+the zones of their language, at the speed that the controller gives them, followed by drives and bent by the load.
+Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
+
+It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
+tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_down`).
+
+Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
+(`compplan.controllers.motion.drives`). To second order the inverse of it, a delay T of the whole path aside, is
+
+    q_cmd = q + (T1 - T - T1 T') q' + (T2 - T1 T + T^2 / 2) q'',
+
+T such that the tip is not moved along the path: points keep their places and no stop is overrun. It is led where the
+values were identified (a source in controller.toml), the joints stay within their limits, and the model has the tip
+nearer to the path with it, in the 95th percentile and at the farthest. Drives that nobody identified are taken to
+follow: what lags there is not known, and the verdict says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from compplan.controllers.motion.align import find_nearest
+from compplan.controllers.motion.drives import follow_command
+from compplan.controllers.motion.from_program import build_moves
+from compplan.controllers.motion.geometry import build_path, follow_path
+from compplan.controllers.motion.timing import schedule_path
+from compplan.controllers.writers.fit import fit_moves
+from compplan.controllers.writers.joint_convention import believed_robot, load_motion
+from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion
+from compplan.controllers.writers.program import build_program
+from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves, widest_zone
+from compplan.errors import InfeasibleError
+from compplan.job.job import ROUNDED
+from compplan.job.output import OutputTable
+from compplan.planning.agreement import Agreement, agree
+from compplan.planning.feed import FeedRequest
+from compplan.planning.posture.initial_branches import Easing
+from compplan.planning.run_timing import Timing, cutting_runs
+from compplan.planning.task import PlanTask, attain_rows
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm
+from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.toolpath import interpolate
+
+#: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
+SIDE, BLOCK = 40, 100_000
+#: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`, in so many turns. It reaches so
+#: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
+FURTHER, SLOWEST, TURNS, REACH, FARTHER = 1.15, 5.0, 4, 2.0, 3.0
+#: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
+MOST_PLACES = 200_000
+
+
+@dataclass(frozen=True)
+class ExecutedPath:
+    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside.
+
+    Attributes:
+        near: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
+        p95: 95th percentile of what is sent. [m]
+        most: Farthest of what is sent. [m]
+        plain: The last two of the command that leads by nothing. [m]
+        sent: Joint positions that programs hold. Shape (n, nq). [rad or m]
+        leads: Whether they lead by the lag.
+        source: Who says how the drives follow, or "assumed".
+        zone: How far before a corner programs let it leave; None where it follows the waypoints.
+        duration: Time that it takes for the moves of the path, as far as its speed law is known. [s]
+        smaller: Corners at which programs ask for a smaller zone than their language's.
+        pieces: Ends and kinds of the written moves, with arcs and without cubics, or None.
+
+    """
+
+    near: Array
+    p95: float
+    most: float
+    plain: tuple[float, float]
+    sent: Array
+    leads: bool
+    source: str
+    zone: BlendZone | None = None
+    duration: float = 0.0
+    smaller: int = 0
+    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
+
+    @property
+    def known(self) -> bool:
+        """Tell whether somebody identified how the drives follow."""
+        return self.source != ASSUMED
+
+    def describe(self) -> dict[str, object]:
+        """Return what plan.json holds."""
+        plain = {"p95": 1e3 * self.plain[0], "max": 1e3 * self.plain[1]}
+        found = {"p95": 1e3 * self.p95, "max": 1e3 * self.most, "lag_led": self.leads, "without_lead": plain,
+                 "source": self.source}  # fmt: skip
+        if self.zone is None:
+            return {**found, "follows": "waypoints"}
+        zone = {"zone_mm": 1e3 * self.zone.size, "zone_from": self.zone.source, "blend": "parabola, assumed",
+                "smaller_zones": self.smaller}  # fmt: skip
+        return {**found, "follows": "written moves", **zone, "duration_s": self.duration}
+
+    def say(self) -> str:
+        """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
+        if not self.known:
+            return (f"{self.smaller} corners have smaller zones than the language's own, so that they leave the path "
+                    f"by at most {ROUNDED:.0%} of the tolerance.") if self.smaller else ""  # fmt: skip
+        left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm beside the path"
+        if self.leads:
+            return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
+        return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
+
+
+def describe_floor(task: PlanTask, q: Array) -> str:
+    """Say where the whole correction is below what the robot can move (resolution_mm of controller.toml), else "".
+
+    Args:
+        task: The task.
+        q: Command at the waypoints. Shape (n, nq). [rad or m]
+
+    """
+    floor = load_motion(task.robot)[0].resolution
+    if not floor or not task.cut.any():
+        return ""
+    away = locate_frames(task.chain, q[task.cut]).tcp_position - task.position[task.cut]
+    most = float(np.linalg.norm(away, axis=1).max())
+    if not 1e-9 < most <= floor:
+        return ""
+    return (f"The whole correction, {1e3 * most:.3g} mm at most, is below the motion resolution of the robot "
+            f"({1e3 * floor:g} mm, controller.toml): it is not written.")  # fmt: skip
+
+
+def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
+    """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
+    cubics = "Executed path: cubics (POLY) are not followed, lines and arcs fitted as closely stand for them."
+    carried = "Executed path: written moves are not followed where joints carry the part."
+    moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
+    return [cubics] * ("sinumerik" in output.programs and output.splines) + [carried] * bool(moves)
+
+
+@dataclass(frozen=True)
+class ReachedPath:
+    """What a controller makes of a command.
+
+    Args:
+        q: Joints that the drives reach. Shape (k, nq). [rad or m]
+        place: The place of each in the waypoints. Shape (k,).
+        duration: [s]
+        smaller: Corners with a smaller zone than the language's.
+        pieces: Ends and kinds of the written moves, or None.
+
+    """
+
+    q: Array
+    place: Array
+    duration: float
+    smaller: int = 0
+    pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
+
+
+def bound_executed(task: PlanTask) -> Array:
+    """Return how far the executed tip may be off across the path at each waypoint. Shape (n,). [m]"""
+    return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
+
+
+def check_executed(task: PlanTask, executed: ExecutedPath | None) -> tuple[str, ...]:
+    """Say in a sentence where the executed path leaves the tolerance."""
+    if executed is None or (use := executed.near / bound_executed(task)).max(initial=0.0) <= 1.0:
+        return ()
+    worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
+    return (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
+            f"waypoint {worst}",)  # fmt: skip
+
+
+def slow_down(task: PlanTask, timing: Timing, executed: ExecutedPath | None, turn: int = 0) -> PlanTask | None:
+    """Return a task whose run is slower where drives take the tip out of its tolerance; None where nothing asks for it.
+
+    Args:
+        task: The task as it was commanded.
+        timing: Its run.
+        executed: Where the controller takes it.
+        turn: How often it was made slower before.
+
+    """
+    if executed is None or not executed.known or task.start is None:
+        return None
+    use = executed.near / bound_executed(task)
+    if use.max(initial=0.0) <= 1.0 or (task.pace >= SLOWEST)[use > 1.0].all():
+        return None
+    slower, reach = np.ones(len(task)), REACH * FARTHER**turn * task.smoothing
+    far = np.flatnonzero(use > 1.0)
+    ends = (np.searchsorted(timing.time, timing.time[far] + side * reach).tolist() for side in (-1.0, 1.0))
+    for k, begin, end in zip(far, *ends, strict=True):
+        np.maximum(slower[begin:end], FURTHER * use[k], out=slower[begin:end])
+    window = 1.0 if task.start.pace is None else task.start.pace.window
+    pace = Easing(window, task.origin, np.minimum(slower * task.pace, SLOWEST))
+    return replace(task, start=replace(task.start, pace=pace))
+
+
+def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
+    """Follow a command as the controller of the robot folder does.
+
+    Args:
+        task: The task.
+        q: Command at the waypoints. Shape (n, nq). [rad or m]
+        time: Time at each waypoint. Shape (n,). [s]
+        output: What programs the job asks for, if it is known.
+
+    Returns:
+        Where the tip goes; None where no moves of the tool are written and nobody states how the drives follow, or the
+        controller steers tip and part together.
+
+    """
+    motion = load_motion(task.robot)[0]
+    drives = np.abs([motion.lag, motion.acceleration_lag, motion.lost_motion])
+    known = motion.source != ASSUMED and bool(drives.any())
+    if not task.cut.any():
+        return None
+    languages = () if output is None else tuple(name for name in output.programs if name != "csv")
+    follow: Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath] = _follow_waypoints
+    zone: BlendZone | None = None
+    if output is None or not languages or output.form == "joint" or task.robot.carrying:
+        if not known:
+            return None
+    else:
+        zone = widest_zone(languages)
+        follow = _write_follower(output, zone, known=known)
+    try:
+        found = follow(task, q, time, motion)
+    except InfeasibleError:  # a line that the arm as its controller believes it cannot follow: the read back says so
+        return None
+    plain, source = _measure(task, q, found), motion.source if known else ASSUMED
+    if known and drives[:2].any():
+        led = lead_lag(task, q, time, motion)
+        rate = np.abs(np.diff(led, axis=0)) / np.maximum(np.diff(time), 1e-9)[:, None]
+        inside = (rate <= task.velocity_limits).all() and ((led >= task.robot.lower) & (led <= task.robot.upper)).all()
+        ahead = follow(task, led, time, motion)
+        left = _measure(task, q, ahead)
+        if inside and left[1] < plain[1] and left[2] < plain[2]:
+            more = ahead.duration, ahead.smaller, ahead.pieces
+            return ExecutedPath(*left, plain[1:], led, True, source, zone, *more)
+    return ExecutedPath(*plain, plain[1:], q, False, source, zone, found.duration, found.smaller, found.pieces)
+
+
+def drive_within(
+    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None, progress: Callable[[str], None]
+) -> tuple[Agreement, str, ExecutedPath | None]:
+    """Command a task; judge where the controller takes the tip, and drive slower where identified drives go too far.
+
+    One feed for the whole cut stays, and a run that no slower one brings within the tolerance. A correction that lies
+    below what the robot can move is not made.
+
+    Args:
+        task: The task.
+        strategy: Name of the strategy.
+        wish: What the process asks of the feed.
+        output: What programs are asked for, if it is known.
+        progress: Told what is being done.
+
+    Returns:
+        Command and run, the strategy in the end, the executed path.
+
+    """
+    found = agree(task, strategy, wish, progress)
+    if floor := describe_floor(found.task, found.command.q):
+        strategy = "none"
+        found = agree(task, strategy, wish, progress)
+        found = replace(found, notes=(*found.notes, floor))
+    executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
+    trial, after = found, executed
+    for turn in range(0 if wish.constant or found.command.status != "solved" else TURNS):
+        slower = slow_down(trial.task, trial.timing, after, turn)
+        if slower is None or executed is None:
+            break
+        progress("slower where the drives leave the tolerance")
+        trial = agree(replace(task, start=slower.start), strategy, wish, progress)
+        after = evaluate_executed(trial.task, trial.command.q, trial.timing.time, output)
+        if trial.command.status == "solved" and after is not None and not check_executed(trial.task, after):
+            note = (
+                f"The run is up to {slower.pace.max():.3g} times slower where the drives as identified would take "
+                f"the tip beyond the tolerance ({1e3 * executed.most:.3g} mm, now {1e3 * after.most:.3g})."
+            )
+            return replace(trial, notes=(*trial.notes, note)), strategy, after
+    return found, strategy, executed
+
+
+def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
+    """Return the command that leads by the lag of the drives, across the path alone.
+
+    At rests and in rapid moves it is the command itself.
+    """
+    led = q.copy()
+    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+        run = slice(first, last + 1)
+        if last - first < 3 or not task.nominal.steps[first:last].any():
+            continue
+        rate = _rates(q[run], time[run])
+        push = np.gradient(rate, time[run], axis=0)
+        delay = _move_along(task, q[run], motion.lag * rate) / np.maximum(_move_along(task, q[run], rate), 1e-9)
+        late = np.clip(delay, motion.lag.min(), motion.lag.max())[:, None]
+        lead = (motion.lag - late - motion.lag * np.gradient(late, time[run], axis=0)) * rate
+        lead += (motion.acceleration_lag - motion.lag * late + 0.5 * late**2) * push
+        led[run] = q[run] + lead - _move_along(task, q[run], lead)[:, None] * np.gradient(q[run], axis=0)
+        led[[first, last]] = q[[first, last]]
+    return led
+
+
+def _move_along(task: PlanTask, q: Array, change: Array) -> Array:
+    """Return how far small changes of the joints move the tip along its way, in steps from row to row. Shape (n,)."""
+    small = 1e-6
+    ahead, back = (locate_frames(task.chain, q + sign * small * change).tcp_position for sign in (1.0, -1.0))
+    way = np.gradient(locate_frames(task.chain, q).tcp_position, axis=0)
+    moved = ((ahead - back) / (2.0 * small) * way).sum(axis=1)
+    return np.asarray(moved / np.maximum((way**2).sum(axis=1), 1e-16))
+
+
+def _rates(q: Array, time: Array) -> Array:
+    """Return rates of a run from rest to rest. Shape (k, nq)."""
+    rate = np.gradient(q, time, axis=0)
+    rate[[0, -1]] = 0.0
+    return np.asarray(rate)
+
+
+def _follow_waypoints(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
+    """Let the drives follow the waypoints at their times."""
+    rate = np.zeros_like(q)
+    for first, last in cutting_runs(np.zeros(len(q), bool), task.rests):
+        rate[first : last + 1] = _rates(q[first : last + 1], time[first : last + 1])
+    at = np.arange(0.0, float(time[-1]) + motion.cycle, motion.cycle)
+    reached = follow_command(CubicHermiteSpline(time, q, rate)(np.minimum(at, time[-1])), motion)
+    when = np.clip(at - float(motion.lag.mean()), 0.0, time[-1])
+    return ReachedPath(reached, np.interp(when, time, np.arange(len(time))), float(time[-1]))
+
+
+def _write_follower(
+    output: OutputTable, zone: BlendZone, *, known: bool
+) -> Callable[[PlanTask, Array, Array, ServoMotion], ReachedPath]:
+    """Return what follows the lines and arcs of written programs; drives that nobody knows follow them exactly."""
+
+    def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
+        believed, nominal = believed_robot(task.robot), task.nominal
+        exact = np.zeros(len(q), bool) if task.rests is None else task.rests.copy()
+        exact[0] |= not nominal.rapid[0]  # an approach ends there
+        program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
+                                exact=exact, events=nominal.events)  # fmt: skip
+        tolerance = 1e-3 * output.fit_tolerance_mm
+        program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
+                          form=output.form, arc_of=nominal.arc, **bound_zones(task, motion))  # fmt: skip
+        fitted = fit_moves(program)
+        arm = build_arm(believed)
+        zones, stated, _ = find_zones(fitted.program, zone)
+        nodes, rows = build_moves(fitted, q, arm, zones)
+        path = build_path(nodes, arm, motion.blend_share)
+        schedule = schedule_path(path, motion)
+        step = np.linalg.norm(np.diff(locate_frames(arm.chain, q).tcp_position, axis=0), axis=1)
+        length = np.r_[0.0, np.cumsum(step + 1e-9)]
+        reached, s = path.q, path.s
+        if known:
+            reached = follow_command(follow_path(path, schedule.s), motion)
+            s = np.r_[np.zeros(round(motion.lag.mean() / motion.cycle)), schedule.s][: len(reached)]
+        some = slice(None, None, -(-len(s) // MOST_PLACES))
+        along = np.interp(s[some], path.ends, length[rows])
+        smaller = int((np.isfinite(stated) & mark_moves(fitted.program)).sum())
+        place = np.interp(along, length, np.arange(len(q)))
+        return ReachedPath(reached[some], place, float(schedule.time[-1]), smaller, (fitted.rows, fitted.kinds))
+
+    return follow
+
+
+def bound_zones(task: PlanTask, motion: ServoMotion) -> dict[str, Any]:
+    """Return how far zones may lead beside the path of a task, and how its controller blends, as a `Program` has it."""
+    return {"corner": ROUNDED * bound_executed(task), "blend_share": motion.blend_share, "smoothing": motion.smoothing}
+
+
+def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, float, float]:
+    """Return how far the executed loaded tip is across the path of the cut: beside each waypoint, 95 %, at most. [m]"""
+    reached, place = followed.q, followed.place
+    every, effect = np.arange(len(q)), np.zeros((len(q), 3))
+    if task.robot.effects:  # what they move the tip by at the waypoints, they move it by beside them
+        effect = attain_rows(task, q, every, slope=False).position
+        plain = attain_pose(task.chain, q, task.wrench, slope=False, torque_bias=task.bias).position
+        effect = effect - task.see_position(plain)
+        effect[~task.compensated] = 0.0
+    row = np.clip(np.ceil(place).astype(int), 1, len(q) - 1)
+    cut = task.cut[row] & task.cut[row - 1]
+    distance, beside = np.zeros(len(row)), np.zeros(len(q))
+    for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
+        load, moved = (interpolate(place[rows], every, values) for values in (task.wrench, effect))
+        bias = None if task.bias is None else interpolate(place[rows], every, task.bias)
+        tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
+        tip = task.see_position(tip) + moved
+        nearest = find_nearest(task.position, row[rows], tip, SIDE)[0]
+        distance[rows] = np.linalg.norm(tip - nearest, axis=1)
+    for ends in (row, row - 1):
+        np.maximum.at(beside, ends, distance)
+    return beside, float(np.percentile(distance[cut], 95)) if cut.any() else 0.0, float(distance.max(initial=0.0))

@@ -1,0 +1,100 @@
+"""The plans of a job of several tools, one an operation, seen as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from compplan.io.provenance import describe_origin
+from compplan.planning.result import Plan, summarise_plan
+
+#: Words from the best to the worst.
+STATUSES = ("solved", "not_confirmed", "infeasible")
+VERDICTS = ("keeps", "not_known", "may_not_keep")
+
+
+def worst_status(plans: Sequence[Plan]) -> str:
+    """Return the status of several plans as one: the worst."""
+    return max((plan.status for plan in plans), key=STATUSES.index)
+
+
+def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
+    """Return what plan.json says of all operations together: the worst of each figure, and each operation's own.
+
+    Root mean squares and means go over the waypoints of all cuts.
+    """
+    parts = [summarise_plan(plan) for plan in plans]
+    cuts = np.array([np.count_nonzero(plan.task.cut) for plan in plans], float)
+    first = parts[0]
+    whole: dict[str, Any] = {
+        "schema": 1,
+        "status": worst_status(plans),
+        "strategy": first["strategy"],
+        "verdict": _join_verdicts([part["verdict"] for part in parts], cuts),
+        "name": name,
+        "robot": first["robot"],
+        "robot_grade": first["robot_grade"],
+        "waypoints": sum(part["waypoints"] for part in parts),
+        "configuration": first["configuration"],
+        "solve_time_s": round(sum(part["solve_time_s"] for part in parts), 4),
+        **{key: _join_errors([part[key] for part in parts], cuts) for key in ("error_before_mm", "error_after_mm")},
+        "between_waypoints_mm": {"max": max(part["between_waypoints_mm"]["max"] for part in parts)},
+        "correction_mm": {"max": max(part["correction_mm"]["max"] for part in parts)},
+        "margins": {
+            "position_limit_deg": min(part["margins"]["position_limit_deg"] for part in parts),
+            **{key: max(part["margins"][key] for part in parts) for key in ("velocity_ratio", "acceleration_ratio")},
+        },
+        "duration_s": sum(part["duration_s"] for part in parts),
+        "judge": first["judge"],
+        "notes": list(dict.fromkeys(note for plan in plans for note in describe_notes(plan))),
+        "tools": [summarise_operation(plan, part) for plan, part in zip(plans, parts, strict=True)],
+        "made_by": describe_origin(),
+    }
+    if all("promise_mm" in part for part in parts):
+        whole["promise_mm"] = {"p95_max": max(part["promise_mm"]["p95_max"] for part in parts)}
+    failing = [(plan, part["failure"]) for plan, part in zip(plans, parts, strict=True) if "failure" in part]
+    if failing:
+        whole["failure"] = "; ".join(f"{_label(plan)}: {said}" for plan, said in failing)
+    return whole
+
+
+def summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
+    """Return one entry of `tools` in plan.json: which tool, in which folder, and its figures."""
+    kept = ("status", "verdict", "waypoints", "error_before_mm", "error_after_mm", "correction_mm", "duration_s")
+    tip = plan.robot.joints[-1].placement
+    tool = {"operation": None if plan.job is None else plan.job.cam.operation, "label": _label(plan)}
+    return {
+        **tool, "folder": _label(plan), "length_mm": round(1e3 * float(np.linalg.norm(tip[:3, 3])), 6),
+        **{key: part[key] for key in kept}, **({"promise_mm": part["promise_mm"]} if "promise_mm" in part else {}),
+    }  # fmt: skip
+
+
+def describe_notes(plan: Plan) -> list[str]:
+    """Return the notes of an operation, each led by its tool; those about the whole file as they are."""
+    return [
+        note if note in plan.task.nominal.notes else type(note)(f"{_label(plan)}: {note}")
+        for note in (*plan.reasons, *plan.notes)
+    ]
+
+
+def _label(plan: Plan) -> str:
+    return "" if plan.job is None else plan.job.label
+
+
+def _join_errors(parts: Sequence[dict[str, float]], counts: np.ndarray) -> dict[str, float]:
+    share = counts / max(counts.sum(), 1.0)
+    return {
+        "rms": float(np.sqrt(np.sum(share * np.array([part["rms"] for part in parts]) ** 2))),
+        "mean": float(np.sum(share * np.array([part["mean"] for part in parts]))),
+        "max": max(part["max"] for part in parts),
+    }
+
+
+def _join_verdicts(parts: Sequence[dict[str, Any]], counts: np.ndarray) -> dict[str, Any]:
+    """Return the worst verdict, with the share of all cuts that lies beyond; None where one does not know it."""
+    worst = max(parts, key=lambda part: VERDICTS.index(part["word"]))
+    shares = [part.get("beyond_share") for part in parts]
+    beyond = None if None in shares else float(np.sum(counts * np.array(shares, float)) / max(counts.sum(), 1.0))
+    return {**worst, "beyond_share": beyond}

@@ -1,0 +1,384 @@
+"""The plan: from a job, or from a robot and a path, to corrected joint positions, timed and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from compplan.controllers.writers import check_languages
+from compplan.errors import ConvergenceError, InputError, UnknownNameError
+from compplan.job.job import Job
+from compplan.job.loading import load_path, refuse_unsettled
+from compplan.job.output import OutputTable
+from compplan.planning.approach import plan_approach, plan_retract
+from compplan.planning.buckling import explain_buckling, find_buckling
+from compplan.planning.candidates import better_start
+from compplan.planning.chatter_limit import describe_depth_limit
+from compplan.planning.checks import run_checks
+from compplan.planning.deflection import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
+from compplan.planning.evaluate import (
+    evaluate_model,
+    evaluate_run,
+    measure_margins,
+)
+from compplan.planning.executed import check_executed, drive_within
+from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.motion_limits import describe_jerk, limit_jerk
+from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
+from compplan.planning.path_problem import count_equations
+from compplan.planning.posture.configuration import Preference, check_start
+from compplan.planning.posture.finished import RobotMeasure
+from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request, stand
+from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
+from compplan.planning.posture.summary import PostureSummary
+from compplan.planning.redundancy import Asked
+from compplan.planning.result import Plan
+from compplan.planning.run_meter import BAND_ROWS, RunMeter, spread_tip
+from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
+from compplan.planning.strategies.lost_motion import state_sides
+from compplan.planning.task import SMOOTHING, PlanTask
+from compplan.planning.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
+from compplan.process.force_law import ForceLaw
+from compplan.robot import Array, Robot, load_robot
+from compplan.statics.chain import Chain, build_chain
+from compplan.toolpath.contact import check_tool_x, tool_axes
+from compplan.toolpath.toolpath import Toolpath, check_toolpath
+from compplan.uncertainty.band import band_radius
+from compplan.uncertainty.posture_errors import posture_errors
+from compplan.uncertainty.sensitivities import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.shrinkage import shrink_robot
+from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a plan may do, as the tables [plan] and [limits] of a job say it.
+
+    Attributes:
+        strategy: none, mirror, iterated_mirror or nlp.
+        spin_free: Whether the tool may rotate about its axis.
+        wish: What is said about the posture.
+        max_correction: Greatest distance of the unloaded tip from the path. [m]
+        tolerance: Greatest deviation that counts as within tolerance. [m]
+        tool_x: Where the TCP frame's x points, base axes. Shape (3,).
+        velocity_scale: Share of the robot's velocity limits that may be used.
+        acceleration_scale: Share of the robot's acceleration limits that may be used.
+        jerk_after: Time in which a joint reaches its greatest acceleration where the robot states no limit of the jerk;
+            None assumes none. [s]
+        feed: What the process asks of the feed.
+        posture: What is asked of the posture; None keeps one configuration and the tool's x where `tool_x` has it.
+        law: The law of the wrench; None where the path carries its wrench.
+        chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
+            [m]
+        inertia: Whether the inertia of the motion counts as a load and is compensated.
+        lock: What is kept of a posture that was chosen before, or None.
+        force: How surely the force is known, as assumed if left out.
+        tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
+        touch: How the part was found by touching it with the robot; None: its frame is absolute.
+
+    """
+
+    strategy: str = "nlp"
+    spin_free: bool = True
+    wish: Preference = field(default_factory=Preference)
+    max_correction: float = 0.010
+    tolerance: float = 1e-4
+    tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    jerk_after: float | None = None
+    posture: PostureRequest | None = None
+    feed: FeedRequest = field(default_factory=FeedRequest)
+    law: ForceLaw | None = None
+    chord: float | None = None
+    inertia: bool = True
+    lock: Lock | None = None
+    force: ForceSpread | None = None
+    tube: float = 0.0
+    touch: TouchOff | None = None
+
+
+def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
+    """Plan a job.
+
+    Args:
+        job: The job.
+        progress: Told what is being done; an exception raised in it ends the call.
+
+    Raises:
+        InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
+
+    """
+    progress("robot and toolpath")
+    robot, nominal, options = prepare_job(job)
+    progress("posture")
+    task = build_task(robot, nominal, options, file=job.file)
+    name = job.name or job.file.stem
+    return _plan_either(task, options, name=name, job=job, progress=progress)
+
+
+def _plan_either(
+    task: PlanTask, options: PlanOptions, *, name: str, job: Job | None, progress: Callable[[str], None]
+) -> Plan:
+    """Plan a task; where its bettered posture cannot be confirmed and the graph's can, the graph's."""
+    plan = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
+    if plan.status == "solved" or task.start is None or task.start.bettered is None:
+        return plan
+    task = _state_task(task.robot, task.chain, options, task.start.bettered.graph)
+    graph = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
+    return graph if graph.status == "solved" else plan
+
+
+def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
+    """Load what a job refers to: the robot with its tool, the nominal path with its wrench, and what the plan may do.
+
+    Raises:
+        InputError: If a file that the job names is not what it has to be.
+
+    """
+    robot = job_robot(job)
+    output = job.output
+    check_languages(robot, output.programs, file=job.file, form=output.form, any_brand=output.any_brand)
+    nominal, law = load_path(job)
+    span = float(np.ptp(nominal.position, axis=0).max())
+    if span > 2.0 * robot.longest_reach:
+        message = f"toolpath spans {span:.4g} m, the robot reaches {robot.longest_reach:.3g} m; is it in another unit?"
+        raise InputError(message, file=job.file, where="toolpath")
+    lock = read_lock(job, robot)
+    chooser = robot if lock is None or lock.model is None else lock.model
+    options = read_options(job, chooser)
+    posture = options.posture
+    return robot, nominal, replace(options, law=law, posture=posture, lock=lock)
+
+
+def plan_compensation(
+    robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path",
+    progress: Callable[[str], None] = lambda text: None,
+) -> Plan:  # fmt: skip
+    """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: The path with its predicted wrench, base frame.
+        options: What the plan may do.
+        name: Name of the plan.
+        progress: Told what is being done; an exception raised in it ends the call.
+
+    Raises:
+        InputError: If the path cannot be followed, or no waypoint is within reach.
+
+    """
+    options = options or PlanOptions()
+    progress("posture")
+    task = build_task(robot, nominal, options)
+    return _plan_either(task, options, name=name, job=None, progress=progress)
+
+
+def plan_task(
+    task: PlanTask, strategy: str, *, name: str = "path", feed: FeedRequest | None = None, job: Job | None = None,
+    progress: Callable[[str], None] = lambda text: None, output: OutputTable | None = None,
+) -> Plan:  # fmt: skip
+    """Let one strategy command a task; time and judge its command; `progress` is told what is being done.
+
+    `output` says what programs are asked for where no job is given.
+
+    Raises:
+        InfeasibleError: If the arm buckles under the load; with waypoint and joint.
+
+    """
+    output = output if job is None else job.output
+    try:
+        found, strategy, executed = drive_within(task, strategy, feed or FeedRequest(), output, progress)
+    except ConvergenceError as error:
+        raise explain_buckling(task) or error from None
+    command, timing, feed_notes = found.command, found.timing, found.notes
+    task = replace(found.task, links=follow_links(found.task, command.q))
+    progress("virtual cell")
+    clearance, near = check_clearance(task.start, command.q)
+    bench = set_up_bench(task, command.q, timing, job)
+    lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
+    jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
+    stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
+    for waypoint, limit in (*find_buckling(task, command.q).items(), *command.failures.items()):
+        stopped[waypoint] = f"{stopped[waypoint]}, {limit}" if waypoint in stopped else limit
+    if stopped:
+        command = replace(command, status="infeasible", failures=stopped)
+    after = evaluate_run(task, command.q, bench.cell, bench.wrench, bench.bias)
+    uncorrected = task.q_uncorrected
+    before = after if command.q is uncorrected else evaluate_model(task, uncorrected)
+    progress("margins, approach and retract")
+    margins = measure_margins(task, command.q, timing)
+    bending = measure_bending(task, command.q, timing)
+    breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
+    votes = () if bench.driven is None else run_checks(bench.driven, after, bending)
+    breaches += (*check_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
+    told = list_notes(task, timing, bending, job)
+    if limit := describe_depth_limit(task, command.q):
+        told += (limit,)
+    if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
+        told += (jerk,)
+    plan = Plan(
+        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
+        margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
+        retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
+        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told),
+    )  # fmt: skip
+    plan.__dict__["executed"] = executed
+    return plan
+
+
+def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
+    """Prepare what a strategy is told: posture, orientation, wrench at contact, times and limits.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: The path with its predicted wrench, base frame.
+        options: What the plan may do.
+        file: File to name in messages.
+
+    Raises:
+        InputError: If the path cannot be followed, or no waypoint is within reach.
+
+    """
+    nominal = check_toolpath(nominal, file=file)
+    if not options.spin_free:
+        check_tool_x(nominal, np.asarray(options.tool_x, float), file)
+    rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
+    chain = build_chain(robot)
+    equations = count_equations(chain, spin_free=options.spin_free)
+    if chain.nq < equations:
+        message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
+        raise InputError(message, file=file, where="robot" if file else None)
+    request = options.posture
+    if request is not None:
+        given = (options, nominal, request)
+        measures: dict[str, RobotMeasure] = {"driven_s": partial(_time_stance, *given)}
+        if request.settings.compares:
+            measures["band_mm"] = partial(_measure_band, *given)
+            measures["joint_travel_deg"] = _read_travel
+        request = replace(request, measures=measures)
+    try:
+        check_start(robot, options.wish.start)
+        start = find_kept_start(
+            robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, request, options.lock
+        )
+    except InputError as error:
+        raise InputError(error.message, file=file, where=error.where if file else None) from None
+    if options.strategy == "nlp" and options.lock is None and request is not None:
+        force = options.force or read_force_spread(None)
+        meter = RunMeter(options.feed, force, partial(_state_task, robot, chain, options), DAMPING)
+        tool_x = np.asarray(options.tool_x, float)
+        start = better_start(start, Asked(robot, nominal, tool_x, meter, options.tube))
+    task = _state_task(robot, chain, options, start)
+    faded, share = shrink_robot(robot, start.q, task.wrench)
+    if faded is robot:
+        return task
+    start = replace(start, notes=(*start.notes, describe_shrinkage(robot, share)))
+    return _state_task(faded, build_chain(faded), options, start)
+
+
+def _time_stance(
+    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
+) -> float:
+    """Time the run along a posture before anything is corrected. [s]."""
+    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
+    try:
+        return float(time_run(task, task.q_start, options.feed)[1].time[-1])
+    except ConvergenceError:
+        return np.inf
+
+
+def _read_travel(robot: Robot, stance: PostureSummary) -> float:
+    """Return the joint travel of a posture. [deg]."""
+    return float(stance.costs["joint_travel_deg"])
+
+
+def _measure_band(
+    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
+) -> float:
+    """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
+    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
+    try:
+        spread = spread_tip(task, options.force or read_force_spread(None), pick_rows(task.cut, BAND_ROWS))
+    except ConvergenceError:
+        return np.inf
+    return float(1e3 * band_radius(spread).max(initial=0.0))
+
+
+def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:
+    """State what a strategy is told of a path that starts so."""
+    nominal = start.nominal
+    compensated = ~nominal.rapid
+    compensated[find_contacts(nominal.rapid)] = True
+    few = start.q[np.unique(np.linspace(0, len(start.q) - 1, 5).astype(int))]
+    task = PlanTask(
+        robot=robot,
+        chain=chain,
+        nominal=nominal,
+        rotation=start.rotation,
+        wrench=np.zeros((len(nominal), 6)),
+        compensated=compensated,
+        q_start=start.q,
+        configuration=start.configuration,
+        missed=start.missed,
+        step_time=programmed_times(nominal),
+        velocity_limits=robot.velocity_limits * options.velocity_scale,
+        acceleration_limits=robot.acceleration_limits * options.acceleration_scale,
+        jerk_limits=limit_jerk(robot, options.acceleration_scale, options.jerk_after),
+        max_correction=options.max_correction,
+        tolerance=options.tolerance,
+        spin_free=options.spin_free,
+        start=start,
+        law=options.law,
+        inertia=options.inertia,
+        smoothing=choose_smoothing(robot, few, SMOOTHING) * (1.0 if start.pace is None else start.pace.window),
+        chord=0.1 * options.tolerance if options.chord is None else options.chord,
+        touched=None if options.touch is None else touch_part(robot, nominal, start.rotation, start.q, options.touch),
+    )
+    task = state_sides(replace(task, wrench=predict_loads(task)))
+    turns = options.law is not None and options.law.turns_with_travel
+    return prepare_sampling(task, rest_at_corners=turns or not options.feed.constant)
+
+
+def job_robot(job: Job) -> Robot:
+    """Load the robot of a job, with the tool that the job mounts."""
+    try:
+        robot = job.mounted or load_robot(job.robot, relative_to=job.folder)
+    except UnknownNameError as error:
+        raise UnknownNameError("robot", error.name, error.choices, file=job.file, where="robot") from None
+    refuse_unsettled(job)
+    try:
+        robot = job.positioner.hold(robot)
+        return robot if job.tool is None else job.tool.mount(robot)
+    except InputError as error:
+        raise error if error.file else InputError(error.message, file=job.file, where=error.where) from None
+
+
+def read_options(job: Job, robot: Robot) -> PlanOptions:
+    """Return what a job says about its plan, in SI."""
+    table, words = job.plan, job.plan.configuration
+    start = None if table.start is None else np.asarray(table.start, float)
+    if start is not None and len(start) == robot.nq:
+        start = np.where(robot.prismatic, start * 1e-3, np.radians(start))
+    return PlanOptions(
+        strategy=table.strategy,
+        spin_free=table.rotate_about_tool_axis,
+        wish=Preference(words.shoulder, words.elbow, words.wrist, start),
+        max_correction=table.max_correction_mm * 1e-3,
+        tolerance=job.strictest_tolerance,
+        tool_x=job.tool_x_base,
+        velocity_scale=job.limits.velocity_scale,
+        acceleration_scale=job.limits.acceleration_scale,
+        jerk_after=job.limits.full_acceleration_after_s,
+        posture=state_frequency(read_request(job, robot, posture_errors(job, robot)), robot),
+        feed=FeedRequest(job.feed.mode == "constant", job.feed.torque_limits),
+        inertia=table.inertia,
+        force=read_force_spread(job),
+        tube=job.tolerance.tube,
+        chord=None if job.sampling.chord_mm is None else job.sampling.chord_mm * 1e-3,
+        touch=read_touch(job) if job.touched_off else None,
+    )

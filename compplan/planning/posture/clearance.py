@@ -1,0 +1,201 @@
+"""Clearance: how far arm and tool keep clear of the part, of the fixture and of the arm itself.
+
+The wanted clearance counts against part and fixture; arm and tool only must not touch the arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.planning.posture.collision_scene import TOUCH, CollisionScene
+from compplan.planning.posture.contacts import FAR, Contact, Near, find_contacts, find_near
+from compplan.robot import Array
+
+#: Evenly spaced waypoints whose distance is computed; others follow where the bound asks for them.
+SAMPLES, FURTHER = 120, 400
+#: How exactly the least distance along a path is found. [m]
+EXACT = 5e-4
+#: Margins beyond this are not told apart, and motion of the arm from one posture to the next that is not halved: what
+#: lies between may come nearer by half of it. [m]
+BEYOND, HIDDEN = 0.05, 4e-3
+
+
+@dataclass(frozen=True)
+class ClearanceProfile:
+    """Clearance along a path.
+
+    Attributes:
+        distance: Distance of arm and tool from part and fixture at each waypoint, linear between computed ones.
+            Shape (n,). [m]
+        computed: Waypoints where it was computed. Shape (c,).
+        contacts: The nearest pair at each of these. Length c.
+        own: The nearest pair of arm or tool with the arm, where it is least along the path.
+        own_waypoint: Waypoint where that is.
+        wanted: Clearance that was asked for. [m]
+
+    """
+
+    distance: Array
+    computed: NDArray[np.int_]
+    contacts: tuple[Contact, ...]
+    own: Contact
+    own_waypoint: int
+    wanted: float
+
+    @property
+    def least(self) -> tuple[int, Contact]:
+        """Return the waypoint with the least distance, and what is nearest there."""
+        k = int(np.argmin([contact.distance for contact in self.contacts]))
+        return int(self.computed[k]), self.contacts[k]
+
+
+def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
+    """Measure by how much postures keep clear: of part and fixture by more than `wanted`, of the arm at all.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wanted: Clearance that is asked for. [m]
+
+    Returns:
+        Negative where a posture comes too near. Shape (n,). [m]
+
+    """
+    outside = find_contacts(scene.robot, scene.solids, q, scene.outside, far=wanted + BEYOND)
+    own = find_contacts(scene.robot, scene.solids, q, scene.own, far=BEYOND)
+    return np.minimum(_distances(outside) - wanted, _distances(own) - TOUCH)
+
+
+def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
+    """Return by how much the several nearest pairs keep clear, and how that answers to the joints.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wanted: Clearance that is asked for of part and fixture. [m]
+
+    """
+    kinds = ((scene.outside, wanted), (scene.own, TOUCH))
+    found = [find_near(scene.robot, scene.solids, q, pairs, far=limit + BEYOND) for pairs, limit in kinds]
+    margin = [near.distance - limit for near, (_, limit) in zip(found, kinds, strict=True)]
+    return Near(np.concatenate([near.posture for near in found]), np.concatenate(margin),
+                np.concatenate([near.rate for near in found]))  # fmt: skip
+
+
+def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -> tuple[Array, Array]:
+    """Measure margins along a way, joints moving straight from posture to posture, until nothing can hide between them.
+
+    On a motion by s of the arm no margin is below (m_i + m_j - s) / 2 of its ends: where that is negative, and s more
+    than HIDDEN, the posture half way is measured too. The first that comes too near ends the search.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions along the way. Shape (n, nq). [rad or m]
+        wanted: Clearance that is asked for. [m]
+        first: Places to begin with; the ends of the way are added. Shape (j,).
+
+    Returns:
+        Places along the way, postures counted from 0, and the margins there. Shapes (p,). [1, m]
+
+    """
+    rows, last = np.arange(len(q)), len(q) - 1
+    travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
+    places = np.union1d(first, [0.0, last])
+    margin = measure_margin(scene, step_between(q, places), wanted)
+    while margin.min() >= 0.0:
+        moved = np.diff(np.interp(places, rows, travel))
+        (gaps,) = np.nonzero((margin[1:] + margin[:-1] < moved) & (moved > HIDDEN))
+        if not len(gaps):
+            break
+        middle = 0.5 * (places[gaps] + places[gaps + 1])
+        middle = np.where(places[gaps + 1] - places[gaps] > 1.5, np.rint(middle), middle)
+        margin = np.insert(margin, gaps + 1, measure_margin(scene, step_between(q, middle), wanted))
+        places = np.insert(places, gaps + 1, middle)
+    return places, margin
+
+
+def step_between(values: Array, places: Array) -> Array:
+    """Return what n rows are at places along them, straight from row to row. Shape (p, ...)."""
+    before = np.clip(places.astype(int), 0, max(len(values) - 2, 0))
+    after = np.minimum(before + 1, len(values) - 1)
+    share = (places - before).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray((1.0 - share) * values[before] + share * values[after])
+
+
+def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:
+    """Measure the clearance along a path, computing as few distances as the least one asks for.
+
+    No point of arm or tool moves farther between two postures than `reach` times the joint motion; so a computed
+    distance bounds those around it from below, and waypoints are computed until no other can have the least distance.
+
+    Args:
+        scene: What may touch what.
+        q: Joint positions along the path. Shape (n, nq). [rad or m]
+        wanted: Clearance that is asked for. [m]
+
+    """
+    contacts = _least_along(scene, q, scene.outside, FAR)
+    own = _least_along(scene, q, scene.own, 0.1)
+    known = np.array(sorted(contacts))
+    distance = _distances(contacts[w] for w in known.tolist())
+    worst = min(own, key=lambda w: own[w].distance)
+    profile = np.interp(np.arange(len(q)), known, distance)
+    return ClearanceProfile(profile, known, tuple(contacts[w] for w in known.tolist()), own[worst], worst, wanted)
+
+
+def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: float) -> dict[int, Contact]:
+    """Compute contacts at even samples and wherever the least distance may be."""
+
+    def find(rows: NDArray[np.int_]) -> dict[int, Contact]:
+        found = find_contacts(scene.robot, scene.solids, q[rows], pairs, far=far)
+        return dict(zip(rows.tolist(), found, strict=True))
+
+    n = len(q)
+    contacts = find(np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int)))
+    travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
+    for _ in range(FURTHER // 10):
+        known = np.array(sorted(contacts))
+        distance = _distances(contacts[w] for w in known.tolist())
+        lowest = _lower_bounds(travel, known, distance)
+        lowest[known] = np.inf
+        wanted = np.flatnonzero(lowest < distance.min() - EXACT)
+        if not len(wanted):
+            break
+        chosen = wanted[np.argsort(lowest[wanted])[:: max(1, len(wanted) // 10)][:10]]
+        contacts.update(find(chosen))
+    return contacts
+
+
+def summarise_clearance(profile: ClearanceProfile, scene: CollisionScene | None = None) -> dict[str, Any]:
+    """Describe the clearance along a path for plan.json, and how many shapes of each body of the arm are known."""
+    waypoint, contact = profile.least
+    own = profile.own
+    return {
+        "wanted_mm": 1e3 * profile.wanted,
+        "least_mm": 1e3 * contact.distance,
+        "waypoint": waypoint,
+        "between": [contact.first, contact.second] if contact.first else [],
+        "own_least_mm": 1e3 * own.distance,
+        "own_waypoint": profile.own_waypoint,
+        "own_between": [own.first, own.second] if own.first else [],
+        "shapes": {} if scene is None else {body.link: body.count for body in scene.bodies},
+    }
+
+
+def _distances(contacts: Iterable[Contact]) -> Array:
+    return np.array([contact.distance for contact in contacts])
+
+
+def _lower_bounds(travel: Array, known: NDArray[np.int_], distance: Array) -> Array:
+    """Bound the distance at every waypoint from those that are known on either side."""
+    rows = np.arange(len(travel))
+    after = np.clip(np.searchsorted(known, rows), 0, len(known) - 1)
+    before = np.clip(np.searchsorted(known, rows, side="right") - 1, 0, len(known) - 1)
+    left = distance[before] - np.abs(travel - travel[known[before]])
+    right = distance[after] - np.abs(travel[known[after]] - travel)
+    return np.asarray(np.maximum(left, right))

@@ -1,0 +1,248 @@
+"""How the arm stands along a path before anything is corrected: configuration, full turns, rotation about the axis.
+
+`choose_posture` keeps one configuration along the whole path and the tool's x axis where the job points it; the plan
+starts from what it returns and may rotate about the tool axis from there.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InputError
+from compplan.robot import Array, Robot
+from compplan.statics.chain import joint_jacobian, locate_frames
+from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm, middle_of_limits, refine_ik, solve_branches
+
+#: Waypoints that the choice looks at; the chosen configuration is then solved at every waypoint.
+SAMPLES = 400
+#: A joint may move this much between neighbouring waypoints of one configuration. [rad or m]
+LARGEST_STEP = 0.8
+
+
+class Preference(NamedTuple):
+    """What a job says about the posture.
+
+    Attributes:
+        shoulder: "front", "back" or None for either.
+        elbow: "up", "down" or None.
+        wrist: "noflip", "flip" or None.
+        start: Joint positions to start near, or None. Shape (nq,). [rad or m]
+
+    """
+
+    shoulder: str | None = None
+    elbow: str | None = None
+    wrist: str | None = None
+    start: Array | None = None
+
+    def allows(self, configuration: dict[str, str]) -> bool:
+        """Tell whether a configuration is among those that are wanted."""
+        wanted = {"shoulder": self.shoulder, "elbow": self.elbow, "wrist": self.wrist}
+        return all(word is None or word == configuration[key] for key, word in wanted.items())
+
+
+class Posture(NamedTuple):
+    """Where a plan starts.
+
+    Attributes:
+        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        configuration: Shoulder, elbow and wrist.
+        missed: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest
+            that was found. Shape (n,).
+        cost: Cost of the choice, smaller is better.
+
+    """
+
+    q: Array
+    configuration: dict[str, str]
+    missed: NDArray[np.bool_]
+    cost: float
+
+
+def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Preference | None = None) -> Posture:
+    """Choose one configuration for a whole path and solve it at every waypoint.
+
+    Of the configurations (and full turns of joints with more than one) that reach the most waypoints, the one is taken
+    that keeps farthest from joint limits and singularities, or that is nearest to the start that the job gives.
+
+    Args:
+        robot: The robot with its tool.
+        position: Wanted TCP positions, base frame. Shape (n, 3). [m]
+        rotation: Wanted orientations of the TCP frame, base frame. Shape (n, 3, 3).
+        wish: What the job says about the posture.
+
+    Raises:
+        InputError: If the wanted start lies outside the joint limits, or if no waypoint is reached at all.
+
+    """
+    wish = wish or Preference()
+    check_start(robot, wish.start)
+    arm, n = build_arm(robot), len(position)
+    held = _hold_extra_axes(arm, position, wish)
+    sample = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int))
+    branches = solve_branches(arm, position[sample], rotation[sample], held[sample])
+    candidates = _rank_candidates(arm, branches, wish)
+    if not candidates:
+        raise InputError(_explain_reach(arm, position, rotation, held, wish))
+    cost, slot, turns = candidates[0]
+    q = branches[:, slot] if n == len(sample) else solve_branches(arm, position, rotation, held)[:, slot]
+    reached = np.isfinite(q[:, 0])
+    if not reached.any():
+        raise InputError(_explain_reach(arm, position, rotation, held, wish))
+    q = _unwrap(arm, q)
+    q = q + _whole_turns(arm, q, turns, branches[:, slot])
+    q = _fill_missed(arm, q, reached, position, rotation)
+    inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
+    return Posture(q, CONFIGURATIONS[slot], ~(reached & inside), cost)
+
+
+def _rank_candidates(arm: Arm, branches: Array, wish: Preference) -> list[tuple[float, int, Array]]:
+    """List cost, slot and whole turns of every configuration that is wanted, best first."""
+    ranked = []
+    for slot, configuration in enumerate(CONFIGURATIONS):
+        q = branches[:, slot]
+        reached = np.isfinite(q[:, 0])
+        if not wish.allows(configuration) or not reached.any():
+            continue
+        path = _unwrap(arm, q)[reached]
+        for turns in _turn_variants(arm, path):
+            ranked.append((_rate(arm, path + turns, reached.mean(), wish), slot, turns))
+    return sorted(ranked, key=lambda entry: entry[0])
+
+
+def _rate(arm: Arm, q: Array, share: float, wish: Preference) -> float:
+    """Rate one way to stand; what is missed or torn outweighs everything else."""
+    robot = arm.robot
+    outside = np.maximum(robot.lower - q, q - robot.upper).max(axis=1) > 1e-9
+    torn = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > LARGEST_STEP if len(q) > 1 else np.zeros(0)
+    penalty = 1e6 * (1.0 - share * (1.0 - outside.mean())) + 1e3 * float(np.sum(torn))
+    if wish.start is not None:
+        return penalty + float(np.linalg.norm(q[0] - wish.start))
+    reach = robot.upper - robot.lower
+    span = np.where(np.isfinite(reach) & (reach > 0.0), reach, np.inf)  # a joint that is held uses none of its own
+    usage = (2 * np.abs(q - middle_of_limits(robot)) / span).max()
+    columns = joint_jacobian(arm.chain, locate_frames(arm.chain, q))[:, :, arm.arm]
+    columns[:, :3] /= _reach(arm)
+    kappa = np.linalg.cond(columns).max()
+    return penalty + 1.0 / max(1.0 - float(usage), 0.02) + 0.05 * float(min(kappa, 1e4))
+
+
+def _turn_variants(arm: Arm, path: Array) -> list[Array]:
+    """List the whole turns that keep a continuous path within the joint limits; the path as it is where none does."""
+    robot, choices = arm.robot, []
+    for j in range(arm.chain.nq):
+        low, high = path[:, j].min(), path[:, j].max()
+        fitting = [0.0]
+        if not robot.prismatic[j] and np.isfinite(robot.lower[j]) and np.isfinite(robot.upper[j]):
+            fewest = int(np.ceil((robot.lower[j] - low) / (2 * np.pi) - 1e-9))
+            most = int(np.floor((robot.upper[j] - high) / (2 * np.pi) + 1e-9))
+            fitting = [2 * np.pi * k for k in range(fewest, most + 1)] or [_least_excess(robot, j, low, high)]
+        choices.append(fitting)
+    return [np.array(turns) for turns in product(*choices)]
+
+
+def _least_excess(robot: Robot, j: int, low: float, high: float) -> float:
+    """Return the whole turns that leave the limits of a joint least."""
+    shifts = [2 * np.pi * k for k in range(-2, 3)]
+    return min(shifts, key=lambda shift: max(robot.lower[j] - low - shift, high + shift - robot.upper[j]))
+
+
+def _unwrap(arm: Arm, q: Array) -> Array:
+    """Make the reached waypoints of a configuration continuous; the others stay NaN."""
+    q, reached = np.array(q), np.isfinite(q[:, 0])
+    turning = ~arm.robot.prismatic
+    rows = np.flatnonzero(reached)
+    q[np.ix_(rows, turning)] = np.unwrap(q[np.ix_(rows, turning)], axis=0)
+    return q
+
+
+def _whole_turns(arm: Arm, q: Array, turns: Array, sampled: Array) -> Array:
+    """Carry the turns chosen for the sampled path to the whole one, which may begin a turn away."""
+    first = _unwrap(arm, sampled)
+    start, begin = first[np.isfinite(first[:, 0])][0], q[np.isfinite(q[:, 0])][0]
+    away = np.round((start - begin) / (2 * np.pi)) * 2 * np.pi
+    return np.asarray(turns + np.where(arm.robot.prismatic, 0.0, away))
+
+
+def _fill_missed(arm: Arm, q: Array, reached: NDArray[np.bool_], position: Array, rotation: Array) -> Array:
+    """Put the arm as near as it comes where it does not reach: least squares from the nearest waypoint reached."""
+    missing = np.flatnonzero(~reached)
+    if not len(missing):
+        return q
+    rows = np.flatnonzero(reached)
+    nearest = (
+        rows[np.abs(missing[:, None] - rows[None, :]).argmin(axis=1)]
+        if len(missing) * len(rows) < 5e7
+        else (rows[np.clip(np.searchsorted(rows, missing), 0, len(rows) - 1)])
+    )
+    filled = np.clip(q[nearest], arm.robot.lower, arm.robot.upper)
+    filled = refine_ik(arm, filled, position[missing], rotation[missing], iterations=25)
+    q = q.copy()
+    q[missing] = np.clip(filled, arm.robot.lower, arm.robot.upper)
+    return q
+
+
+def _hold_extra_axes(arm: Arm, position: Array, wish: Preference) -> Array:
+    """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach."""
+    rest = middle_of_limits(arm.robot)
+    if wish.start is not None:
+        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), wish.start, rest)
+    elif len(arm.held) and arm.robot.prismatic[arm.held].all():
+        rest = _slide_to_path(arm, rest, position)
+    return np.tile(rest[arm.held], (len(position), 1))
+
+
+def _slide_to_path(arm: Arm, rest: Array, position: Array) -> Array:
+    """Slide each rail until its arm's first axis stands half its reach beside the middle of the path."""
+    centre, wanted = position.mean(axis=0), 0.6 * _reach(arm)
+    for j in arm.held:
+        grid = np.tile(rest, (61, 1))
+        grid[:, j] = np.linspace(arm.robot.lower[j], arm.robot.upper[j], 61)
+        origin = locate_frames(arm.chain, grid).origin[:, arm.chain.joint_elements[arm.arm[0]]]
+        distance = np.linalg.norm((origin - centre)[:, :2], axis=1)
+        rest = grid[np.abs(distance - wanted).argmin()]
+    return rest
+
+
+def _reach(arm: Arm) -> float:
+    """Return the length of the stretched arm [m]."""
+    frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))
+    points = np.vstack([frames.origin[0, arm.chain.joint_elements[arm.arm]], frames.tcp_position])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def check_start(robot: Robot, start: Array | None) -> None:
+    """Refuse joint positions to start near that the robot cannot take.
+
+    Raises:
+        InputError: If their number is not that of the joints, or one lies outside its limits.
+
+    """
+    if start is None:
+        return
+    if len(start) != robot.nq:
+        raise InputError(f"start has {len(start)} joint positions, the robot has {robot.nq}", where="plan.start_deg")
+    for j in np.flatnonzero((start < robot.lower) | (start > robot.upper)):
+        scale, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
+        limits = f"[{robot.lower[j] * scale:.6g}, {robot.upper[j] * scale:.6g}]"
+        name = robot.joint_names[j]
+        message = f"joint {name!r} starts at {start[j] * scale:.6g} {unit}, limits {limits}"
+        raise InputError(message, where="plan.start_deg")
+
+
+def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, wish: Preference) -> str:
+    """Say why no waypoint is reached."""
+    wanted = [word for word in (wish.shoulder, wish.elbow, wish.wrist) if word]
+    sample = np.unique(np.linspace(0, len(position) - 1, min(len(position), 20)).astype(int))
+    if wanted and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
+        return f"configuration {', '.join(wanted)} reaches no waypoint, other configurations do; leave it to 'auto'"
+    q = np.zeros((len(sample), arm.chain.nq))
+    q[:, arm.held] = held[sample]
+    first = locate_frames(arm.chain, q).origin[:, arm.chain.joint_elements[arm.arm[0]]]
+    distance = float(np.linalg.norm(position[sample] - first, axis=1).min())
+    where = f"its nearest waypoint is {distance:.2f} m from the first axis, the stretched arm {_reach(arm):.2f} m long"
+    return f"the part is out of reach in position or orientation of the tool: {where}; move [part] or turn the tool"

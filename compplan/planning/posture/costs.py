@@ -1,0 +1,278 @@
+"""What a posture costs: how far the tool would miss, and how well the robot stands.
+
+The cost that matters is the sensitivity: what is left of the deviation after compensation, because wrench, compliance
+and joint zeros are known only so well. To first order, with theta = C tau the elastic coordinates under the load,
+
+    remaining deviation = J (e_c * theta) + J C J^T (e_w * w) + J_q e_q,
+
+where e_c, e_w and e_q are independent errors of each elastic coordinate (relative), each component of the wrench
+(relative) and each joint zero. A plan at a fixed posture cannot change it; another posture can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from compplan.errors import InputError, UnknownNameError
+from compplan.robot import Array
+from compplan.statics.chain import Chain, Frames, jacobian, joint_jacobian, load_elements, locate_frames
+from compplan.statics.quality import natural_length
+
+CHUNK = 4096
+#: Samples of the errors for the 95 % value; fixed, so that postures compare alike.
+SAMPLES = 512
+#: Least level of squared sensitivity that presets are scaled with: 0.1 um, far below any robot. [mm^2]
+LEAST_LEVEL = 1e-8
+Measure = Literal["expected", "p95"]
+
+
+@dataclass(frozen=True)
+class ModelScatter:
+    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal.
+
+    Attributes:
+        wrench: Relative error of each component of the wrench, part axes.
+        compliance: Relative error of each elastic coordinate.
+        joint_zero: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
+
+    """
+
+    wrench: float = 0.1
+    compliance: float = 0.1
+    joint_zero: float = 0.0
+
+
+class ErrorModel(Protocol):
+    """How far the tip of a posture may be off, from more than a few assumed shares: what is known of the robot."""
+
+    @property
+    def source(self) -> str:
+        """Say where it comes from."""
+        ...
+
+    def columns(self, q: Array, wrench: Array) -> Array:
+        """Return the error of the tip by one standard deviation of each cause. Shape (n, 3, errors). [m].
+
+        Infinite where the loaded arm finds no equilibrium. q: shape (n, nq); wrench at the TCP, base axes: (n, 6).
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search.
+
+    Attributes:
+        sensitivity: Per mm^2 of remaining deviation, mean square along the cut (or squared 95 % value).
+        deviation: Per mm^2 of deviation before compensation, mean square along the cut.
+        limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
+        dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
+        singularity: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along
+            the path.
+        motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
+        time: Per second of motion.
+        rate: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
+        travel: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
+
+    """
+
+    sensitivity: float = 1.0
+    deviation: float = 0.0
+    limits: float = 0.0
+    dexterity: float = 0.0
+    singularity: float = 0.0
+    motion: float = 0.0
+    time: float = 0.0
+    rate: float = 0.0
+    travel: float = 1.0
+
+
+#: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
+#: between equals. `sensitivity`, `deviation` and `travel` count as they stand; the others are shares of the least
+#: squared sensitivity that any posture along the path has, so that a preset means the same for light and heavy cuts.
+PRESETS: dict[str, Weights] = {
+    "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, travel=0.0),
+    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
+    "smooth": Weights(
+        sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0, travel=0.0
+    ),
+    "fast": Weights(
+        sensitivity=0.01,
+        limits=0.01,
+        dexterity=0.002,
+        singularity=10.0,
+        motion=0.02,
+        time=10.0,
+        rate=1000.0,
+        travel=0.0,
+    ),
+}
+RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
+
+
+class NodeCosts(NamedTuple):
+    """What n postures are like.
+
+    Attributes:
+        sensitivity: Expected (root mean square) or 95 % remaining deviation of the tool tip. Shape (n,). [m]
+        deviation: Deviation of the tool tip before compensation. Shape (n,). [m]
+        limits: Nearness to joint limits, see `measure_limits`. Shape (n,).
+        dexterity: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
+
+    """
+
+    sensitivity: Array
+    deviation: Array
+    limits: Array
+    dexterity: Array
+
+
+def choose_weights(preset: str, level: float, own: dict[str, float] | None = None) -> Weights:
+    """Turn a preset into weights.
+
+    Args:
+        preset: "accurate", "promise", "smooth" or "fast".
+        level: Least squared sensitivity along the path, mean over the cut. [mm^2]
+        own: Weights that replace the preset's, in their units.
+
+    Raises:
+        UnknownNameError: If preset or a name in `own` does not exist.
+        InputError: If a weight is negative.
+
+    """
+    if preset not in PRESETS:
+        raise UnknownNameError("preset", preset, list(PRESETS))
+    base = PRESETS[preset]
+    scale = max(level, LEAST_LEVEL)
+    weights = replace(base, **{name: getattr(base, name) * scale for name in RELATIVE})
+    names = [entry.name for entry in fields(Weights)]
+    for name, value in (own or {}).items():
+        if name not in names:
+            raise UnknownNameError("weight", name, names)
+        if not value >= 0.0:
+            raise InputError(f"weight {name} is {value:g}, must not be negative")
+        weights = replace(weights, **{name: value})
+    return weights
+
+
+def measure_nodes(
+    chain: Chain,
+    q: Array,
+    wrench: Array,
+    *,
+    limits: tuple[Array, Array],
+    uncertainty: ModelScatter | ErrorModel | None = None,
+    measure: Measure = "expected",
+    axes: Array | None = None,
+    margin: float = np.radians(10.0),
+) -> NodeCosts:
+    """Measure postures, one row each.
+
+    Args:
+        chain: The elastic chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Predicted wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        limits: Lower and upper joint limits. Shapes (nq,). [rad or m]
+        uncertainty: How well the inputs are known.
+        measure: Root of the expected square, or the 95 % value.
+        axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3); base axes if left out.
+        margin: Distance to a limit from which on it does not count. [rad or m]
+
+    """
+    known = uncertainty or ModelScatter()
+    n = len(q)
+    sensitivity, deviation, dexterity = np.empty(n), np.empty(n), np.empty(n)
+    length = natural_length(chain, limits)
+    for start in range(0, n, CHUNK):
+        rows = slice(start, min(start + CHUNK, n))
+        frames = locate_frames(chain, q[rows])
+        columns = jacobian(chain, frames)
+        plain = known if isinstance(known, ModelScatter) else ModelScatter()
+        spread, bend = _error_columns(chain, frames, columns, wrench[rows], plain, axes)
+        if not isinstance(known, ModelScatter):
+            spread = known.columns(q[rows], wrench[rows])
+        deviation[rows] = np.linalg.norm(bend, axis=1)
+        if measure == "expected":
+            sensitivity[rows] = np.sqrt(np.einsum("nij,nij->n", spread, spread))
+        else:
+            sensitivity[rows] = np.where(np.isfinite(spread).all(axis=(1, 2)), _quantile(spread), np.inf)
+        dexterity[rows] = measure_dexterity(joint_jacobian(chain, frames), length)
+    return NodeCosts(sensitivity, deviation, measure_limits(q, *limits, margin), dexterity)
+
+
+def error_columns(
+    chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | ErrorModel, axes: Array | None = None
+) -> Array:
+    """Return the deviation that one standard deviation of each error leaves: shape (n, 3, errors) [m].
+
+    The errors are those of the elastic coordinates, of the six components of the wrench, and of the joint zeros; or
+    those of the model that is given.
+    """
+    if not isinstance(uncertainty, ModelScatter):
+        return uncertainty.columns(q, wrench)
+    frames = locate_frames(chain, q)
+    return _error_columns(chain, frames, jacobian(chain, frames), wrench, uncertainty, axes)[0]
+
+
+def _error_columns(
+    chain: Chain, frames: Frames, columns: Array, wrench: Array, known: ModelScatter, axes: Array | None
+) -> tuple[Array, Array]:
+    """Return the error columns and the deflection of the tip: shapes (n, 3, errors), (n, 3) [m]."""
+    springs = chain.spring_elements
+    elastic = np.ascontiguousarray(columns[:, :, springs])
+    torque = load_elements(chain, frames, wrench)[:, springs]
+    theta = torque @ chain.compliance
+    by_spring = elastic[:, :3] * theta[:, None, :]
+    compliance = (elastic[:, :3] @ chain.compliance) @ np.swapaxes(elastic, 1, 2)
+    turn = np.eye(3) if axes is None else axes
+    by_force = (compliance[:, :, :3] @ turn) * (wrench[:, None, :3] @ turn)
+    by_moment = (compliance[:, :, 3:] @ turn) * (wrench[:, None, 3:] @ turn)
+    parts = [known.compliance * by_spring, known.wrench * by_force, known.wrench * by_moment]
+    if known.joint_zero > 0.0:
+        motion = joint_jacobian(chain, frames)
+        turning = np.linalg.norm(motion[:, 3:], axis=1, keepdims=True)  # 1, and 0 for a slide
+        parts.append(known.joint_zero * motion[:, :3] * turning)
+    return np.concatenate(parts, axis=2), by_spring.sum(axis=2)
+
+
+def measure_limits(q: Array, lower: Array, upper: Array, margin: float) -> Array:
+    """Measure nearness to joint limits: sum over the joints of max(0, 1 - distance / margin)^2. Shape (n,)."""
+    distance = np.minimum(q - lower, upper - q)
+    return np.asarray((np.maximum(0.0, 1.0 - distance / margin) ** 2).sum(axis=1))
+
+
+def measure_dexterity(joint_columns: Array, length: float) -> Array:
+    """Return the inverse Frobenius condition number of the length-normalised Jacobian [Dumas2011].
+
+    1 / kappa = 6 / sqrt(tr(N N^T) tr((N N^T)^-1)), N the Jacobian with its linear rows divided by the length: 1 where
+    the tool moves equally well in all directions, 0 at a singularity. A redundant arm counts all its joints.
+
+    Args:
+        joint_columns: Jacobian of the commanded joints. Shape (n, 6, nq).
+        length: Characteristic length. [m]
+
+    """
+    scaled = joint_columns.copy()
+    scaled[:, :3] /= length
+    gram = scaled @ np.swapaxes(scaled, 1, 2)
+    trace = np.trace(gram, axis1=1, axis2=2)
+    gram += (1e-14 * trace)[:, None, None] * np.eye(6)
+    inverse = np.trace(np.linalg.inv(gram), axis1=1, axis2=2)
+    return np.asarray(6.0 / np.sqrt(np.maximum(trace * inverse, 36.0)))
+
+
+@cache
+def draw_errors(errors: int, samples: int = SAMPLES) -> Array:
+    """Draw standard normal errors, the same ones every time. Shape (errors, samples)."""
+    return np.random.default_rng(0).standard_normal((errors, samples))
+
+
+def _quantile(spread: Array, level: float = 0.95) -> Array:
+    draws = spread @ draw_errors(spread.shape[2])
+    lengths = np.sqrt(np.einsum("nis,nis->ns", draws, draws))
+    rank = int(np.ceil(level * lengths.shape[1])) - 1
+    return np.asarray(np.partition(lengths, rank, axis=1)[:, rank])

@@ -1,0 +1,338 @@
+"""Where a plan starts: the stance that the ladder graph chooses, or one fixed configuration where it finds none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InfeasibleError, InputError
+from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene, compute_model_loads
+from compplan.planning.posture.configuration import Preference, choose_posture
+from compplan.planning.posture.contacts import describe_contact
+from compplan.planning.posture.costs import ErrorModel
+from compplan.planning.posture.default_posture import solve_default_posture
+from compplan.planning.posture.few_joints import follow_path
+from compplan.planning.posture.finished import RobotMeasure, describe_finished
+from compplan.planning.posture.follow import follow_from
+from compplan.planning.posture.partial import find_partial
+from compplan.planning.posture.settings import PostureSettings, read_settings
+from compplan.planning.posture.summary import PostureSummary
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration
+from compplan.toolpath.toolpath import Toolpath
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+
+
+#: What a robot of four joints cannot do.
+FOUR_JOINTS = (
+    "The robot has four joints: it cannot choose where its tool points. The tip is corrected; what the load leans the"
+    " tool stays (tilt_after_deg in plan.json), and points of the tool above the tip are aside by it."
+)
+
+
+@dataclass(frozen=True)
+class PostureRequest:
+    """What a job asks of the posture.
+
+    Attributes:
+        settings: What the search may vary and what it weighs.
+        axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
+        scene: What may touch what, or None.
+        wanted: Clearance that is asked for. [m]
+        measures: How costs of finished postures are worked out, by their names.
+
+    """
+
+    settings: PostureSettings
+    axes: Array
+    scene: CollisionScene | None = None
+    wanted: float = 0.0
+    measures: Mapping[str, RobotMeasure] = field(default_factory=dict)
+
+
+class Easing(NamedTuple):
+    """How a run goes beside the fastest one, so that the arm rings less where its band is widest.
+
+    Attributes:
+        window: Windows of smoothing as a share of those that plans have.
+        places: Places along the toolpath, waypoints counted from 0. Shape (k,).
+        slower: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
+
+    """
+
+    window: float
+    places: Array
+    slower: Array
+
+
+@dataclass(frozen=True)
+class Bettered:
+    """What the program of time, posture and promise made of the posture that the graph chose.
+
+    Attributes:
+        graph: The graph's start.
+        time: Time of the run before and after, nothing corrected. [s]
+        band: Widest 95 % band before and after, nothing corrected. [mm]
+        least_time: Time of the programmed feed, of rapid moves, and of smoothing at both ends of every run. [s]
+        origin: Where it started: "search" (the posture search) or "programmed" (x of the tool as programmed).
+        steps: Iterations of the program.
+        names: What was free: "spin", "lead", "lean", or extra axes.
+        energy: Work of the motors before and after, None where it does not count. [J]
+
+    """
+
+    graph: Start
+    time: tuple[float, float]
+    band: tuple[float, float]
+    least_time: float
+    origin: str
+    steps: int
+    names: tuple[str, ...]
+    energy: tuple[float, float] | None = None
+
+    def describe(self) -> dict[str, object]:
+        """Describe it for plan.json."""
+        return {
+            "free": list(self.names), "start": self.origin, "steps": self.steps,
+            "time_s": {"graph": self.time[0], "program": self.time[1]},
+            "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
+            "least_time_s": self.least_time,
+            **({} if self.energy is None else {"motor_work_J": {"graph": self.energy[0], "program": self.energy[1]}}),
+        }  # fmt: skip
+
+    def sentence(self, pace: Easing | None = None) -> str:
+        """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
+        (before, after), (wide, narrow) = self.time, self.band
+        most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+        work = "" if self.energy is None else f", work of the motors {self.energy[0]:.3g} -> {self.energy[1]:.3g} J"
+        eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
+        eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
+        head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
+        if not self.steps:
+            posture = {"search": "the posture of the search",
+                       "programmed": "one configuration with x of the tool as programmed"}[self.origin]  # fmt: skip
+            head = f"Posture and speed are chosen together ({posture})"
+        return (f"{head}: run {before:.4g} -> {after:.4g} s "
+                f"(the programmed feed takes {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
+                f"{narrow:.3g} mm{work}, before correction{eased}.")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a plan starts.
+
+    Attributes:
+        nominal: The path, its tool axis leaning as chosen.
+        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+        configuration: Shoulder, elbow and wrist along most of the path.
+        missed: Waypoints that are not reached. Shape (n,).
+        stance: What the graph chose, or None where it found nothing (or was not asked).
+        request: What was asked for, or None.
+        notes: What a user should know, one sentence each.
+        of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
+        mend: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
+        bettered: What the program made of the graph's posture, None where that is kept.
+        pace: How the run goes beside the fastest one, None where it is that.
+        aside: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
+        upright: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
+
+    """
+
+    nominal: Toolpath
+    q: Array
+    rotation: Array
+    configuration: Mapping[str, str]
+    missed: NDArray[np.bool_]
+    stance: PostureSummary | None = None
+    request: PostureRequest | None = None
+    notes: tuple[str, ...] = ()
+    of_program: bool = False
+    mend: str = ""
+    bettered: Bettered | None = None
+    pace: Easing | None = None
+    aside: Array | None = None
+    upright: Array | None = None
+
+
+def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
+    """Read what a job asks of the posture; `errors` is what the preset "promise" counts.
+
+    Raises:
+        InputError: If a mesh that the job names is missing or cannot be read.
+
+    """
+    wanted = 0.0 if job.collision is None else job.collision.clearance_mm * 1e-3
+    return PostureRequest(
+        read_settings(job, robot, errors), job.T_base_part[:3, :3], compute_model_loads(job, robot), wanted
+    )
+
+
+def find_start(
+    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Preference, request: PostureRequest | None
+) -> Start:
+    """Find where a plan starts.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, with its predicted wrench.
+        tool_x: Where x of the TCP points at no rotation about the tool axis, base axes. Shape (3,).
+        rotation: Orientation of the TCP frame at no rotation about the tool axis. Shape (n, 3, 3).
+        wish: What is said about configuration and start.
+        request: What is asked of the posture; None keeps one configuration and the orientation as it is.
+
+    Raises:
+        InputError: If the wanted start lies outside the joint limits, or no waypoint is reached.
+
+    """
+    note: tuple[str, ...] = ()
+    if robot.nq < 6:
+        arm = build_arm(robot)
+        free = robot.nq == 5 or (request is not None and request.settings.free_spin)
+        q, missed = follow_path(arm, nominal.position, rotation, spin_free=free)
+        if missed.all():
+            least = ", which keep the tool where it points" if robot.nq < 5 else ""
+            raise InputError(
+                f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one branch"
+            )
+        if robot.nq < 5:
+            note = (FOUR_JOINTS,)
+        return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
+    if request is not None:
+        if wish.start is not None and not robot.prismatic[: robot.nq - 6].all():  # the job says where seven axes stand
+            followed = _follow_start(robot, nominal, rotation, wish.start, request)
+            if followed is not None:
+                return followed
+        try:
+            stance = _ask_graph(robot, nominal, tool_x, request)
+        except InfeasibleError as error:
+            sentence = str(error)
+            plain = "One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the way."
+            note = (f"{sentence[0].upper()}{sentence[1:]}. {plain}",)
+            if request.scene is not None:
+                blind = find_start(robot, nominal, tool_x, rotation, wish, replace(request, scene=None))
+                if blind.stance is not None:
+                    note = (f"{sentence[0].upper()}{sentence[1:]}. The posture is that without anything in the way.",)
+                    return replace(blind, request=request, notes=(*note, *blind.notes))
+            instead = _go_on(robot, nominal, tool_x, rotation, wish, request)
+            if instead is not None:
+                return instead
+        else:
+            return stand(stance, nominal, request)
+    posture = choose_posture(robot, nominal.position, rotation, wish)
+    return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
+
+
+def _go_on(
+    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Preference, request: PostureRequest
+) -> Start | None:
+    """Go on where the graph finds no way along the whole path: from the job's start, else along what is in reach."""
+    settings = request.settings
+    followed = None if wish.start is None else _follow_start(robot, nominal, rotation, wish.start, request)
+    if followed is not None:
+        return followed
+    partial = find_partial(robot, nominal, tool_x, settings, request.axes)
+    if partial is None:
+        return None
+    sentence = partial.sentence
+    return Start(
+        nominal, partial.q, partial.rotation, partial.configuration, partial.missed, None, request,
+        (f"{sentence[0].upper()}{sentence[1:]}.",), of_program=True, mend=partial.mend,
+    )  # fmt: skip
+
+
+def _follow_start(
+    robot: Robot, nominal: Toolpath, rotation: Array, start: Array, request: PostureRequest
+) -> Start | None:
+    """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
+    if request.scene is not None:
+        return None
+    settings, chain = request.settings, build_chain(robot)
+    q, missed = follow_from(
+        robot, chain, nominal.position, rotation, start, free_spin=settings.free_spin, most_step=settings.most_step
+    )
+    if missed.any():
+        return None
+    stood = locate_frames(chain, q).tcp_rotation
+    told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
+    return Start(nominal, q, stood, _name(robot, q), missed, None, request, (told,), of_program=True)
+
+
+def _name(robot: Robot, q: Array) -> dict[str, str]:
+    """Name the configuration along most of a motion."""
+    arm = build_arm(robot)
+    return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
+
+
+def stand(stance: PostureSummary, nominal: Toolpath, request: PostureRequest) -> Start:
+    """Start where the graph stands."""
+    leaning = request.settings.lead > 0 or request.settings.lean > 0
+    path = replace(nominal, axis=stance.axis) if leaning else nominal
+    words = tuple(
+        f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
+        for waypoint, before, after in stance.changes
+    )
+    if told := describe_finished(stance):
+        words += (told,)
+    return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words,
+                 upright=nominal.axis if leaning else None)  # fmt: skip
+
+
+def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
+    """Measure the clearance of a command; also tell the waypoints that come too near, and what is in the way."""
+    if start is None or start.request is None or start.request.scene is None:
+        return None, {}
+    wanted = start.request.wanted
+    profile = measure_clearance(start.request.scene, q, wanted)
+    near = {
+        int(waypoint): f"clearance ({describe_contact(contact)})"
+        for waypoint, contact in zip(profile.computed, profile.contacts, strict=True)
+        if contact.distance < wanted - 1e-4
+    }
+    if profile.own.first and profile.own.distance <= 0:
+        near.setdefault(profile.own_waypoint, f"clearance ({describe_contact(profile.own)})")
+    return profile, near
+
+
+def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest) -> PostureSummary:
+    return choose_posture_path(
+        robot, nominal, tool_x, request.settings, axes=request.axes, margin=_state_margin(request),
+        measures=request.measures,
+    )  # fmt: skip
+
+
+def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
+    """Start with one configuration and the tool's x as the job has it, in place of what the graph chose.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, its tool axis as programmed.
+        tool_x: Where x of the TCP points, base axes. Shape (3,).
+        start: The graph's start.
+
+    Returns:
+        None where the graph chose it already, or it cannot be kept.
+
+    """
+    if start.stance is None or start.request is None or start.stance.instead_of is not None:
+        return None
+    request = start.request
+    stance = solve_default_posture(robot, nominal, tool_x, start.stance, request.axes, _state_margin(request))
+    return None if stance is None else stand(replace(stance, instead_of=None), nominal, request)
+
+
+def _state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]], Array] | None:
+    """State by how much joint positions at waypoints keep clear; None where nothing is in the way."""
+    scene = request.scene
+    if scene is None:
+        return None
+    return lambda q, waypoints: measure_margin(scene, q, request.wanted)

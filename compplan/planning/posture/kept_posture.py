@@ -1,0 +1,292 @@
+"""Keep how an arm stands along a path: branch, rotation about the tool axis, full turns and extra axes.
+
+A robot folder that a diagnosis or a lesson wrote is the same machine: its plan keeps the posture that the job's own
+robot chooses, and a program that exists already is kept on request. The joints are solved anew around the posture that
+is kept; where that fails a posture is chosen, and the change is told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.errors import CompplanError, InputError
+from compplan.io.columns import FileColumn
+from compplan.io.tables import read_table
+from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
+from compplan.planning.posture.configuration import Preference
+from compplan.planning.posture.initial_branches import PostureRequest, Start, find_start
+from compplan.planning.posture.slides import least_strokes, steady_slide
+from compplan.planning.posture.summary import summarise_costs
+from compplan.planning.posture.trace import reach_tip_and_axis
+from compplan.robot import Array, Robot, load_robot
+from compplan.robot.folder import find_robot_folder
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration, pose_error, refine_ik
+from compplan.toolpath.toolpath import Toolpath, interpolate
+
+#: Rows of a program that bring the correction in or out; the others follow the path.
+BESIDE = ("approach", "retract")
+#: A kept program is of this path where their lengths differ by less than this share.
+SAME_LENGTH = 0.02
+#: A waypoint is reached where it misses the pose by less. [m and rad]
+REACHED = 1e-6
+#: Two folders whose joints stand nearer than this are of one machine (assumed: measured geometry differs by
+#: millimetres). [m], and the same for axes [rad]
+SAME_PLACE, SAME_AXIS = 0.05, 0.1
+#: Joint motion that counts as a change of posture: beyond every correction. [rad, m]
+CHANGED_TURN, CHANGED_SLIDE = float(np.radians(5.0)), 0.01
+
+
+class Kept(NamedTuple):
+    """A posture along a path.
+
+    Attributes:
+        length: Length of the path at each row. Shape (m,). [m]
+        axis: Tool axis, tip to spindle, base axes. Shape (m, 3).
+        q: Joint positions. Shape (m, nq). [rad or m]
+        source: Where it comes from, in words.
+
+    """
+
+    length: Array
+    axis: Array
+    q: Array
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Lock:
+    """What a plan keeps of its posture: that of a program, or that which another model of the same machine chooses.
+
+    Attributes:
+        model: The robot by whose model the posture is chosen, or None.
+        program: The program whose posture is kept, or None.
+
+    """
+
+    model: Robot | None = None
+    program: Kept | None = None
+
+    @property
+    def source(self) -> str:
+        """Say whose posture is kept."""
+        if self.program is not None:
+            return self.program.source
+        return "" if self.model is None else f"robot {self.model.name!r}"
+
+
+def read_lock(job: Job, robot: Robot) -> Lock | None:
+    """Read what a job keeps of its posture on a robot; None where it is chosen anew.
+
+    Args:
+        job: The job; [plan] keep is "robot", "nothing", or a program.
+        robot: The robot that is planned with, its tool mounted.
+
+    Raises:
+        InputError: If the program is not one of this robot.
+
+    """
+    keep = job.plan.keep
+    if keep == KEEP_NOTHING:
+        return None
+    if keep != KEEP_ROBOT:
+        return Lock(program=read_program(job.folder / keep, robot))
+    try:
+        folder = find_robot_folder(job.own_robot, job.folder)
+    except CompplanError:
+        return None  # another robot stands in for one that is not there
+    if robot.folder is None or folder.resolve() == robot.folder.resolve():
+        return None
+    own = load_robot(folder)
+    own = own if job.tool is None else job.tool.mount(own)
+    return Lock(model=own) if is_same_machine(own, robot) else None
+
+
+def read_program(path: Path, robot: Robot) -> Kept:
+    """Read the posture of an earlier plan.
+
+    Args:
+        path: joints.csv of the plan, or the folder that holds it.
+        robot: The robot, for its joints.
+
+    Raises:
+        InputError: If there is no such file, or it is not what a plan writes for this robot.
+
+    """
+    file = path / "joints.csv" if path.is_dir() else path
+    if not file.is_file():
+        raise InputError("no such file, expected joints.csv of an earlier plan, or its folder", file=file)
+    wanted = [FileColumn(name, "length", True) for name in "xyz"] + [FileColumn(name, "number", True) for name in "ijk"]
+    joints = [FileColumn(f"q{n}", "length" if slides else "angle", True) for n, slides in enumerate(robot.prismatic, 1)]
+    table = read_table(file, [*wanted, *joints, FileColumn("move", "text")], unknown="note")
+    along = ~np.isin(table.text["move"], BESIDE) if "move" in table else np.ones(len(table), bool)
+    numbers = table.stack([*"xyz", *"ijk", *(column.name for column in joints)])
+    if along.sum() < 2 or not np.isfinite(numbers).all():
+        raise table.error("a kept program has at least two rows along the path, every number given")
+    numbers = numbers[along]
+    steps = np.linalg.norm(np.diff(numbers[:, :3], axis=0), axis=1)
+    return Kept(np.r_[0.0, np.cumsum(steps)], numbers[:, 3:6], numbers[:, 6:], str(file))
+
+
+def is_same_machine(one: Robot, other: Robot) -> bool:
+    """Tell whether two folders describe one machine: the same joints, at nearly the same places."""
+    if one.joint_names != other.joint_names or len(one.joints) != len(other.joints):
+        return False
+    for a, b in zip(one.joints, other.joints, strict=True):
+        gap = np.linalg.inv(a.placement) @ b.placement
+        turn = np.arccos(np.clip(0.5 * (np.trace(gap[:3, :3]) - 1.0), -1.0, 1.0))
+        if np.linalg.norm(gap[:3, 3]) > SAME_PLACE or turn > SAME_AXIS:
+            return False
+    return True
+
+
+def find_kept_start(
+    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Preference, request: PostureRequest | None,
+    lock: Lock | None,
+) -> Start:  # fmt: skip
+    """Find where a plan starts, the posture kept where a lock says so; arguments as of `find_start`.
+
+    Raises:
+        InputError: If a kept program is of another path, or no waypoint is reached.
+
+    """
+    if lock is None or (lock.model is None and lock.program is None):
+        return find_start(robot, nominal, tool_x, rotation, wish, request)
+    if lock.program is not None:
+        near, start = _follow_program(lock.program, nominal, rotation, request)
+        start = replace(start, q=near)
+    else:
+        assert lock.model is not None
+        try:
+            start = find_start(lock.model, nominal, tool_x, rotation, wish, request)
+        except InputError:
+            return find_start(robot, nominal, tool_x, rotation, wish, request)
+    kept = _stand_again(robot, start)
+    if not (kept.missed & ~start.missed).any():
+        return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
+    anew = find_start(robot, nominal, tool_x, rotation, wish, request)
+    if anew.missed.sum() >= kept.missed.sum():
+        return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
+    change = describe_posture_change(robot, start.q, anew.q)
+    first = int(np.flatnonzero(kept.missed)[0])
+    told = (f"The posture of {lock.source} cannot be kept, it does not reach waypoint {first} with {robot.name!r}: "
+            f"{change or 'another one of the same branch is taken'}.")  # fmt: skip
+    return replace(anew, notes=(told, *anew.notes))
+
+
+def describe_posture_change(robot: Robot, before: Array, after: Array) -> str:
+    """Name what changed between two postures along one path: configuration, and joints with the greatest change.
+
+    Args:
+        robot: The robot.
+        before: Joint positions. Shape (n, nq). [rad or m]
+        after: Joint positions at the same waypoints. Shape (n, nq). [rad or m]
+
+    Returns:
+        Words, "" where nothing changed beyond what a correction moves.
+
+    """
+    parts, arm = [], build_arm(robot)
+    if len(arm.arm) == 6:
+        names = [
+            [" ".join(CONFIGURATIONS[slot].values()) for slot in name_configuration(arm, q[[len(q) // 2]])]
+            for q in (before, after)
+        ]
+        if names[0] != names[1]:
+            parts.append(f"configuration {names[0][0]} becomes {names[1][0]}")
+    most = np.abs(after - before).max(axis=0)
+    for j, slides in enumerate(robot.prismatic):
+        if most[j] > (CHANGED_SLIDE if slides else CHANGED_TURN):
+            size = f"{1e3 * most[j]:.4g} mm" if slides else f"{np.degrees(most[j]):.4g} deg"
+            parts.append(f"{robot.joint_names[j]} moves by up to {size}")
+    return ", ".join(parts)
+
+
+def _follow_program(
+    program: Kept, nominal: Toolpath, rotation: Array, request: PostureRequest | None
+) -> tuple[Array, Start]:
+    """Lay a program's posture along a path; also the start that it asks for, the rotation still the path's.
+
+    Raises:
+        InputError: If the path is longer or shorter than the program's.
+
+    """
+    ends = float(program.length[-1]), float(nominal.arc_length[-1])
+    if abs(ends[0] - ends[1]) > SAME_LENGTH * max(*ends, 1e-9):
+        raise InputError(
+            f"program {program.source} follows a path of {1e3 * ends[0]:.5g} mm, the job's is {1e3 * ends[1]:.5g} mm "
+            "long; keep the program of this path, or none", where="plan.keep",
+        )  # fmt: skip
+    place, length = nominal.arc_length * (ends[0] / max(ends[1], 1e-12)), program.length
+    near, upright = interpolate(place, length, program.q), None
+    leaning = request is not None and (request.settings.lead > 0 or request.settings.lean > 0)
+    if leaning:
+        axis = interpolate(place, length, program.axis)
+        axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        rotation = tilt_tool(rotation, axis)
+        upright, nominal = nominal.axis, replace(nominal, axis=axis)
+    missed = np.zeros(len(nominal), bool)
+    return near, Start(nominal, near, rotation, {}, missed, None, request, (), of_program=True, upright=upright)
+
+
+def tilt_tool(rotation: Array, axis: Array) -> Array:
+    """Lean TCP frames by the least rotation that points their tool axis, against z, along another one.
+
+    Args:
+        rotation: Orientation of the TCP frame. Shape (n, 3, 3).
+        axis: Wanted tool axis, tip to spindle. Shape (n, 3).
+
+    """
+    before = -rotation[:, :, 2]
+    across = np.cross(before, axis)
+    angle = np.arctan2(np.linalg.norm(across, axis=1), np.einsum("ni,ni->n", before, axis))
+    turn = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None] * angle[:, None]
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
+
+
+def _stand_again(robot: Robot, start: Start) -> Start:
+    """Solve the joints of a robot around a start; what it does not reach there is missed."""
+    arm, nominal, rotation = build_arm(robot), start.nominal, start.rotation
+    strokes, near = least_strokes(robot), np.array(start.q)
+    for j in arm.held[strokes[arm.held] > 0]:
+        near[:, j] = steady_slide(near[:, j], strokes[j])
+    free = start.request is None or start.request.settings.free_spin
+    if robot.nq < 6:
+        q, reached = reach_tip_and_axis(arm, near, nominal.position, rotation, spin_free=free or robot.nq == 5)
+        rotation = locate_frames(arm.chain, q).tcp_rotation
+    else:
+        if start.of_program and free:
+            rotation = turn_about_axis(locate_frames(arm.chain, near).tcp_rotation, nominal.axis)
+        q = refine_ik(arm, near, nominal.position, rotation, iterations=30)
+        reached = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) < REACHED
+    inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
+    missed: NDArray[np.bool_] = ~(reached & inside)
+    words = start.configuration
+    if len(arm.arm) == 6:
+        words = CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())]
+    stance = start.stance
+    if stance is not None and start.request is not None and not missed.any():
+        costs = summarise_costs(build_chain(robot), robot, nominal, q, stance.settings, start.request.axes)
+        stance = replace(stance, q=q, costs=costs)
+    return replace(start, q=np.clip(q, robot.lower, robot.upper), rotation=rotation, missed=missed,
+                   configuration=words, stance=stance)  # fmt: skip
+
+
+def turn_about_axis(stood: Array, axis: Array) -> Array:
+    """Return orientations with a wanted tool axis whose x is the nearest to that of others.
+
+    Args:
+        stood: Orientations of the TCP frame. Shape (n, 3, 3).
+        axis: Wanted tool axis, tip to spindle. Shape (n, 3).
+
+    """
+    z = -axis
+    x = stood[:, :, 0] - np.einsum("ni,ni->n", stood[:, :, 0], z)[:, None] * z
+    x = x / np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)

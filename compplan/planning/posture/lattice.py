@@ -1,0 +1,300 @@
+"""The ladder graph: every way to stand at some waypoints of a path, and what each costs.
+
+A rung is a station (a waypoint of the path). On it stand all options (rotation about the tool axis, position of extra
+axes, lead and lean of the tool axis) times all configurations of the arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from compplan.planning.posture.costs import measure_nodes
+from compplan.planning.posture.settings import PostureSettings
+from compplan.robot import Array
+from compplan.statics.chain import Chain, locate_frames
+from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches
+from compplan.toolpath.contact import path_axes, tool_axes
+from compplan.toolpath.toolpath import Toolpath, select_waypoints
+
+#: Why a node cannot be used.
+USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
+#: Coarse step of the rotation where an extra axis or leans vary too, and where several axes do. [rad]
+FEW_SPINS, FEWER_SPINS = float(np.radians(10.0)), float(np.radians(20.0))
+#: Angle by which the tool axis has to turn about the joint next to the part before that is tried around it [rad], sides
+#: from which the tool is tried then, and sine of the angle between both axes from which on the turn is sure.
+FOLLOWED, SIDES, ACROSS = float(np.radians(45.0)), 8, float(np.sin(np.radians(20.0)))
+REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "configuration not wanted")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may vary at one waypoint, g combinations.
+
+    Attributes:
+        spin: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`.
+            Shape (k, g) or (1, g). [rad]
+        held: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
+        lead: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
+        lean: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
+        neighbours: Options that a step may come from, -1 where there is none. Shape (g, w).
+        shape: Grid shape behind g: spins, positions of extra axes, leans.
+        steps: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
+
+    """
+
+    spin: Array
+    held: Array
+    lead: Array
+    lean: Array
+    neighbours: NDArray[np.int_]
+    shape: tuple[int, int, int]
+    steps: Array
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Nodes of the ladder graph: k stations, g options, b slots.
+
+    Attributes:
+        stations: Waypoint of each station. Shape (k,).
+        options: What varies.
+        q: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
+        sensitivity: Shape (k, g, b). [m]
+        deviation: Before compensation. Shape (k, g, b). [m]
+        limits: Nearness to joint limits. Shape (k, g, b).
+        dexterity: Shape (k, g, b).
+        reason: Index into `REASONS`. Shape (k, g, b).
+        singularity_margin: Inverse condition number below which a posture counts as singular.
+            Shape (k, g, b).
+
+    """
+
+    stations: NDArray[np.int_]
+    options: Options
+    q: Array
+    sensitivity: Array
+    deviation: Array
+    limits: Array
+    dexterity: Array
+    reason: NDArray[np.int8]
+    singularity_margin: float
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Tell which nodes may be used; singular ones may, at a cost. Shape (k, g, b)."""
+        return (self.reason == USABLE) | (self.reason == SINGULAR)
+
+
+def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
+    """Pick waypoints evenly by length and by turn of the tool axis; both ends of rapid moves belong to them."""
+    n = len(nominal)
+    if n <= count:
+        return np.arange(n)
+    turn = np.arccos(np.clip(np.einsum("ni,ni->n", nominal.axis[:-1], nominal.axis[1:]), -1.0, 1.0))
+    steps = np.where(nominal.rapid[1:], 0.0, nominal.steps)
+    share = steps / max(steps.sum(), 1e-300) + 0.5 * turn / max(turn.sum(), 1e-300)
+    along = np.concatenate([[0.0], np.cumsum(share)])
+    even = np.searchsorted(along, np.linspace(0.0, along[-1], count))
+    rapid = np.flatnonzero(nominal.rapid[1:])
+    ends = np.unique(np.r_[rapid, rapid + 1])
+    if len(ends) > count:
+        ends = ends[np.linspace(0, len(ends) - 1, count).astype(int)]
+    return np.unique(np.r_[0, np.clip(even, 0, n - 1), ends, n - 1])
+
+
+def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
+    """Return positions of the joint next to the part at which the tool always comes from one side; None for no turn.
+
+    A part that is worked on from all sides turns under the tool: with b the angle of the tool axis about the joint's
+    axis, seen from the part, the joint stands at a constant - b. Where the two axes are nearly parallel b goes on as it
+    is on either side.
+
+    Args:
+        arm: The arm.
+        nominal: Toolpath, seen from the link that carries the part.
+
+    Returns:
+        Positions in the middle of the joint's range. Shape (n,). [rad]
+
+    """
+    robot, joint = arm.robot, int(arm.robot.carriers.sum()) - 1
+    if joint < 0 or joint not in arm.held or robot.prismatic[joint] or robot.lower[joint] == robot.upper[joint]:
+        return None
+    turn = -locate_frames(arm.chain, np.zeros((1, arm.chain.nq))).axis[0, arm.chain.joint_elements[joint]]
+    first = np.cross(turn, np.eye(3)[np.abs(turn).argmin()])
+    first /= np.linalg.norm(first)
+    x, y = nominal.axis @ first, nominal.axis @ np.cross(turn, first)
+    sure = np.flatnonzero(np.hypot(x, y) > ACROSS)
+    if not len(sure):
+        return None
+    angle = np.interp(np.arange(len(nominal)), sure, np.unwrap(np.arctan2(y[sure], x[sure])))
+    if np.ptp(angle) < FOLLOWED:
+        return None
+    return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
+
+
+def build_options(arm: Arm, settings: PostureSettings, follow: Array | None = None) -> Options:
+    """Build the grid of options; it holds for every station but for what follows.
+
+    Args:
+        arm: The arm.
+        settings: What may vary.
+        follow: Positions, at the stations, that the joint next to the part is tried around (`follow_axis`), or None.
+            Shape (k,). [rad]
+
+    """
+    varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
+    step = max(settings.spin_step, FEW_SPINS if len(arm.held) < 2 else FEWER_SPINS) if varies else settings.spin_step
+    count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
+    spins = np.arange(count) * 2 * np.pi / count
+    robot = arm.robot
+    ranges = []
+    followed = -1 if follow is None else int(robot.carriers.sum()) - 1
+    for joint in arm.held:
+        low, high = robot.lower[joint], robot.upper[joint]
+        if joint == followed:
+            ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
+        elif np.isfinite(low) and np.isfinite(high) and high > low:
+            ranges.append(np.linspace(low, high, settings.count_positions(len(arm.held))))
+        else:
+            ranges.append(middle_of_limits(robot)[[joint]])
+    cells = list(product(*ranges))
+    held = np.array(cells, float).reshape(len(cells), len(arm.held))
+    leans = [np.linspace(-limit, limit, 3) if limit > 0 else np.zeros(1) for limit in (settings.lead, settings.lean)]
+    tilts = np.array([(a, b) for a, b in product(*leans) if _inside(a, b, settings)])
+    s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
+    standing = held[h][None]
+    if follow is not None:
+        standing = standing + np.where(arm.held == followed, follow[:, None, None], 0.0)
+    return Options(
+        spin=spins[s][None],
+        held=standing,
+        lead=tilts[t, 0][None],
+        lean=tilts[t, 1][None],
+        neighbours=_neighbours((len(spins), len(held), len(tilts)), [len(r) for r in ranges], tilts),
+        shape=(len(spins), len(held), len(tilts)),
+        steps=np.array([v[1] - v[0] if len(v) > 1 else 0.0 for v in ranges]),
+    )
+
+
+def orient_tool(
+    nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], spin: Array, lead: Array, lean: Array
+) -> Array:
+    """Return the orientation of the TCP frame at some waypoints, z out of the tool.
+
+    The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about
+    its own axis by `spin`, right-handed about the direction from tip to spindle.
+
+    Args:
+        nominal: The toolpath in the base frame.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        rows: The waypoints. Shape (k,).
+        spin: Shape (k, ...). [rad]
+        lead: Shape (k, ...). [rad]
+        lean: Shape (k, ...). [rad]
+
+    Returns:
+        Shape (k, ..., 3, 3), columns in base axes.
+
+    """
+    upright = tool_axes(nominal, tool_x)[rows]
+    shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
+    turn = np.broadcast_to(spin, shape).ravel()
+    rotation = _spread(upright, shape) @ Rotation.from_rotvec(turn[:, None] * np.array([0.0, 0.0, -1.0])).as_matrix()
+    if np.any(lead) or np.any(lean):
+        frame = path_axes(nominal)[rows]
+        angles = np.stack([-np.broadcast_to(lean, shape).ravel(), np.broadcast_to(lead, shape).ravel()], axis=1)
+        local = _spread(frame, shape)
+        tilt = (local[..., :2] @ angles[..., None])[..., 0]
+        rotation = Rotation.from_rotvec(tilt).as_matrix() @ rotation
+    return rotation.reshape(*shape, 3, 3)
+
+
+def fill_lattice(
+    chain: Chain, arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options,
+    settings: PostureSettings, *, axes: Array | None = None,
+) -> Lattice:  # fmt: skip
+    """Solve the inverse kinematics of every node and measure it.
+
+    Args:
+        chain: The elastic chain, for costs.
+        arm: The arm, for inverse kinematics.
+        nominal: Toolpath in the base frame, with its wrench.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        stations: Waypoints. Shape (k,).
+        options: What varies.
+        settings: What the search weighs.
+        axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
+
+    """
+    path = select_waypoints(nominal, stations)
+    k, g = len(stations), options.spin.shape[1]
+    spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in (options.spin, options.lead, options.lean))
+    held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
+    rotation = orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
+    position = np.repeat(path.position, g, axis=0)
+    q = solve_branches(arm, position, rotation, held).reshape(k, g, -1, chain.nq)
+    q = _wrap_into_limits(q, arm)
+    reached = np.isfinite(q[..., 0])
+    reason = np.where(reached, USABLE, OUT_OF_REACH).astype(np.int8)
+    room = arm.robot.room(settings.limit_room)
+    low, high = arm.robot.lower + room, arm.robot.upper - room
+    inside = ((q >= low) & (q <= high)).all(axis=3)
+    reason[reached & ~inside] = JOINT_LIMIT
+    reason[(reason == USABLE) & ~_wanted(settings.configuration)[: q.shape[2]]] = NOT_WANTED
+    values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "deviation", "limits", "dexterity")}
+    rows = np.nonzero(reason == USABLE)
+    wrench = np.zeros((len(path), 6)) if path.wrench is None else path.wrench
+    nodes = measure_nodes(
+        chain, q[rows], wrench[rows[0]], limits=arm.robot.arm_limits,
+        uncertainty=settings.known, measure=settings.measure, axes=axes, margin=settings.limit_margin,
+    )  # fmt: skip
+    for name, array in values.items():
+        array[rows] = getattr(nodes, name)
+    reason[(reason == USABLE) & (values["dexterity"] < settings.singularity_margin)] = SINGULAR
+    return Lattice(stations, options, q, reason=reason, singularity_margin=settings.singularity_margin, **values)
+
+
+def _spread(frames: Array, shape: tuple[int, ...]) -> Array:
+    """Repeat one frame a waypoint over the further axes of `shape`, flattened. Shape (prod(shape), 3, 3)."""
+    return np.repeat(frames, int(np.prod(shape[1:])), axis=0)
+
+
+def _inside(lead: float, lean: float, settings: PostureSettings) -> bool:
+    """Tell whether a tilt lies in the elliptic tolerance cone."""
+    parts = [(angle / limit) ** 2 for angle, limit in ((lead, settings.lead), (lean, settings.lean)) if limit > 0]
+    return sum(parts) <= 1.0 + 1e-9
+
+
+def _wanted(words: dict[str, str]) -> NDArray[np.bool_]:
+    return np.array([all(slot[key] == word for key, word in words.items()) for slot in CONFIGURATIONS])
+
+
+def _wrap_into_limits(q: Array, arm: Arm) -> Array:
+    """Shift revolute joints by full turns so that they lie inside their limits where that is possible."""
+    low, high = arm.robot.lower, arm.robot.upper
+    turn = np.where(arm.robot.prismatic, 0.0, 2 * np.pi)
+    q = np.where(q < low, q + turn, q)
+    return np.where((q > high) & (q - turn >= low), q - turn, q)
+
+
+def _neighbours(shape: tuple[int, int, int], held: list[int], tilts: Array) -> NDArray[np.int_]:
+    """List for every option those within four spins (40 degrees), one position of each extra axis, one step of lean."""
+    spins, positions, leans = shape
+    wide = 4 if spins > 30 else 2
+    window = range(-wide, wide + 1) if spins > 8 else range(-(spins // 2), spins - spins // 2)
+    cells = np.array(list(np.ndindex(*held)), int).reshape(positions, len(held))
+    near_held = [np.flatnonzero(np.abs(cells - cell).max(axis=1, initial=0) <= 1) for cell in cells]
+    step = np.maximum(np.abs(tilts).max(axis=0), 1e-12)
+    near_tilt = [np.flatnonzero((np.abs(tilts - tilt) <= 1.01 * step).all(axis=1)) for tilt in tilts]
+    rows = []
+    for s, h, t in product(range(spins), range(positions), range(leans)):
+        around = product(((s + d) % spins for d in window), near_held[h], near_tilt[t])
+        rows.append([(a * positions + b) * leans + c for a, b, c in around])
+    width = max(len(row) for row in rows)
+    return np.array([row + [-1] * (width - len(row)) for row in rows])

@@ -1,0 +1,214 @@
+"""Partial reach: the stretches of a path that the arm can follow, and what stops it where it cannot.
+
+Where no posture leads along a whole path, each stretch whose waypoints are within reach is chosen for by itself, the
+longest first. The first waypoint that fails is named with what stops it, and with a shift of the part that was tried
+and found to bring the whole path within reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InfeasibleError
+from compplan.planning.posture.choose import NODE_BUDGET, choose_posture_path
+from compplan.planning.posture.follow import reach_with_all
+from compplan.planning.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
+from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.summary import PostureSummary
+from compplan.robot import Array, Robot
+from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.ik import build_arm
+from compplan.toolpath.toolpath import Toolpath, select_waypoints
+
+#: Stretches that are chosen for, the shortest one [waypoints], and attempts on each.
+STRETCHES, SHORTEST, ATTEMPTS = 4, 5, 4
+#: Rounds in which the end of a stretch is looked for more finely, and waypoints looked at in each.
+ROUNDS, LOOKED_AT = 3, 8
+#: Shifts of the part that are tried, in shares of how far the tip misses; steps in which they are told. [m]
+SHIFTS, STEP = (1.1, 1.5, 2.2, 3.5), 0.01
+#: Waypoints that a shift is tried at first, failing and kept; shifts whose whole path is tried then.
+FAILING, KEPT, TRIED = 12, 8, 3
+#: A coarser grid that decides what is within reach. [rad]
+COARSE = float(np.radians(15.0))
+#: Letters of the sentence at most.
+LONGEST = 300
+
+
+class Partial(NamedTuple):
+    """What is kept of a path.
+
+    Attributes:
+        q: Joint positions, those of the nearest kept waypoint where one is out of reach. Shape (n, nq). [rad or m]
+        rotation: Orientation of the TCP frame. Shape (n, 3, 3).
+        missed: Waypoints that are not reached. Shape (n,).
+        configuration: Of the longest stretch.
+        sentence: The first waypoint that fails, what stops it, and what mends it.
+        mend: What stops it and what mends it alone.
+
+    """
+
+    q: Array
+    rotation: Array
+    missed: NDArray[np.bool_]
+    configuration: dict[str, str]
+    sentence: str
+    mend: str
+
+
+def find_partial(
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array
+) -> Partial | None:
+    """Keep the stretches of a path that an arm can follow; None where there is none.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame with its wrench.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        settings: What the posture may vary.
+        axes: Axes in whose components the wrench errs. Shape (3, 3).
+
+    """
+    n, found = len(nominal), []
+    for first, last in _find_stretches(robot, nominal, tool_x, settings)[:STRETCHES]:
+        stretch = _choose_stretch(robot, nominal, tool_x, settings, axes, first, last)
+        if stretch is not None:
+            found.append(stretch)
+    if not found:
+        return None
+    q, rotation, missed = np.full((n, robot.nq), np.nan), np.empty((n, 3, 3)), np.ones(n, bool)
+    for first, stance in found:
+        rows = slice(first, first + len(stance.q))
+        q[rows], rotation[rows], missed[rows] = stance.q, stance.rotation, stance.missed
+    if missed.all():
+        return None
+    kept = np.flatnonzero(np.isfinite(q[:, 0]))
+    lost = np.flatnonzero(~np.isfinite(q[:, 0]))
+    place = np.clip(np.searchsorted(kept, lost), 1, max(len(kept) - 1, 1))
+    near = np.where(lost - kept[place - 1] <= np.abs(kept[np.minimum(place, len(kept) - 1)] - lost), kept[place - 1],
+                    kept[np.minimum(place, len(kept) - 1)])  # fmt: skip
+    q[lost] = q[near]
+    spin = _spin_of(nominal, tool_x, kept, rotation[kept])
+    rotation[lost] = orient_tool(
+        nominal, tool_x, lost, spin[np.searchsorted(kept, near)], np.zeros(len(lost)), np.zeros(len(lost))
+    )
+    longest = max(found, key=lambda entry: len(entry[1].q))[1]
+    mend, first = _say(robot, nominal, tool_x, settings, axes, q, rotation, missed), int(np.flatnonzero(missed)[0])
+    sentence = (f"{missed.sum()} of {n} waypoints of the toolpath are out of reach, the first is {first} "
+                f"(s = {1e3 * nominal.arc_length[first]:.0f} mm): {mend}")  # fmt: skip
+    return Partial(q, rotation, missed, longest.configuration, sentence[:LONGEST], mend)
+
+
+def find_reached(
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, rows: NDArray[np.int_]
+) -> NDArray[np.bool_]:
+    """Tell which waypoints have a posture within the limits, on a coarse grid. Shape (k,)."""
+    arm, chain = build_arm(robot), build_chain(robot)
+    coarse = replace(settings, spin_step=max(settings.spin_step, COARSE))
+    follow = follow_axis(arm, nominal)
+    options = build_options(arm, coarse, None if follow is None else follow[rows])
+    lattice = fill_lattice(chain, arm, nominal, tool_x, rows, options, coarse)
+    return np.asarray(lattice.usable.any(axis=(1, 2)))
+
+
+def _find_stretches(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> list[tuple[int, int]]:
+    """List stretches (first, last waypoint) whose waypoints are within reach, longest first."""
+    options = build_options(build_arm(robot), settings).spin.shape[1]
+    rows = pick_stations(nominal, int(np.clip(2 * NODE_BUDGET // options, 60, settings.stations)))
+    reached = find_reached(robot, nominal, tool_x, settings, rows)
+    for _ in range(ROUNDS):
+        edges = np.flatnonzero(np.diff(reached.astype(int)))
+        more = [np.linspace(rows[e], rows[e + 1], LOOKED_AT + 2).astype(int)[1:-1] for e in edges[:LOOKED_AT]]
+        new = np.setdiff1d(np.concatenate(more), rows) if more else np.zeros(0, int)
+        if not len(new):
+            break
+        seen = find_reached(robot, nominal, tool_x, settings, new)
+        order = np.argsort(np.r_[rows, new], kind="stable")
+        rows, reached = np.r_[rows, new][order], np.r_[reached, seen][order]
+    ends = np.flatnonzero(np.diff(np.r_[0, reached.astype(int), 0]))
+    spans = [(int(rows[a]), int(rows[b - 1])) for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    return sorted((s for s in spans if s[1] - s[0] >= SHORTEST), key=lambda s: s[0] - s[1])
+
+
+def _choose_stretch(
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array, first: int, last: int
+) -> tuple[int, PostureSummary] | None:
+    """Choose for a stretch; where no motion leads along it, for its longer part."""
+    for _ in range(ATTEMPTS):
+        if last - first < SHORTEST:
+            return None
+        part = select_waypoints(nominal, np.arange(first, last + 1))
+        try:
+            return first, choose_posture_path(robot, part, tool_x, settings, axes=axes)
+        except InfeasibleError as error:
+            stops = first + min(error.waypoints, default=0)
+        if stops - first >= last - stops:
+            last = stops - 1
+        else:
+            first = stops + 1
+    return None
+
+
+def _spin_of(nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], rotation: Array) -> Array:
+    """Return the rotation about the tool axis of orientations. Shape (k,). [rad]"""
+    zero = np.zeros(len(rows))
+    turned = np.swapaxes(orient_tool(nominal, tool_x, rows, zero, zero, zero), 1, 2) @ rotation
+    return -np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+
+
+def _say(
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array, q: Array, rotation: Array,
+    missed: NDArray[np.bool_],
+) -> str:  # fmt: skip
+    """Name what stops the first waypoint that fails, and the shift of the part that mends it."""
+    failing, chain = np.flatnonzero(missed), build_chain(robot)
+    some = failing[np.unique(np.linspace(0, len(failing) - 1, FAILING).astype(int))]
+    best, _ = reach_with_all(
+        robot, chain, q[some], nominal.position[some], rotation[some], free_spin=settings.free_spin, draw=False
+    )
+    miss = nominal.position[some] - locate_frames(chain, best).tcp_position
+    lower, upper = robot.arm_limits
+    room = np.minimum(best[0] - lower, upper - best[0])
+    at = np.flatnonzero(room < np.where(robot.prismatic, 1e-3, settings.limit_room))
+    sides = ["lower" if best[0, j] - robot.lower[j] < robot.upper[j] - best[0, j] else "upper" for j in at]
+    named = [f"{side} position limit of {robot.joint_names[j]}" for j, side in zip(at, sides, strict=True)]
+    stopped = " and ".join(named[:2]) or "the reach of the arm"
+    verb = "stop" if len(named) > 1 else "stops"
+    text = f"{stopped} {verb} it"
+    shift = _find_shift(robot, nominal, tool_x, settings, axes, some, np.flatnonzero(~missed), miss)
+    if shift is None:
+        most = 1e3 * float(np.linalg.norm(miss, axis=1).max())
+        return f"{text}; no shift of the part by some {most:.0f} mm along one axis mends it"
+    k = int(np.abs(shift).argmax())
+    mends = f"with the part moved by {1e3 * shift[k]:+.0f} mm along {'xyz'[k]} of the base all is reached (tried)"
+    return f"{text}; {mends}"
+
+
+def _find_shift(
+    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array,
+    failing: NDArray[np.int_], kept: NDArray[np.int_], miss: Array,
+) -> Array | None:  # fmt: skip
+    """Return a shift of the part along one axis with which the whole path is followed, or None. Shape (3,). [m]"""
+    rows = np.union1d(failing, kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), KEPT)).astype(int))])
+    size, tried = max(float(np.linalg.norm(miss, axis=1).max()), STEP), 0
+    mean = miss.mean(axis=0)
+    directions = sorted((sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)), key=lambda d: float(mean @ d))
+    for share in SHIFTS:
+        length = np.ceil(share * size / STEP) * STEP
+        for direction in directions:
+            moved = replace(nominal, position=nominal.position + length * direction)
+            if not find_reached(robot, moved, tool_x, settings, rows).all():
+                continue
+            tried += 1
+            try:
+                stance = choose_posture_path(robot, moved, tool_x, settings, axes=axes)
+                if not stance.missed.any():
+                    return np.asarray(length * direction)
+            except InfeasibleError:
+                pass
+            if tried >= TRIED:
+                return None
+    return None

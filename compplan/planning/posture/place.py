@@ -1,0 +1,364 @@
+"""Where the part should stand: the place in the cell at which least of the deviation would remain after compensation.
+
+A grid of places is rated by a lower bound: at some stations of the path the best posture of all rotations and
+configurations, each for itself. The best places are then refined, and the plan's own search (with continuity, limits
+and collision) decides among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InfeasibleError, InputError
+from compplan.job.frames import PartTable
+from compplan.job.job import Job
+from compplan.job.loading import load_nominal
+from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.costs import ErrorModel, measure_nodes
+from compplan.planning.posture.initial_branches import read_request
+from compplan.planning.posture.lattice import build_options, follow_axis, orient_tool, pick_stations
+from compplan.planning.posture.search import measure_rungs
+from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.summary import PostureSummary
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, build_chain
+from compplan.statics.ik import Arm, build_arm, solve_branches
+from compplan.toolpath.toolpath import Toolpath
+
+if TYPE_CHECKING:
+    from compplan.planning.posture.collision_scene import CollisionScene
+
+#: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
+STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
+#: Places that may be rated, and postures that are solved at once.
+MOST_PLACES, BATCH = 20_000, 40_000
+#: Range around the job's own place where [place] says nothing. [m]
+AROUND, AROUND_HEIGHT = 0.5, 0.2
+#: Places that the full search is tried at, best first.
+TRIED = 6
+
+
+@dataclass(frozen=True)
+class Ratings:
+    """Lower bounds of the remaining deviation over the grid of one turn of the part.
+
+    Attributes:
+        turn: Turn about the vertical through the part's origin. [rad]
+        axes: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
+        bound: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
+
+    """
+
+    turn: float
+    axes: tuple[Array, Array, Array]
+    bound: Array
+
+
+@dataclass(frozen=True)
+class PlaceResult:
+    """Where the part should stand.
+
+    Attributes:
+        position: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
+        turn: Turn about the vertical through it, on top of the job's rotation. [rad]
+        base_height: How far the base has to be raised for that. [m]
+        stance: Posture along the path there.
+        before: Posture at the job's own place, or None where none leads along the path.
+        ratings: Grids, one a turn.
+        here: The job's own place. Shape (3,). [m]
+
+    """
+
+    position: Array
+    turn: float
+    base_height: float
+    stance: PostureSummary
+    before: PostureSummary | None
+    ratings: tuple[Ratings, ...]
+    here: Array
+
+    @property
+    def ratio(self) -> float:
+        """Remaining deviation (95 %) there as a share of that at the job's own place; NaN where that is not known."""
+        if self.before is None:
+            return float("nan")
+        return self.stance.costs["sensitivity_p95_mm"] / max(self.before.costs["sensitivity_p95_mm"], 1e-12)
+
+
+def place_part(
+    job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None,
+) -> PlaceResult:  # fmt: skip
+    """Search the place of the part.
+
+    Args:
+        job: The job; its table [place] says where the part may stand.
+        robot: The robot with its tool.
+        announce: Is told what is being done.
+        errors: What the preset "promise" counts.
+
+    Raises:
+        InputError: If the table [place] asks for too many places.
+        InfeasibleError: If the path can be followed at none of them.
+
+    """
+    if robot.ground and any(job.place.base_height_mm):
+        message = "raises a base that a positioner turns with the part; leave it out, place moves the part on its plate"
+        raise InputError(message, file=job.file, where="place.base_height_mm")
+    axes = _grid_axes(job)
+    here = job.T_base_part[:3, 3]
+    settings = read_request(job, robot, errors).settings
+    rater = Rater(robot, settings)
+    ratings = []
+    for turn_deg in job.place.turn_deg:
+        announce(f"place: {np.prod([len(v) for v in axes])} places, part turned by {turn_deg:g} deg")
+        turned = _move_job(job, here, float(np.radians(turn_deg)))
+        cells = np.array(list(product(*axes)))
+        bound = rater.rate(load_nominal(turned), turned.tool_x_base, turned.T_base_part[:3, :3], cells - here)
+        ratings.append(Ratings(float(np.radians(turn_deg)), axes, bound.reshape([len(v) for v in axes])))
+    candidates = _best_places(ratings)
+    if not candidates:
+        raise InfeasibleError(
+            "the path is within reach at none of the places; widen [place], or choose a larger robot or another tool",
+            limits=["reach of the arm"],
+        )
+    announce("place: refine, and search postures at the best places")
+    candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
+    candidates.sort(key=lambda entry: entry[0])
+    trial = Trial(job, robot, errors)
+    stance, position, turn = _decide(trial, candidates)
+    before = trial.posture_at(here, 0.0)
+    if before is not None and _rank(before) <= _rank(stance):
+        stance, position, turn = before, here, 0.0
+    low, high = (v * 1e-3 for v in job.place.base_height_mm)
+    lowest = job.place.z_mm[0] * 1e-3 if job.place.z_mm else min(axes[2][0] + high, here[2])
+    height = float(np.clip(lowest - position[2], low, high))
+    return PlaceResult(position, turn, height, stance, before, tuple(ratings), here)
+
+
+def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
+    """Describe a result for place.json."""
+    before = result.before
+    return {
+        "schema": 1,
+        "status": "solved",
+        "robot": job.robot,
+        "part": {
+            "position_mm": (1e3 * result.position).round(3).tolist(),
+            "rotation_deg": list(_turned_rotation(job, result.turn)),
+            "turn_deg": float(np.degrees(result.turn)),
+        },
+        "base_height_mm": round(1e3 * result.base_height, 3),
+        "sensitivity_mm": {
+            "expected_rms": result.stance.costs["sensitivity_rms_mm"], "p95": result.stance.costs["sensitivity_p95_mm"]
+        },
+        "sensitivity_here_mm": None if before is None else {
+            "expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]
+        },
+        "ratio": None if before is None else result.ratio,
+        **result.stance.describe_errors(),
+        "grids": [
+            {
+                "turn_deg": float(np.degrees(rating.turn)),
+                **{f"{name}_mm": (1e3 * axis).round(3).tolist() for name, axis in zip("xyz", rating.axes, strict=True)},
+                "bound_mm": [[[None if np.isnan(v) else round(1e3 * v, 6) for v in column] for column in sheet]
+                             for sheet in rating.bound.tolist()],
+            }
+            for rating in result.ratings
+        ],
+    }  # fmt: skip
+
+
+class Rater:
+    """Rate places by what the best posture at each station would leave."""
+
+    def __init__(self, robot: Robot, settings: PostureSettings) -> None:
+        self.robot = robot
+        self.chain: Chain = build_chain(robot)
+        self.arm: Arm = build_arm(robot)
+        self.settings = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, stations=STATIONS)
+
+    def rate(self, nominal: Toolpath, tool_x: Array, axes: Array, shifts: Array) -> Array:
+        """Bound the remaining deviation of the path moved by each shift.
+
+        Args:
+            nominal: The path at no shift, base frame.
+            tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+            axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
+            shifts: Shape (c, 3). [m]
+
+        Returns:
+            Root mean square over the cut, NaN where a station is out of reach. Shape (c,). [m]
+
+        """
+        stations = pick_stations(nominal, STATIONS)
+        share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
+        stations, share = stations[share > 0], share[share > 0]
+        follow = follow_axis(self.arm, nominal)
+        options = build_options(self.arm, self.settings, None if follow is None else follow[stations])
+        k, g = len(stations), options.spin.shape[1]
+        varied = (options.spin, options.lead, options.lean)
+        spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in varied)
+        rotation = orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
+        held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
+        wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
+        bound = np.empty(len(shifts))
+        at_once = max(1, BATCH // (k * g))
+        for start in range(0, len(shifts), at_once):
+            part = shifts[start : start + at_once]
+            position = nominal.position[stations][None, :, None] + part[:, None, None]
+            position = position.repeat(g, axis=2).reshape(-1, 3)
+            copies = len(part)
+            q = solve_branches(self.arm, position, np.tile(rotation, (copies, 1, 1)), np.tile(held, (copies, 1)))
+            least = self._least(q, np.tile(wrench[stations].repeat(g, axis=0), (len(part), 1)), axes)
+            least = least.reshape(len(part), k, g).min(axis=2)
+            bound[start : start + len(part)] = np.sqrt((share * least**2).sum(axis=1))
+        return np.where(np.isfinite(bound), bound, np.nan)
+
+    def _least(self, q: Array, wrench: Array, axes: Array) -> Array:
+        """Return the least sensitivity over the configurations, infinite where none is usable. Shape (n,). [m]"""
+        room = self.robot.room(self.settings.limit_room)
+        inside = ((q >= self.robot.lower + room) & (q <= self.robot.upper - room)).all(axis=2)
+        rows = np.nonzero(inside)
+        nodes = measure_nodes(
+            self.chain, q[rows], wrench[rows[0]], limits=self.robot.arm_limits,
+            uncertainty=self.settings.known, measure=self.settings.measure, axes=axes,
+        )  # fmt: skip
+        values = np.full(inside.shape, np.inf)
+        values[rows] = np.where(nodes.dexterity >= self.settings.singularity_margin, nodes.sensitivity, np.inf)
+        return np.asarray(values.min(axis=1))
+
+
+def _grid_axes(job: Job) -> tuple[Array, Array, Array]:
+    """Build the grid; a raised base is the same as a lowered part."""
+    table, step = job.place, job.place.step_mm * 1e-3
+    here = job.T_base_part[:3, 3]
+    low_height, high_height = (v * 1e-3 for v in table.base_height_mm)
+    axes = []
+    for k, span in enumerate((table.x_mm, table.y_mm, table.z_mm)):
+        around = AROUND_HEIGHT if k == 2 else AROUND
+        low, high = (here[k] - around, here[k] + around) if span is None else (span[0] * 1e-3, span[1] * 1e-3)
+        if low > high:
+            raise InputError("has its bounds in the wrong order", file=job.file, where=f"place.{'xyz'[k]}_mm")
+        if k == 2:
+            low, high = low - high_height, high - low_height
+        if not (np.isfinite([low, high]).all() and (high - low) / step < MOST_PLACES):
+            message = f"from {low * 1e3:g} to {high * 1e3:g} mm in steps of {table.step_mm:g} mm are too many places"
+            raise InputError(f"{message}, at most {MOST_PLACES} are allowed", file=job.file, where="place.step_mm")
+        axes.append(np.linspace(low, high, max(1, int(np.ceil((high - low) / step - 1e-9)) + 1)))
+    count = int(np.prod([len(v) for v in axes]))
+    if count > MOST_PLACES:
+        message = f"a step of {table.step_mm:g} mm makes {count} places, at most {MOST_PLACES} are allowed"
+        raise InputError(message, file=job.file, where="place.step_mm")
+    return axes[0], axes[1], axes[2]
+
+
+def _best_places(ratings: list[Ratings]) -> list[tuple[float, Array, float]]:
+    """List bound, place and turn of the rated places, best first."""
+    found = []
+    for rating in ratings:
+        for index in np.argwhere(np.isfinite(rating.bound)):
+            place = np.array([axis[i] for axis, i in zip(rating.axes, index, strict=True)])
+            found.append((float(rating.bound[tuple(index)]), place, rating.turn))
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def _refine(
+    job: Job, rater: Rater, candidates: list[tuple[float, Array, float]], here: Array, axes: tuple[Array, ...]
+) -> list[tuple[float, Array, float]]:
+    """Halve the step around the best places, three times; places stay within the grid."""
+    refined = []
+    low, high = np.array([v[0] for v in axes]), np.array([v[-1] for v in axes])
+    for bound, start, turn in candidates:
+        best, place = bound, start
+        step = job.place.step_mm * 0.5e-3
+        moved = _move_job(job, here, turn)
+        nominal = load_nominal(moved)
+        for _ in range(3):
+            around = place + step * np.array(list(product((-1, 0, 1), repeat=3)))
+            around = np.unique(np.clip(around, low, high), axis=0)
+            values = rater.rate(nominal, moved.tool_x_base, moved.T_base_part[:3, :3], around - here)
+            if np.isfinite(values).any() and np.nanmin(values) < best:
+                best, place = float(np.nanmin(values)), around[int(np.nanargmin(values))]
+            step *= 0.5
+        refined.append((best, place, turn))
+    return refined
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What the full search of a posture needs at any place."""
+
+    job: Job
+    robot: Robot
+    errors: ErrorModel | None
+
+    def posture_at(self, place: Array, turn: float) -> PostureSummary | None:
+        """Search the posture with the part at a place; None where nothing leads along the path."""
+        moved = _move_job(self.job, place, turn)
+        nominal, request = load_nominal(moved), read_request(moved, self.robot, self.errors)
+        scene: CollisionScene | None = request.scene
+
+        def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:
+            assert scene is not None
+            return measure_margin(scene, q, request.wanted)
+
+        try:
+            return choose_posture_path(
+                self.robot, nominal, moved.tool_x_base, request.settings, axes=request.axes,
+                margin=None if scene is None else margin,
+            )  # fmt: skip
+        except InfeasibleError:
+            return None
+
+
+def _rank(stance: PostureSummary) -> float:
+    """Return what places are compared by: the remaining deviation [mm]."""
+    return stance.costs["sensitivity_rms_mm"]
+
+
+def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple[PostureSummary, Array, float]:
+    """Search postures at the best places that lie apart, and take the best."""
+    best: tuple[PostureSummary, Array, float] | None = None
+    tried: list[tuple[Array, float]] = []
+    for bound, place, turn in candidates:
+        if any(np.linalg.norm(place - p) < 0.4e-3 * trial.job.place.step_mm and turn == t for p, t in tried):
+            continue
+        if best is not None and (len(tried) >= TRIED or 1e3 * bound >= _rank(best[0])):
+            break
+        if len(tried) >= 5 * TRIED:
+            break
+        tried.append((place, turn))
+        stance = trial.posture_at(place, turn)
+        if stance is not None and (best is None or _rank(stance) < _rank(best[0])):
+            best = stance, place, turn
+    if best is None:
+        raise InfeasibleError(
+            "the path is within reach at some places, but no continuous posture keeps clear and within limits at the "
+            "best of them; widen [place]", limits=["continuity or clearance"],
+        )  # fmt: skip
+    return best
+
+
+def _turned_rotation(job: Job, turn: float) -> tuple[float, float, float]:
+    """Return the part's rotation vector with a turn about the vertical on top. [deg]"""
+    from scipy.spatial.transform import Rotation
+
+    own = Rotation.from_matrix(job.T_base_part[:3, :3])
+    x, y, z = (Rotation.from_rotvec([0.0, 0.0, turn]) * own).as_rotvec(degrees=True)
+    return round(float(x), 9), round(float(y), 9), round(float(z), 9)
+
+
+def _move_job(job: Job, place: Array, turn: float) -> Job:
+    """Return the job with its part elsewhere."""
+    x, y, z = (1e3 * float(v) for v in place)
+    part = PartTable(position_mm=(x, y, z), rotation_deg=_turned_rotation(job, turn))
+    moved = job.model_copy(update={"part": part})
+    moved._file = job.file
+    return moved

@@ -1,0 +1,391 @@
+"""The cheapest way through the ladder graph, by dynamic programming.
+
+The cost of a way is a sum over its nodes and edges:
+
+    sum_i omega_i (w_s s_i^2 + w_d d_i^2 + w_l l_i + w_k (0.1 / k_i)^2 + w_g max(0, k_0 / k_i - 1)^2 + w_c c_i)
+        + sum_i (w_m (l / L)^2 |dq_i|^2 / dsigma_i + w_t t_i + w_r r_i + w_e p_i),
+
+k the inverse condition number, c omega the
+share of the cut (for the first two and the last) or of the path, dsigma the share of the
+path of an edge, L the length of the path, l = 100 mm, t the time of an edge: as programmed, or as long as the slowest
+joint takes, r the share of the programmed time by which it is too short for joints at half their rates, and p what the
+motion of the joints costs in accuracy (`compplan.planning.posture.motion`). A change of configuration within the cut
+passes a singularity and costs w_g once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InfeasibleError
+from compplan.planning.posture.costs import Weights
+from compplan.planning.posture.lattice import REASONS, USABLE, Lattice
+from compplan.planning.posture.motion import MotionPrice
+from compplan.robot import Array, Robot
+from compplan.toolpath.toolpath import Toolpath
+
+#: Length of path that joint motion counts against. [m]
+LENGTH = 0.1
+#: Greatest motion of a joint between stations of a cut. [rad]
+EDGE = 1.6
+#: Share of the velocity limits that joints should need at the programmed feed: the rest is for acceleration.
+RATE_SHARE = 0.5
+#: Differences of joint positions that are worked out at once.
+BLOCK = 60_000
+#: Cost of one change of configuration in a rapid move, far above everything else.
+CHANGE = 1e6
+
+
+@dataclass(frozen=True)
+class Rungs:
+    """What lies between and on the stations, apart from the nodes themselves.
+
+    Attributes:
+        cut_share: Share of the cut that a station stands for. Shape (k,).
+        path_share: Share of the path that it stands for. Shape (k,).
+        sigma: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
+        feed_time: Programmed time of each edge. Shape (k - 1,). [s]
+        most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
+            Shape (k - 1,). [rad]
+        cut_edge: Share of the cut that each edge is. Shape (k - 1,).
+        settle: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
+        price: What motion of joints costs in accuracy, or None.
+
+    """
+
+    cut_share: Array
+    path_share: Array
+    sigma: Array
+    feed_time: Array
+    most_motion: Array
+    cut_edge: Array
+    settle: Array
+    price: MotionPrice | None = None
+
+
+@dataclass(frozen=True)
+class Line:
+    """A way through the graph.
+
+    Attributes:
+        option: Option at each station. Shape (k,).
+        slot: Slot at each station. Shape (k,).
+        q: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
+        cost: Total cost. [mm^2]
+
+    """
+
+    option: NDArray[np.int_]
+    slot: NDArray[np.int_]
+    q: Array
+    cost: float
+
+
+def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool) -> Rungs:
+    """Measure stations and edges.
+
+    Args:
+        nominal: The toolpath.
+        stations: Waypoint of each station. Shape (k,).
+        most_step: Greatest motion of a joint between neighbouring waypoints. [rad]
+        reconfigure: Whether rapid moves away from the part may change the configuration.
+
+    """
+    cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
+    between = np.diff(cut[stations])
+    share = np.zeros(len(stations))
+    share[:-1] += 0.5 * between
+    share[1:] += 0.5 * between
+    cut_share = share / max(share.sum(), 1e-300)
+    waypoints = np.diff(stations)
+    spread = np.zeros(len(stations))
+    spread[:-1] += 0.5 * waypoints
+    spread[1:] += 0.5 * waypoints
+    rapid = nominal.rapid[1:]
+    total = max(nominal.arc_length[-1], 1e-300)
+    sigma = np.maximum(np.diff(nominal.arc_length[stations]) / total, 0.1 / len(stations)) * (total / LENGTH) ** 2
+    time = np.where(rapid | (nominal.feed[1:] <= 0), 0.0, nominal.steps / np.maximum(nominal.feed[1:], 1e-9))
+    feed_time = np.add.reduceat(np.r_[time, 0.0], stations[:-1]) if len(stations) > 1 else np.zeros(0)
+    most = np.minimum(most_step * waypoints, EDGE)
+    if reconfigure:
+        most = np.where(_free_moves(nominal, stations), np.inf, most)
+    settle = feed_time * LENGTH / np.maximum(between, 1e-9)
+    edge = between / max(between.sum(), 1e-300)
+    return Rungs(cut_share, spread / max(spread.sum(), 1e-300), sigma, feed_time, most, edge, settle)
+
+
+def cost_nodes(lattice: Lattice, rungs: Rungs, weights: Weights) -> Array:
+    """Cost every node, infinite where it cannot be used: shape (k, g, b) [mm^2]."""
+    cut, path = rungs.cut_share[:, None, None], rungs.path_share[:, None, None]
+    cost = cut * 1e6 * (weights.sensitivity * lattice.sensitivity**2 + weights.deviation * lattice.deviation**2)
+    cost = cost + path * weights.limits * lattice.limits
+    if weights.dexterity > 0:
+        cost = cost + path * weights.dexterity * (0.1 / np.maximum(lattice.dexterity, 1e-3)) ** 2
+    if weights.singularity > 0:
+        short = lattice.singularity_margin / np.maximum(lattice.dexterity, 1e-3) - 1.0
+        cost = cost + path * weights.singularity * np.maximum(short, 0.0) ** 2
+    return np.where(lattice.usable, np.nan_to_num(cost, nan=np.inf), np.inf)
+
+
+def search_line(
+    lattice: Lattice, rungs: Rungs, weights: Weights, robot: Robot, *, start: Array | None = None, room: float = 0.0
+) -> Line:
+    """Find the cheapest way through the graph.
+
+    Joints that may turn more than once around are first taken modulo a full turn; where no way fits between their
+    limits so, every full turn becomes a slot of its own.
+
+    Args:
+        lattice: The nodes.
+        rungs: What lies between them.
+        weights: What each criterion is worth.
+        robot: The robot, for its limits.
+        start: Joint positions that the way starts near, or None. Shape (nq,). [rad or m]
+        room: Distance that joints which turn more than once around keep from their limits. [rad]
+
+    Raises:
+        InfeasibleError: If no way leads through, with the waypoint at which it ends and what stands there.
+
+    """
+    cost = cost_nodes(lattice, rungs, weights)
+    if start is not None:
+        cost = _start_near(lattice.q, cost, start, robot)
+    turns = (robot.upper - robot.lower > 2 * np.pi) & ~(robot.prismatic | robot.carriers)
+    option, slot, total = _sweep(lattice, lattice.q, cost, rungs, weights, robot, turns)
+    way = _follow(lattice.q[np.arange(len(option)), option, slot], turns)
+    shifted = _shift_turns(way, robot, turns, start, room)
+    if shifted is not None:
+        return Line(option, slot, shifted, total)
+    q, expanded = _expand_turns(lattice.q, cost, robot, turns, room)
+    width = lattice.q.shape[2]
+    passes = np.eye(width, dtype=bool)
+    passes[slot[:-1], slot[1:]] = True
+    passes = np.tile(passes, (q.shape[2] // width,) * 2)
+    option, slot, total = _sweep(lattice, q, expanded, rungs, weights, robot, np.zeros_like(turns), passes)
+    return Line(option, slot % lattice.q.shape[2], q[np.arange(len(option)), option, slot], total)
+
+
+class _Joints(NamedTuple):
+    """Which joints turn more than once around, which slide, and how fast they are."""
+
+    turns: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
+    fastest: Array
+
+
+def _sweep(
+    lattice: Lattice, q: Array, cost: Array, rungs: Rungs, weights: Weights, robot: Robot, turns: NDArray[np.bool_],
+    passes: NDArray[np.bool_] | None = None,
+) -> tuple[NDArray[np.int_], NDArray[np.int_], float]:  # fmt: skip
+    """Sweep over the stations; return option and slot at each, and the total cost."""
+    k, g, b = cost.shape
+    passes = np.ones((b, b), bool) if passes is None else passes
+    joints = _Joints(turns, robot.prismatic, robot.velocity_limits)
+    best = cost[0]
+    back = np.zeros((k, g, b), np.int32)
+    last = np.concatenate([best, np.full((1, b), np.inf)])
+    neighbours = lattice.options.neighbours
+    everything = np.tile(np.arange(g), (g, 1))
+    for i in range(1, k):
+        if not np.isfinite(best).any():
+            _refuse(lattice, i - 1, cost)
+        free = not np.isfinite(rungs.most_motion[i - 1])
+        around = everything if free or neighbours.shape[1] >= g else neighbours
+        last = np.concatenate([best, np.full((1, b), np.inf)])
+        best, back[i] = _step(last, q[i - 1], q[i], around, i, rungs, weights, joints, passes)
+        best = best + cost[i]
+    if not np.isfinite(best).any():
+        _refuse(lattice, k - 1, cost)
+    option, slot = np.empty(k, int), np.empty(k, int)
+    option[-1], slot[-1] = np.unravel_index(int(np.argmin(best)), best.shape)
+    for i in range(k - 1, 0, -1):
+        option[i - 1], slot[i - 1] = divmod(int(back[i, option[i], slot[i]]), b)
+    return option, slot, float(best.min())
+
+
+def _step(
+    last: Array, before: Array, here: Array, around: NDArray[np.int_], i: int, rungs: Rungs, weights: Weights,
+    joints: _Joints, passes: NDArray[np.bool_],
+) -> tuple[Array, NDArray[np.int32]]:  # fmt: skip
+    """Find the cheapest predecessor of every node; only options and slots that are alive take part."""
+    g, b = here.shape[:2]
+    best, back = np.full((g, b), np.inf), np.zeros((g, b), np.int32)
+    slots = np.flatnonzero(np.isfinite(last[:-1]).any(axis=0))
+    targets = np.flatnonzero(np.isfinite(here[..., 0]).any(axis=0))
+    free = not np.isfinite(rungs.most_motion[i - 1])
+    at, block = np.moveaxis(here, 2, 0), max(1, BLOCK // around.size)
+    for s in slots:
+        start = np.concatenate([before[:, s], np.full((1, before.shape[2]), np.nan)])
+        source, value = np.ascontiguousarray(start.T)[:, around], last[around, s]
+        mine = targets[passes[s, targets]]
+        for some in np.split(mine, np.arange(block, len(mine), block)):
+            rows, which = _near_rows(source, at[:, :, some], value, rungs.most_motion[i - 1], joints)
+            if not len(rows):
+                continue
+            t = some[which]
+            change = np.where(free | (s % 8 == t % 8), 0.0, weights.singularity)[:, None]
+            edge = _cost_edges(source[:, rows], at[:, rows, t], change, i - 1, rungs, weights, joints)
+            edge += value[rows]
+            edge[np.isnan(edge)] = np.inf
+            choice = np.argmin(edge, axis=1)
+            least = edge[np.arange(len(rows)), choice]
+            better = least < best[rows, t]
+            rows, t = rows[better], t[better]
+            best[rows, t] = least[better]
+            back[rows, t] = around[rows, choice[better]] * b + s
+    return best, back
+
+
+def _near_rows(
+    source: Array, here: Array, value: Array, limit: float, joints: _Joints
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Return options and targets that any predecessor alive may reach, by the joints that turn the most.
+
+    Args:
+        source: Joint positions of predecessors. Shape (nq, g, w).
+        here: Joint positions of the targets. Shape (nq, g, t).
+        value: Cost of the predecessors. Shape (g, w).
+        limit: Greatest motion of a joint.
+        joints: The joints.
+
+    """
+    near = np.isfinite(value)[:, None, :] & np.isfinite(here[0])[:, :, None]
+    if np.isfinite(limit):
+        turning = np.flatnonzero(~joints.slides)
+        for j in turning[[-1, -3]] if len(turning) >= 3 else turning:
+            step = here[j][:, :, None] - source[j][:, None, :]
+            if joints.turns[j]:
+                _take_turns_out(step)
+            near &= np.abs(step, out=step) <= limit
+    rows, which = np.nonzero(near.any(axis=2))
+    return rows, which
+
+
+def _cost_edges(
+    source: Array, here: Array, change: Array, i: int, rungs: Rungs, weights: Weights, joints: _Joints
+) -> Array:
+    """Cost edges, those beyond the greatest motion infinite. Shapes (nq, r, w), (nq, r) and (r, 1) give (r, w)."""
+    motion, most, time, strayed = (np.zeros(source.shape[1:]) for _ in range(4))
+    timed, limit = weights.time > 0 or weights.rate > 0, rungs.most_motion[i]
+    price = None if rungs.price is None or not rungs.cut_edge[i] > 0 or not weights.travel else rungs.price
+    for j in range(len(here)):
+        step = here[j][:, None] - source[j]
+        if joints.turns[j]:
+            _take_turns_out(step)
+        square = step * step
+        motion += square
+        if price is not None:
+            strayed += price.cost(square, j, rungs.cut_edge[i], rungs.feed_time[i], rungs.settle[i])
+        step = np.abs(step, out=step)
+        if not joints.slides[j]:
+            np.maximum(most, step, out=most)
+        if timed:
+            np.maximum(time, np.divide(step, joints.fastest[j], out=step), out=time)
+    motion *= weights.motion
+    motion /= rungs.sigma[i]
+    edge = motion + change
+    if price is not None:
+        strayed *= weights.travel
+        edge += strayed
+    if weights.time > 0:
+        edge += weights.time * np.maximum(time, rungs.feed_time[i])
+    if timed and rungs.feed_time[i] > 0:
+        excess = np.maximum(time / RATE_SHARE - rungs.feed_time[i], 0.0)
+        edge += weights.rate * excess / rungs.feed_time.sum()
+    if not np.isfinite(limit):
+        edge += np.where(most > EDGE, CHANGE, 0.0)
+    edge[~(most <= limit)] = np.inf
+    return np.asarray(edge)
+
+
+def _take_turns_out(step: Array) -> None:
+    """Take full turns out of motions, in place. [rad]."""
+    turns = step * (0.5 / np.pi)
+    np.rint(turns, out=turns)
+    turns *= 2 * np.pi
+    step -= turns
+
+
+def _follow(q: Array, turns: NDArray[np.bool_]) -> Array:
+    """Count full turns along a way."""
+    steps = np.diff(q, axis=0)
+    steps = np.where(turns, steps - 2 * np.pi * np.round(steps / (2 * np.pi)), steps)
+    return np.concatenate([q[:1], q[:1] + np.cumsum(steps, axis=0)])
+
+
+def _shift_turns(way: Array, robot: Robot, turns: NDArray[np.bool_], start: Array | None, keep: float) -> Array | None:
+    """Shift whole joints by full turns into their limits, as far from them as possible (or near the start)."""
+    way = way.copy()
+    for j in np.flatnonzero(turns):
+        choices = []
+        for m in range(-3, 4):
+            low, high = way[:, j].min() + 2 * np.pi * m, way[:, j].max() + 2 * np.pi * m
+            if low >= robot.lower[j] + keep and high <= robot.upper[j] - keep:
+                room = min(low - robot.lower[j], robot.upper[j] - high, np.pi)
+                rank = -abs(way[0, j] + 2 * np.pi * m - start[j]) if start is not None else room
+                choices.append((rank, -abs(m), m))
+        if not choices:
+            return None
+        way[:, j] += 2 * np.pi * max(choices)[2]
+    return way
+
+
+def _expand_turns(q: Array, cost: Array, robot: Robot, turns: NDArray[np.bool_], room: float) -> tuple[Array, Array]:
+    """Give every full turn between the limits a slot of its own; slot modulo the old number tells the old slot."""
+    for j in np.flatnonzero(turns):
+        variants, costs = [], []
+        for m in (-1, 0, 1):
+            moved = q.copy()
+            moved[..., j] += 2 * np.pi * m
+            inside = (moved[..., j] >= robot.lower[j] + room) & (moved[..., j] <= robot.upper[j] - room)
+            if m == 0 or inside.any():
+                variants.append(moved)
+                costs.append(np.where(inside, cost, np.inf))
+        q, cost = np.concatenate(variants, axis=2), np.concatenate(costs, axis=2)
+    return q, cost
+
+
+def _start_near(q: Array, cost: Array, start: Array, robot: Robot) -> Array:
+    """Allow only the slot at the first station that holds the posture nearest to the start."""
+    distance = np.abs(q[0] - start)
+    distance = np.where(robot.prismatic, distance, np.minimum(distance, np.abs(distance - 2 * np.pi))).max(axis=2)
+    distance = np.where(np.isfinite(cost[0]), np.nan_to_num(distance, nan=np.inf), np.inf)
+    slot = int(np.unravel_index(int(np.argmin(distance)), distance.shape)[1])
+    only = np.full_like(cost[0], np.inf)
+    only[:, slot] = cost[0][:, slot]
+    return np.concatenate([only[None], cost[1:]])
+
+
+def _free_moves(nominal: Toolpath, stations: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Tell which edges are rapid moves that neither start nor end at the part."""
+    touches = ~nominal.rapid
+    touches[:-1] |= ~nominal.rapid[1:]
+    touches[0] = not nominal.rapid[1] if len(nominal) > 1 else True
+    free = np.empty(len(stations) - 1, bool)
+    for i, (a, b) in enumerate(pairwise(stations)):
+        free[i] = nominal.rapid[a + 1 : b + 1].all() and not touches[a] and not touches[b]
+    return free
+
+
+def _refuse(lattice: Lattice, station: int, cost: Array) -> None:
+    """Say at which waypoint no way leads on, and what stands there."""
+    waypoint = int(lattice.stations[station])
+    reasons = lattice.reason[station]
+    if not np.isfinite(cost[station]).any():
+        counts = np.bincount(reasons.ravel(), minlength=len(REASONS))
+        names = [REASONS[r] for r in np.argsort(-counts) if counts[r] and r != USABLE]
+        raise InfeasibleError(
+            f"no posture at waypoint {waypoint}: {', '.join(names)}; move the part, free the rotation or another "
+            "configuration",
+            waypoints=[waypoint], limits=names,
+        )  # fmt: skip
+    raise InfeasibleError(
+        f"no continuous motion reaches waypoint {waypoint}: the arm would have to change its configuration in the cut; "
+        "move the part, free the rotation, or retract before this waypoint",
+        waypoints=[waypoint], limits=["continuity"],
+    )  # fmt: skip

@@ -1,0 +1,126 @@
+"""What the choice of a posture may vary, and what it is chosen for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compplan.planning.posture.costs import ErrorModel, Measure, ModelScatter
+from compplan.planning.posture.motion import MotionFigures
+
+if TYPE_CHECKING:
+    from compplan.job.job import Job
+    from compplan.robot import Robot
+
+
+@dataclass(frozen=True)
+class PostureSettings:
+    """What the search may vary and what it weighs.
+
+    Attributes:
+        free_spin: Whether the rotation about the tool axis is free.
+        configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
+        start: Joint positions to start near, or None. [rad or m]
+        preset: "accurate", "promise", "smooth" or "fast".
+        compares: Whether the preset was asked for by name: finished postures are then measured beside those of others.
+        weights: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
+        measure: What sensitivity means: "expected" (root mean square) or "p95".
+        uncertainty: How well wrench, compliance and joint zeros are known.
+        spin_step: Step of the grid of rotations about the tool axis. [rad]
+        lead: How far the tool axis may lean along the travel. [rad]
+        lean: How far it may lean across the travel. [rad]
+        held_steps: Grid positions of each extra axis (a rail), where there is one; of several together at most thrice
+            as many.
+        stations: Waypoints that the graph is built at, at most; those between follow.
+        reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
+        singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
+        energy: What a share of the motors' work weighs beside one of the time, once the posture is bettered.
+        limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
+        limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
+        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
+        motion: What the motion of joints does to accuracy.
+        errors: What the promise knows of the robot, in place of `uncertainty`; None for other presets.
+
+    """
+
+    free_spin: bool = True
+    configuration: dict[str, str] = field(default_factory=dict)
+    start: tuple[float, ...] | None = None
+    preset: str = "accurate"
+    compares: bool = False
+    weights: dict[str, float] = field(default_factory=dict)
+    measure: Measure = "expected"
+    uncertainty: ModelScatter = field(default_factory=ModelScatter)
+    spin_step: float = float(np.radians(5.0))
+    lead: float = 0.0
+    lean: float = 0.0
+    held_steps: int = 9
+    stations: int = 240
+    reconfigure: bool = True
+    singularity_margin: float = 0.03
+    energy: float = 0.0
+    limit_margin: float = float(np.radians(10.0))
+    limit_room: float = float(np.radians(2.0))
+    most_step: float = float(np.radians(20.0))
+    motion: MotionFigures = field(default_factory=MotionFigures)
+    errors: ErrorModel | None = None
+
+    def count_positions(self, axes: int) -> int:
+        """Return the grid positions of each of several extra axes, at least 3."""
+        return self.held_steps if axes < 2 else max(3, int((3 * self.held_steps) ** (1.0 / axes) + 1e-9))
+
+    @property
+    def known(self) -> ModelScatter | ErrorModel:
+        """What the sensitivity counts."""
+        return self.uncertainty if self.errors is None else self.errors
+
+
+def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureSettings:
+    """Take the settings from a job's tables [plan] and [posture], and for the preset "promise" what is known.
+
+    A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
+    """
+    words = job.plan.configuration.model_dump(exclude_none=True)
+    words.pop("start_deg", None)
+    table = job.posture
+    start = job.plan.start
+    if start is not None and len(start) == robot.nq:
+        scales = np.where(robot.prismatic, 1e-3, np.pi / 180)
+        start = tuple(float(value) for value in np.asarray(start) * scales)
+    return PostureSettings(
+        free_spin=job.plan.rotate_about_tool_axis and getattr(job.process, "frame", "part") != "tool",
+        configuration=words,
+        start=start,
+        preset=table.preset,
+        compares="preset" in table.model_fields_set,
+        weights=dict(table.weights),
+        measure=table.measure,
+        uncertainty=ModelScatter(
+            table.wrench_uncertainty, table.compliance_uncertainty, float(np.radians(table.joint_zero_uncertainty_deg))
+        ),
+        spin_step=float(np.radians(table.spin_step_deg)),
+        lead=float(np.radians(table.lead_deg)),
+        lean=float(np.radians(table.lean_deg)),
+        reconfigure=table.reconfigure == "rapid",
+        singularity_margin=table.singularity_margin,
+        energy=table.energy,
+        limit_margin=float(np.radians(table.limit_margin_deg)),
+        motion=_read_motion(robot) if errors is None else _leave_to_band(_read_motion(robot)),
+        errors=errors,
+    )
+
+
+def _leave_to_band(figures: MotionFigures) -> MotionFigures:
+    """Gear error and lost motion are errors of the promise: motion pays for inertia alone."""
+    return figures._replace(gear=0.0, lost=0.0, source="gear error and lost motion: in the 95 % band")
+
+
+def _read_motion(robot: Robot) -> MotionFigures:
+    """Take lost motion from the folder's effects where it has any; gear error and the rest are assumed."""
+    known = [e for e in robot.effects if e.get("effect") == "backlash"]
+    widths = [abs(float(e["parameters"].get("width_rad", 0.0))) for e in known]
+    if not widths:
+        return MotionFigures()
+    return MotionFigures(lost=max(widths), source="assumed, lost motion of the robot folder", stated=True)

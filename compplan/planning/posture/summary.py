@@ -1,0 +1,257 @@
+"""What the choice of a posture returns: the stance, its costs, and the map behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.planning.posture.costs import Weights, draw_errors, error_columns, measure_nodes
+from compplan.planning.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
+from compplan.planning.posture.motion import measure_inertia_error, measure_travel_error
+from compplan.planning.posture.search import Line
+from compplan.planning.posture.settings import PostureSettings
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain
+from compplan.toolpath.toolpath import Toolpath
+
+
+@dataclass(frozen=True)
+class PostureMap:
+    """Path length against rotation about the tool axis, at the configuration, extra axes and lean of the chosen line.
+
+    Attributes:
+        length: Distance travelled at each station. Shape (k,). [m]
+        waypoint: Waypoint of each station. Shape (k,).
+        spin: Rotations about the tool axis. Shape (g,). [rad]
+        sensitivity: NaN where there is no solution. Shape (k, g). [m]
+        reason: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
+        dexterity: Inverse condition number. Shape (k, g).
+        chosen: Rotation of the chosen line. Shape (k,). [rad]
+        held: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
+        held_grid: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
+        held_sensitivity: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
+        q: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
+        fixed_sensitivity: Root mean square along the cut with x of the TCP kept where the job has it, in the best
+            single configuration; NaN where none leads along the path. [m]
+
+    """
+
+    length: Array
+    waypoint: NDArray[np.int_]
+    spin: Array
+    sensitivity: Array
+    reason: NDArray[np.int8]
+    dexterity: Array
+    chosen: Array
+    held: Array
+    held_grid: Array
+    held_sensitivity: Array
+    q: Array
+    fixed_sensitivity: float
+
+
+@dataclass(frozen=True)
+class PostureSummary:
+    """How the robot stands along a path before anything is corrected.
+
+    Attributes:
+        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        rotation: Orientation of the TCP frame, leads and leans included. Shape (n, 3, 3).
+        spin: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
+        lead: Lean of the tool axis along the travel. Shape (n,). [rad]
+        lean: Lean of the tool axis to the left of the travel. Shape (n,). [rad]
+        configuration: Shoulder, elbow and wrist along most of the path.
+        changes: Where the configuration changes: first waypoint afterwards, words before, words after.
+        weights: What each criterion was worth.
+        settings: What was asked for.
+        costs: What the stance costs, by criterion, with the unit in the key.
+        map: What the search saw.
+        missed: Waypoints where the stance could not be followed. Shape (n,).
+        keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
+        plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
+        instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
+        compared: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
+        compared_by: The cost that they were compared by, such as "driven_s".
+
+    """
+
+    q: Array
+    rotation: Array
+    spin: Array
+    lead: Array
+    lean: Array
+    configuration: dict[str, str]
+    changes: tuple[tuple[int, str, str], ...]
+    weights: Weights
+    settings: PostureSettings
+    costs: dict[str, float]
+    map: PostureMap
+    missed: NDArray[np.bool_]
+    keeps_margin: bool = True
+    plain: dict[str, float] | None = None
+    instead_of: dict[str, float] | None = None
+    compared: Mapping[str, float] = field(default_factory=dict)
+    compared_by: str = ""
+
+    @property
+    def axis(self) -> Array:
+        """Tool axis, tip to spindle, lead and lean included. Shape (n, 3)."""
+        return np.asarray(-self.rotation[:, :, 2])
+
+    def describe_errors(self) -> dict[str, Any]:
+        """Describe for plan.json and place.json what the sensitivity counts."""
+        known, errors = self.settings.uncertainty, self.settings.errors
+        if errors is not None:
+            return {"promise_from": errors.source}
+        zero = float(np.degrees(known.joint_zero))
+        shares = {"wrench": known.wrench, "compliance": known.compliance, "joint_zero_deg": zero}
+        return {"uncertainty_assumed": shares}
+
+    def describe(self) -> dict[str, Any]:
+        """Describe the stance for plan.json."""
+        spin, fixed = np.degrees(self.spin), self.map.fixed_sensitivity
+        return {
+            "preset": self.settings.preset,
+            "weights_mm2": {name: float(value) for name, value in vars(self.weights).items()},
+            **self.describe_errors(),
+            "motion_figures": {
+                "gear_error_deg": float(np.degrees(self.settings.motion.gear)),
+                "gear_periods": self.settings.motion.periods,
+                "lost_motion_deg": float(np.degrees(self.settings.motion.lost)),
+                "natural_frequency_hz": self.settings.motion.frequency,
+                "source": self.settings.motion.source,
+            },
+            "costs": dict(self.costs),
+            **({} if not self.compared else {f"postures_{self.compared_by}": dict(self.compared)}),
+            **({} if self.instead_of is None else {"plain_posture_instead_of": dict(self.instead_of)}),
+            "sensitivity_with_fixed_x_mm": None if np.isnan(fixed) else 1e3 * fixed,
+            "spin_deg": {"first": float(spin[0]), "min": float(spin.min()), "max": float(spin.max())},
+            "configuration_changes": [
+                {"waypoint": waypoint, "from": before, "to": after} for waypoint, before, after in self.changes
+            ],
+        }
+
+
+def measure_remaining(
+    chain: Chain, q: Array, nominal: Toolpath, settings: PostureSettings, axes: Array
+) -> dict[str, float]:
+    """Measure the remaining deviation of postures over the cut, under the stated uncertainty.
+
+    Errors hold for the whole path; the 95 % value is taken over samples of the errors and waypoints together.
+
+    Returns:
+        Expected root mean square and 95 % value. [mm]
+
+    """
+    wrench = np.zeros((len(q), 6)) if nominal.wrench is None else nominal.wrench
+    share = cut_shares(nominal)
+    rows = np.flatnonzero(share > 0)
+    if not len(rows):
+        return {"expected_rms_mm": 0.0, "p95_mm": 0.0}
+    if len(rows) > 400:
+        rows = rows[np.linspace(0, len(rows) - 1, 400).astype(int)]
+    spread = error_columns(chain, q[rows], wrench[rows], settings.known, axes)
+    weight = share[rows] / share[rows].sum()
+    expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
+    lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
+    order = np.argsort(lengths, axis=None)
+    mass = np.cumsum(np.repeat(weight, lengths.shape[1])[order]) / lengths.shape[1]
+    quantile = lengths.ravel()[order[min(int(np.searchsorted(mass, 0.95)), len(order) - 1)]]
+    return {"expected_rms_mm": 1e3 * expected, "p95_mm": 1e3 * float(quantile)}
+
+
+def cut_shares(nominal: Toolpath) -> Array:
+    """Return the share of the cut that each waypoint stands for. Shape (n,)."""
+    steps = np.where(nominal.rapid[1:], 0.0, nominal.steps)
+    share = 0.5 * (np.r_[steps, 0.0] + np.r_[0.0, steps])
+    return np.asarray(share / max(share.sum(), 1e-300))
+
+
+def summarise_costs(
+    chain: Chain, robot: Robot, nominal: Toolpath, q: Array, settings: PostureSettings, axes: Array
+) -> dict[str, float]:
+    """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
+    wrench = np.zeros((len(q), 6)) if nominal.wrench is None else nominal.wrench
+    nodes = measure_nodes(
+        chain, q, wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=axes,
+        margin=settings.limit_margin,
+    )  # fmt: skip
+    share = cut_shares(nominal)
+    remaining = measure_remaining(chain, q, nominal, settings, axes)
+    revolute = ~robot.prismatic
+    room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
+    steps = np.diff(q, axis=0)
+    travel = np.abs(steps[:, revolute]).sum()
+    feed = np.where(nominal.rapid[1:] | (nominal.feed[1:] <= 0), np.inf, nominal.feed[1:])
+    time = np.maximum(nominal.steps / feed, (np.abs(steps) / robot.velocity_limits).max(axis=1))
+    gear, periods, lost, frequency, *_ = settings.motion
+    travelled = measure_travel_error(chain, q, share, robot.prismatic, gear=gear, periods=periods, lost=lost)
+    return {
+        "sensitivity_rms_mm": remaining["expected_rms_mm"],
+        "sensitivity_p95_mm": remaining["p95_mm"],
+        "deviation_rms_mm": 1e3 * float(np.sqrt((share * nodes.deviation**2).sum())),
+        "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
+        "dexterity_min": float(nodes.dexterity.min()),
+        "joint_travel_deg": float(np.degrees(travel)),
+        "travel_error_rms_mm": 1e3 * travelled,
+        "inertia_rms_mm": 1e3 * measure_inertia_error(chain, q, nominal, frequency),
+        "time_s": float(time.sum()),
+    }
+
+
+def slice_map(
+    coarse: Lattice, line: Line, chosen: Line, fine: Options, nominal: Toolpath, cut_share: Array
+) -> PostureMap:
+    """Cut the map out of the graph: all rotations at the configuration, extra axes and lean of the coarse line."""
+    spins, positions, tilts = coarse.options.shape
+    k, b = len(line.option), coarse.reason.shape[2]
+    rows = np.arange(k)
+    held_at, tilt_at = (line.option // tilts) % positions, line.option % tilts
+
+    def cut(values: NDArray[Any]) -> NDArray[Any]:
+        grid = values.reshape(k, spins, positions, tilts, b)
+        return grid[rows, :, held_at, tilt_at, line.slot]
+
+    sensitivity = np.where(coarse.usable, coarse.sensitivity, np.nan)
+    held_grid = coarse.options.held[0, :, 0].reshape(spins, positions, tilts)[0, :, 0] if positions > 1 else np.zeros(0)
+    best = np.where(np.isfinite(sensitivity), sensitivity, np.inf).reshape(k, spins, positions, tilts * b)
+    best = best.min(axis=(1, 3)) if positions > 1 else np.zeros((k, 0))
+    pick = rows, chosen.option
+    plain = sensitivity.reshape(k, spins, positions, tilts, b)[:, 0, positions // 2, tilts // 2]
+    squares = (cut_share[:, None] * plain**2).sum(axis=0)
+    fixed = float(np.sqrt(np.nanmin(squares))) if np.isfinite(squares).any() else float("nan")
+    return PostureMap(
+        length=nominal.arc_length[coarse.stations],
+        waypoint=coarse.stations,
+        spin=coarse.options.spin[0].reshape(spins, positions, tilts)[:, 0, 0],
+        sensitivity=cut(coarse.sensitivity),
+        reason=cut(coarse.reason),
+        dexterity=cut(coarse.dexterity),
+        chosen=np.broadcast_to(fine.spin, (k, fine.spin.shape[1]))[pick],
+        held=np.broadcast_to(fine.held, (k, *fine.held.shape[1:]))[pick],
+        held_grid=held_grid,
+        held_sensitivity=np.where(np.isfinite(best), best, np.nan),
+        q=coarse.q.reshape(k, spins, positions, tilts, b, -1)[rows, :, held_at, tilt_at, line.slot],
+        fixed_sensitivity=fixed,
+    )
+
+
+def mark_collisions(
+    picture: PostureMap, margin: Callable[[Array, NDArray[np.int_]], Array], stride: int = 2
+) -> PostureMap:
+    """Mark the postures of a map that come too near, from every `stride`-th station and rotation."""
+    reason = picture.reason.copy()
+    coarse = reason[::stride, ::stride]
+    node = np.nonzero((coarse == USABLE) | (coarse == SINGULAR))
+    if not len(node[0]):
+        return picture
+    hits = margin(picture.q[::stride, ::stride][node], picture.waypoint[::stride][node[0]]) < 0
+    touching = np.zeros(coarse.shape, bool)
+    touching[tuple(index[hits] for index in node)] = True
+    spread = touching.repeat(stride, axis=0).repeat(stride, axis=1)[: reason.shape[0], : reason.shape[1]]
+    reason[spread & ((reason == USABLE) | (reason == SINGULAR))] = COLLISION
+    return replace(picture, reason=reason)

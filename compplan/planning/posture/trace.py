@@ -1,0 +1,184 @@
+"""From the stations to every waypoint: spin, extra axes and leans go over linearly, the configuration follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from compplan.planning.posture.lattice import Options, orient_tool
+from compplan.planning.posture.slides import least_strokes, steady_slide
+from compplan.robot import Array
+from compplan.statics.chain import joint_jacobian, locate_frames
+from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
+from compplan.toolpath.toolpath import Toolpath
+
+#: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
+NEAR = 0.3
+#: Width of the filter that takes out the steps of the grid. [stations]
+SMOOTH = 1.5
+#: A waypoint is reached where it misses the pose by less. [m and rad]
+REACHED = 1e-6
+
+
+@dataclass(frozen=True)
+class PostureTrace:
+    """How the robot stands at every waypoint, unloaded.
+
+    Attributes:
+        q: Joint positions. Shape (n, nq). [rad or m]
+        rotation: Orientation of the TCP frame, z out of the tool. Shape (n, 3, 3).
+        spin: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
+        lead: Shape (n,). [rad]
+        lean: Shape (n,). [rad]
+        missed: Whether the posture could not be followed from station to station. Shape (n,).
+
+    """
+
+    q: Array
+    rotation: Array
+    spin: Array
+    lead: Array
+    lean: Array
+    missed: NDArray[np.bool_]
+
+
+def trace_line(
+    arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options, choice: NDArray[np.int_],
+    q: Array, *, most_step: float, free_spin: bool = True,
+    smooth: bool = False,
+) -> PostureTrace:  # fmt: skip
+    """Follow a line of the graph at every waypoint.
+
+    Args:
+        arm: The arm.
+        nominal: Toolpath in the base frame.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        stations: Waypoint of each station. Shape (k,).
+        options: What varies.
+        choice: Option at each station. Shape (k,).
+        q: Joint positions at each station. Shape (k, nq). [rad or m]
+        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad]
+        free_spin: Whether the rotation about the tool axis may give way where the line passes a singularity.
+        smooth: Whether the steps that the grid leaves in rotation and leans are smoothed.
+
+    """
+    n = len(nominal)
+    rows = np.arange(n)
+    place = _measure(nominal)
+    spin_at, lead_at, lean_at = (_take(v, choice) for v in (options.spin, options.lead, options.lean))
+    along = np.unwrap(spin_at)
+    if smooth and len(stations) > 3:
+        along, lead_at, lean_at = (_blur(v) for v in (along, lead_at, lean_at))
+    spin, lead, lean = (_interpolate(place, stations, v) for v in (along, lead_at, lean_at))
+    between = np.stack([_interpolate(place, stations, q[:, j]) for j in range(q.shape[1])], axis=1)
+    for j, stroke in enumerate(least_strokes(arm.robot)):
+        if stroke > 0 and j in arm.held:
+            between[:, j] = np.clip(steady_slide(between[:, j], stroke), arm.robot.lower[j], arm.robot.upper[j])
+    rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
+    upright = rotation
+    branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
+    away = branches - between[:, None]
+    turn = np.where(arm.robot.prismatic, np.inf, 2 * np.pi)
+    with np.errstate(invalid="ignore"):
+        branches = branches - np.where(np.isfinite(turn), turn * np.round(away / (2 * np.pi)), 0.0)
+    distance = np.nan_to_num(np.abs(branches - between[:, None]).max(axis=2), nan=np.inf)
+    nearest = distance.argmin(axis=1)
+    followed = branches[rows, nearest]
+    lost = distance[rows, nearest] > NEAR
+    if lost.any():
+        followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
+        error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
+        lost[lost] = np.abs(error).max(axis=1) > REACHED
+    torn = _find_torn(followed, nominal, most_step)
+    if free_spin and (lost | torn).any():
+        stretch = _whole_stretches(lost | torn, stations)
+        wanted = nominal.position[stretch], rotation[stretch]
+        followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
+        lost[stretch] = ~reached
+        torn = _find_torn(followed, nominal, most_step)
+        rotation = np.array(rotation)
+        rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
+        turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
+        spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
+    return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
+
+
+def _find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+    """Tell which waypoints of a cut a joint would have to jump to."""
+    torn = np.zeros(len(q), bool)
+    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
+    return torn & ~nominal.rapid
+
+
+def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return all waypoints strictly between the stations around marked ones; marked stations take both sides."""
+    chosen = np.zeros(len(marked), bool)
+    for w in np.flatnonzero(marked):
+        before = int(np.searchsorted(stations, w, side="left")) - 1
+        after = int(np.searchsorted(stations, w, side="right"))
+        low = stations[max(before, 0)] + (before >= 0)
+        high = stations[min(after, len(stations) - 1)] - (after < len(stations))
+        chosen[low : high + 1] = True
+    return np.flatnonzero(chosen)
+
+
+def reach_tip_and_axis(
+    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
+
+    Where `spin_free` is false it does not: that is for arms of four joints.
+
+    Returns:
+        Joint positions and whether tip and axis are right.
+
+    """
+    q = q.copy()
+    for _ in range(20):
+        frames = locate_frames(arm.chain, q)
+        cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
+        if not spin_free:
+            cross, across = cross + np.cross(frames.tcp_rotation[:, :, 0], rotation[:, :, 0]), rotation
+        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
+        if np.abs(error).max() < 1e-10:
+            break
+        columns = joint_jacobian(arm.chain, frames)[:, :, arm.arm]
+        task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
+        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(task.shape[1])
+        step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
+        q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+    return q, np.abs(error).max(axis=1) < REACHED
+
+
+def _blur(values: Array) -> Array:
+    """Blur along the stations by a Gaussian of SMOOTH stations; both ends go on as they are."""
+    reach, n = round(4.0 * SMOOTH), len(values)
+    weights = np.exp(-0.5 / SMOOTH**2 * np.arange(-reach, reach + 1) ** 2)
+    weights = (weights / weights.sum())[reach:]
+    wide = np.pad(values, reach, mode="edge")
+    blurred = weights[0] * values
+    for away in range(reach, 0, -1):
+        blurred += weights[away] * (wide[reach - away : reach - away + n] + wide[reach + away : reach + away + n])
+    return blurred
+
+
+def _measure(nominal: Toolpath) -> Array:
+    """Return how far along the path each waypoint lies: by length, and a little by number where there is none."""
+    steps = np.maximum(nominal.steps, 1e-3 * max(float(nominal.steps.mean()), 1e-9))
+    return np.r_[0.0, np.cumsum(steps)]
+
+
+def _interpolate(place: Array, stations: NDArray[np.int_], values: Array) -> Array:
+    """Interpolate between stations without overshoot and without kinks."""
+    if len(stations) < 3:
+        return np.interp(place, place[stations], values)
+    return np.asarray(PchipInterpolator(place[stations], values)(place))
+
+
+def _take(values: Array, choice: NDArray[np.int_]) -> Array:
+    wide = np.broadcast_to(values, (len(choice), values.shape[1]))
+    return wide[np.arange(len(choice)), choice]

@@ -1,0 +1,415 @@
+"""What a plan is: the record of everything that it was made from, and its figures as plan.json holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from compplan.errors import ConvergenceError
+from compplan.io.display import Curve, Curves, Shown
+from compplan.io.notes import Stop, list_stops
+from compplan.io.provenance import describe_origin
+from compplan.io.quantities import format_length, format_number, format_set_length
+from compplan.job.job import Job
+from compplan.planning.approach import Passage
+from compplan.planning.between import Between
+from compplan.planning.citations import list_citations
+from compplan.planning.deflection import Bending
+from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
+from compplan.planning.executed import ExecutedPath, evaluate_executed
+from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
+from compplan.planning.reversals import list_reversals
+from compplan.planning.run_timing import Timing
+from compplan.planning.slow import group_waypoints
+from compplan.planning.task import Command, PlanTask
+from compplan.planning.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, check_tolerance, explain_width
+from compplan.robot import Array, Robot
+from compplan.simulation.simulated_robot import JUDGE
+from compplan.statics.chain import locate_frames
+from compplan.uncertainty.band import ErrorBand, estimate_band
+from compplan.uncertainty.motion import read_placement, shift_part
+from compplan.uncertainty.sensitivities import build_path_model, read_force_spread
+from compplan.uncertainty.touch_off import read_touch, touch_part
+from compplan.version import VERSION
+
+#: Stretches and limits that a sentence lists, and its letters at most.
+LISTED, LONGEST = 3, 300
+
+
+@dataclass(frozen=True, repr=False)
+class Plan(Shown):
+    """A plan, with everything that it was made from.
+
+    Attributes:
+        name: Name of the job.
+        task: Robot, nominal path, predicted wrench, posture, limits.
+        strategy: How the command was found.
+        command: Joint positions, status, failures, what the solver said.
+        timing: Times, joint rates and feeds of the command.
+        before: The uncorrected command (`task.q_start`) in the cell as modelled.
+        after: The command in the cell as modelled.
+        margins: Distance of the command from its limits.
+        approach: The way to the first waypoint, where the toolpath has no rapid start.
+        retract: The way from the last waypoint, where the toolpath ends in a cut.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
+        bending: What bends the arm along the path, cause by cause.
+        judge: Who computed `before` and `after`.
+        breaches: What keeps the judge from confirming the plan, one sentence each.
+        clearance: How far arm and tool keep clear of part and fixture, or None.
+        notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
+        job: The job, or None.
+        learned: The promise of what measured parts have taught on this path, or None.
+
+    """
+
+    name: str
+    task: PlanTask
+    strategy: str
+    command: Command
+    timing: Timing
+    before: Evaluation
+    after: Evaluation
+    margins: Margins
+    approach: Passage
+    retract: Passage
+    between: Between
+    bending: Bending
+    judge: str = JUDGE
+    breaches: tuple[str, ...] = ()
+    clearance: ClearanceProfile | None = None
+    notes: tuple[str, ...] = ()
+    job: Job | None = None
+    learned: ErrorBand | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot model with its tool."""
+        return self.task.robot
+
+    @property
+    def q(self) -> Array:
+        """Commanded joint positions. Shape (n, nq). [rad or m]."""
+        return self.command.q
+
+    @property
+    def status(self) -> str:
+        """Tell "solved", "infeasible" or "not_confirmed"."""
+        return "not_confirmed" if self.command.status == "solved" and self.breaches else self.command.status
+
+    @cached_property
+    def command_feed(self) -> Array:
+        """Feed of the move that ends at each waypoint; where the wanted tip stays, that of the commanded one. [m/s].
+
+        Shape (n,).
+        """
+        feed, still = self.timing.feed.copy(), np.r_[True, self.task.nominal.steps <= 0] & ~self.task.nominal.rapid
+        tip = np.vstack([locate_frames(self.task.chain, q).tcp_position for q in (self.approach.key_q[-1:], self.q)])
+        tip = np.vstack([tip[:1], tip])[-len(feed) - 1 :]
+        step = np.r_[self.approach.key_gap[-1:] if len(self.approach.key_gap) else 1.0, np.diff(self.timing.time)]
+        moved = np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.maximum(step, 1e-9)
+        return np.asarray(np.where(still, np.maximum(moved, 1e-4), feed))
+
+    @cached_property
+    def executed(self) -> ExecutedPath | None:
+        """Where the controller takes the loaded tip, and what programs hold; None where neither is known."""
+        return evaluate_executed(self.task, self.q, self.timing.time, None if self.job is None else self.job.output)
+
+    @property
+    def sent(self) -> Array:
+        """Joint positions that native programs hold: the command, or what leads by the drives' lag. (n, nq)."""
+        return self.q if self.executed is None else self.executed.sent
+
+    @cached_property
+    def correction(self) -> Array:
+        """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
+        return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @cached_property
+    def mismatch(self) -> Mismatch:
+        """What the command leaves where the robot's compliances differ from the model's."""
+        return evaluate_mismatch(self.task, self.q)
+
+    @cached_property
+    def promise(self) -> ErrorBand | None:
+        """The band that holds the true tip with 95 %; None out of reach, or if a robot in it finds no equilibrium."""
+        if self.learned is not None or self.status == "infeasible":
+            return self.learned
+        task = self.task
+        bow = max(float(self.between.driven.max(initial=0.0)) - self.after.max_deviation, 0.0)
+        scene = build_path_model(task.robot, self.q, task.wrench, task.step_time)
+        noise = None if self.job is None else self.job.noise
+        left, output = self.after.distance, None if self.job is None else self.job.output
+        if self.executed is not None:
+            left = np.maximum(left, self.executed.near)
+        if task.nominal.rounded is not None:
+            left = left + task.nominal.rounded
+        if output is not None and output.programs and output.form != "joint":
+            bow += 1e-3 * output.fit_tolerance_mm
+            left = left + 1e-3 * output.fit_tolerance_mm * (task.coarser - 1.0)
+        placed, part = read_placement(noise), None
+        if placed is not None and self.job is not None:
+            part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
+        elif task.touched is not None:
+            part = task.touched.spread_part(task.position)
+        touchable = None
+        if task.touched is None and self.job is not None:
+            touchable = touch_part(task.robot, task.nominal, task.rotation, task.q_start, read_touch(self.job))
+        try:
+            return estimate_band(task.robot, scene, task.cut, read_force_spread(self.job), left=left,
+                                between=bow, motion=self.bending.motion, part=part, touched=task.touched,
+                                touchable=touchable, uncorrected=self.before.deviation,
+                                tolerance=task.tolerance)  # fmt: skip
+        except ConvergenceError:
+            return None
+
+    @cached_property
+    def verdict(self) -> ToleranceVerdict:
+        """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
+        case = Case(
+            self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
+            self.promise, self.job is None or self.job.plan.inertia,
+            self.executed is not None and self.executed.known,
+        )  # fmt: skip
+        found = check_tolerance(case)
+        return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
+
+    @property
+    def solved_by(self) -> str:
+        """What the command came from: the strategy, of `nlp` the nonlinear program."""
+        return "nonlinear program" if self.strategy == "nlp" else self.strategy
+
+    @property
+    def reasons(self) -> tuple[Stop, ...]:
+        """Say why a plan is not confirmed, one sentence a reason; empty for any other plan."""
+        return tuple(Stop(f"Not confirmed: {text}.") for text in self.breaches if self.status == "not_confirmed")
+
+    def explain_failures(self) -> str:
+        """Say in a sentence which waypoints fail and which limits stop them, or what is not confirmed; else nothing."""
+        if not self.command.failures:
+            return f"not confirmed: {'; '.join(self.breaches)}" if self.breaches else ""
+        failures, start = self.command.failures, self.task.start
+        limits = sorted({name for text in failures.values() for name in text.split(", ")})
+        first = min(failures)
+        length = self.task.nominal.arc_length[first] * 1e3
+        if start is not None and start.mend:
+            head = f"{len(failures)} of {len(self.task)} waypoints are out of reach, the first is waypoint {first}"
+            others = "; plan.max_correction_mm stops others" if "correction limit" in failures.values() else ""
+            return f"{head} (s = {length:.0f} mm): {start.mend}{others}"[:LONGEST]
+        groups = group_waypoints(sorted(failures))
+        spans = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in groups[:LISTED])
+        more = ", ..." if len(groups) > LISTED else ""
+        names = "; ".join(limits[:LISTED]) + ("; ..." if len(limits) > LISTED else "")
+        said = (
+            f"{len(failures)} of {len(self.task)} waypoints cannot be reached within the limits "
+            f"({names}), the first is waypoint {first} (s = {length:.1f} mm); waypoints {spans}{more}"
+        )
+        return said if len(said) <= LONGEST else f"{said[: LONGEST - 3]}..."
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return the figures that a person asks for first."""
+        band, margins, nominal = self.promise, self.margins, self.task.nominal
+        sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
+                 for e in (self.before, self.after)]  # fmt: skip
+        missing = "not known: a robot within the stated widths finds no equilibrium"
+        missing = NO_BAND if self.status == "infeasible" else missing
+        widest = missing if band is None else (
+            f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
+            f"model is {self.robot.grade}"
+        )  # fmt: skip
+        stops = self.explain_failures()
+        return [
+            ("plan", f"{self.name}: {self.status.replace('_', ' ')}, {self.strategy}, {self.robot.name}"),
+            ("verdict", self.verdict.sentence),
+            *([("stops", stops)] if stops else []),
+            ("path", f"{len(self.task)} waypoints, {format_length(nominal.cutting_length)} of cut, "
+                     f"{format_number(float(self.timing.time[-1]))} s"),
+            ("tolerance", format_set_length(self.task.tolerance)),
+            ("deviation before", sizes[0]),
+            ("deviation after", f"{sizes[1]} (as modelled, independent check)"),
+            ("95 % band", widest),
+            ("correction", f"at most {format_length(margins.max_correction)}"),
+            ("margins", f"{self.robot.joint_names[margins.joint]} {np.degrees(margins.position):.3g} deg from its "
+                        f"limit; {margins.velocity_ratio:.0%} of the velocity, {margins.acceleration_ratio:.0%} of the "
+                        "acceleration limits"),
+            *([("notes", f"{len(self.notes)}, in plan.notes")] if self.notes else []),
+        ]  # fmt: skip
+
+    def columns(self) -> dict[str, Any]:
+        """Return a row a waypoint: place, time, joints, deviation before and after, 95 % band, predicted force."""
+        task, band = self.task, self.promise
+        columns: dict[str, Any] = {"s_mm": task.nominal.arc_length * 1e3, "time_s": self.timing.time}
+        columns |= self.robot.joint_columns(self.q)
+        columns |= {f"{axis}_mm": task.programmed[:, k] * 1e3 for k, axis in enumerate("xyz")}
+        columns |= {"deviation_before_mm": self.before.distance * 1e3, "deviation_after_mm": self.after.distance * 1e3}
+        columns |= {} if band is None else {"band_p95_mm": band.radius * 1e3}
+        return {**columns, "force_N": np.linalg.norm(task.wrench[:, :3], axis=1), "cut": task.cut}
+
+    def curves(self) -> Curves:
+        """Return the deviation along the path, without and with correction, and the 95 % band. [mm]."""
+        s, cut, band = self.task.nominal.arc_length * 1e3, self.task.cut, self.promise
+        before, after = (np.where(cut, side.distance, np.nan) * 1e3 for side in (self.before, self.after))
+        lines = [Curve("without correction", s, before, "before"), Curve("corrected, on the model", s, after, "after")]
+        if band is not None:
+            lines.append(Curve("95 % band", s, np.where(cut, band.along, np.nan) * 1e3, "band"))
+        return Curves(self.name, "along the path [mm]", "deviation of the tip [mm]", tuple(lines),
+                      (self.task.tolerance * 1e3, f"tolerance {self.task.tolerance * 1e3:g} mm"))  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what plan.json holds."""
+        return summarise_plan(self)
+
+    def citations(self) -> tuple[str, ...]:
+        """List what to cite for this plan: the program, the methods used, the sources of the robot's numbers."""
+        start, model = self.task.start, None if self.job is None else self.job.process.model
+        return list_citations(
+            VERSION, self.strategy, bends=bool(self.robot.springs or self.robot.link_elasticities),
+            chosen_posture=start is not None and start.stance is not None, force_model=model,
+            sources=[f"{name} of {self.robot.name}: {text}" for name, text in self.robot.sources.items()],
+        )  # fmt: skip
+
+
+def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] | None = None) -> Plan:
+    """Return a plan with other notes, and breaches; what has been worked out from the rest of it stays known."""
+    breaches = plan.breaches if breaches is None else breaches
+    said = replace(plan, notes=notes, breaches=breaches)
+    kept = ["promise", "mismatch", "executed", "command_feed", "correction"]
+    kept += ["verdict"] if breaches == plan.breaches else []
+    said.__dict__.update({name: plan.__dict__[name] for name in kept if name in plan.__dict__})
+    return said
+
+
+def _describe_force(plan: Plan) -> dict[str, Any]:
+    """Return what measured parts said of the force, where any did."""
+    learned = None if plan.task.law is None else plan.task.law.learned
+    if learned is None:
+        return {}
+    turn = np.degrees(learned.turn).tolist()
+    return {"process_force": {"level": learned.level, "turn_deg": turn, "source": learned.source}}
+
+
+def summarise_plan(plan: Plan) -> dict[str, Any]:
+    """Return the content of plan.json."""
+    failures = plan.command.failures
+    summary: dict[str, Any] = {
+        "schema": 1,
+        "status": plan.status,
+        "verdict": plan.verdict.describe(),
+        "strategy": plan.strategy,
+        "solved_by": plan.solved_by,
+        "name": plan.name,
+        "robot": plan.robot.name,
+        "robot_grade": plan.robot.grade,
+        "robot_sources": dict(plan.robot.sources),
+        **({} if plan.job is None else {"part_frame": "touched_off" if plan.job.touched_off else "absolute"}),
+        "waypoints": len(plan.task),
+        "configuration": dict(plan.task.configuration),
+        "solve_time_s": round(plan.command.solve_time, 4),
+        **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
+        "error_before_mm": plan.before.figures,
+        "error_after_mm": plan.after.figures,
+        "under_mismatch": [
+            {
+                "cell": plan.mismatch.cell,
+                "rms_mm": plan.mismatch.rms_deviation * 1e3,
+                "max_mm": plan.mismatch.max_deviation * 1e3,
+                "waypoints": plan.mismatch.waypoints,
+            }
+        ],
+        "between_waypoints_mm": _describe_between(plan),
+        **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
+        **_describe_force(plan),
+        **plan.bending.describe(),
+        **summarise_band(plan.promise),
+        "tilt_after_deg": {"max": float(np.degrees(plan.after.max_tilt))},
+        "within_tolerance": float((plan.task.use_tolerance(plan.after.deviation)[plan.after.cut] <= 1.0).mean()),
+        "correction_mm": {"max": plan.margins.max_correction * 1e3},
+        "margins": _describe_margins(plan),
+        "duration_s": float(plan.timing.time[-1]),
+        "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
+        "judge": plan.judge,
+        "notes": [*plan.reasons, *plan.notes],
+        "stops": list_stops([*plan.reasons, *plan.notes]),
+        "made_by": describe_origin(),
+    }
+    if plan.task.start is not None and plan.task.start.stance is not None:
+        summary["posture"] = plan.task.start.stance.describe()
+        if plan.task.start.bettered is not None:
+            summary["posture"]["program"] = plan.task.start.bettered.describe()
+    if plan.clearance is not None:
+        request = None if plan.task.start is None else plan.task.start.request
+        summary["clearance"] = summarise_clearance(plan.clearance, None if request is None else request.scene)
+    if failures:
+        summary["failures"] = [{"waypoint": waypoint, "limit": limit} for waypoint, limit in sorted(failures.items())]
+    if plan.status != "solved":
+        summary["failure"] = plan.explain_failures()
+    return summary
+
+
+def _describe_between(plan: Plan) -> dict[str, float]:
+    """Return the greatest deviation between waypoints, by how a controller may lead there. [mm]"""
+    between = plan.between
+    ways = {"joint_linear": between.joint, "cartesian_linear": between.cartesian, "spline": between.spline}
+    return {"max": between.max_deviation * 1e3} | {
+        way: float(deviation.max(initial=0.0)) * 1e3 for way, deviation in ways.items()
+    }
+
+
+def _describe_margins(plan: Plan) -> dict[str, Any]:
+    margins = plan.margins
+    return {
+        "position_limit_deg": float(np.degrees(margins.position)),
+        "position_limit_joint": plan.robot.joint_names[margins.joint],
+        "velocity_ratio": margins.velocity_ratio,
+        "acceleration_ratio": margins.acceleration_ratio,
+    }
+
+
+def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
+    """Return what plan.json says of the band; nothing where there is none."""
+    if promise is None:
+        return {}
+    widest, known = promise.widest, promise.known
+    return {
+        "promise_mm": {
+            "p95_max": promise.greatest * 1e3,
+            "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
+            "whole_path_p95": promise.whole * 1e3,
+            "widest_waypoint": widest,
+            "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
+            "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
+        },
+        **(
+            {}
+            if promise.before is None
+            else {
+                "error_band_before_mm": {
+                    "p95_max": promise.before[0] * 1e3,
+                    "whole_path_p95": promise.before[1] * 1e3,
+                }
+            }
+        ),
+        "ladder": [
+            {
+                "step": rung.step,
+                "p95_max": rung.band * 1e3,
+                "alone_p95_max": rung.alone * 1e3,
+                "keeps": rung.keeps,
+                "minutes": rung.minutes,
+                "instrument": rung.instrument,
+                "cheapest": rung.step in promise.cheapest,
+            }
+            for rung in promise.ladder
+        ],
+        "promise_from": {
+            "grade": known.grade,
+            "source": known.source,
+            "force": promise.force.source,
+            "calibration_factor": known.calibration,
+            "calibration_groups": known.groups,
+            "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
+            "assumed": list(promise.assumed),
+        },
+    }

@@ -1,0 +1,283 @@
+"""How finely a path is commanded: moves are divided until what lies between waypoints stays on the path too.
+
+Divisions keep every waypoint; those in between lie on the straight move, and the posture between its neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import InfeasibleError
+from compplan.planning.posture.follow import reach_with_all
+from compplan.planning.posture.trace import reach_tip_and_axis
+from compplan.planning.run_timing import cutting_runs
+from compplan.planning.task import PlanTask
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import build_arm, pose_error, refine_ik
+from compplan.toolpath.corners import find_corners
+from compplan.toolpath.events import find_halts
+from compplan.toolpath.toolpath import Toolpath, divide_toolpath
+
+#: Waypoints that bring the correction in where a force stands at once, or take it out where it still stands.
+LEAD_ROWS = 8
+#: Shortest step beside a rest; each further step is longer by this factor. [m]
+FIRST_STEP, GROWTH = 1e-4, 1.8
+#: Greatest motion of a joint in one move of a cut. [rad, m]
+MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
+#: Pieces that one division makes of a move at most, and waypoints that a path may have at most.
+MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
+#: A piece that strays by more than this share of what the undivided move did is not divided again: it does not bow.
+MENDED = 0.7
+#: Divided waypoints miss the pose by less than this, or count as not reached. [m and rad]
+REACHED = 1e-6
+
+
+def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
+    """Predict the wrench to plan with at every waypoint.
+
+    A point of contact carries none (a dead weight excepted): the tool comes there in a rapid move, and touches nothing
+    yet. The waypoints that lead in take the wrench of the cut that begins, share by share; those that lead out lose
+    that of the cut that has ended.
+
+    Args:
+        task: The task; its law, or else the wrench of its path.
+        feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
+
+    Returns:
+        Shape (n, 6). [N, N m]
+
+    """
+    nominal = task.nominal
+    if task.law is not None:
+        wrench = np.array(task.law.predict(nominal, feed))
+    else:
+        wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else np.array(nominal.wrench)
+    if task.law is None or not task.law.always:
+        wrench[find_contacts(nominal.rapid)] = 0.0
+    for first, last in _groups(task.lead):
+        share = (np.arange(first, last + 1) - first + 1.0) / (last - first + 1.0)
+        out = bool(task.leaving[first])
+        wrench[first : last + 1] = (
+            (1.0 - share)[:, None] * wrench[first - 1] if out else share[:, None] * wrench[last + 1]
+        )
+    return wrench
+
+
+def find_contacts(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return the waypoints that are reached in a rapid move and left in a cut."""
+    return np.flatnonzero(rapid[:-1] & ~rapid[1:])
+
+
+def find_leaves(rapid: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Return the waypoints of a cut that are left in a rapid move."""
+    return np.flatnonzero(~rapid[:-1] & rapid[1:])
+
+
+def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = None) -> PlanTask:
+    """Divide moves of a task.
+
+    Args:
+        task: The task.
+        places: Old waypoint numbers of the new waypoints, fractional on a move, rising; every old one is among them.
+            Shape (m,).
+        lead: New waypoints that lead in at the contact before them, or out where a cut has ended. Shape (m,).
+
+    """
+    before = np.clip(np.floor(places).astype(int), 0, len(task) - 2)
+    share = (places - before)[:, None]
+    nominal = divide_toolpath(task.nominal, places)
+    old = np.flatnonzero((places == np.round(places)) & np.r_[True, np.diff(places) > 0])
+    at = places[old].astype(int)
+    leads = np.zeros(len(places), bool)
+    leads[old] = task.lead[at]
+    if lead is not None:
+        rapid, feed = nominal.rapid.copy(), nominal.feed.copy()
+        rapid[lead] = False
+        feed[lead] = task.nominal.feed[before[lead] + task.nominal.rapid[before[lead]]]
+        nominal, leads = replace(nominal, rapid=rapid, feed=feed), leads | lead
+    q = task.q_start[before] * (1 - share) + task.q_start[before + 1] * share
+    x = task.rotation[before, :, 0] * (1 - share) + task.rotation[before + 1, :, 0] * share
+    rotation, missed, rests = _orient(nominal.axis, x), np.zeros(len(places), bool), np.zeros(len(places), bool)
+    q[old], rotation[old], missed[old] = task.q_start[at], task.rotation[at], task.missed[at]
+    if task.rests is not None:
+        rests[old] = task.rests[at]
+    fresh = np.ones(len(places), bool)
+    fresh[old] = False
+    fresh &= share[:, 0] > 0
+    if fresh.any():
+        arm, position = build_arm(task.robot), nominal.position[fresh]
+        if task.robot.nq < 6:
+            q[fresh], reached = reach_tip_and_axis(arm, q[fresh], position, rotation[fresh], spin_free=task.spin_free)
+            rotation[fresh] = locate_frames(arm.chain, q[fresh]).tcp_rotation
+        else:
+            between = q[fresh]
+            q[fresh] = refine_ik(arm, between, position, rotation[fresh])
+            reached = np.abs(pose_error(arm.chain, q[fresh], position, rotation[fresh])).max(axis=1) <= REACHED
+            reached &= ((q[fresh] >= task.robot.lower) & (q[fresh] <= task.robot.upper)).all(axis=1)
+            if task.robot.nq > 6 and not reached.all():
+                again = np.flatnonzero(fresh)[~reached]
+                reached[~reached] = _reach_again(task, q, rotation, nominal.position, again, between[~reached])
+        missed[fresh] = ~reached | ((q[fresh] < task.robot.lower) | (q[fresh] > task.robot.upper)).any(axis=1)
+    compensated = ~nominal.rapid
+    compensated[find_contacts(nominal.rapid)] = True
+    new = replace(
+        task, nominal=nominal, rotation=rotation, compensated=compensated, q_start=q, missed=missed, rests=rests,
+        lead=leads, wrench=np.zeros((len(places), 6)), bias=None, links=None, step_time=programmed_times(nominal),
+        places=np.interp(places, np.arange(len(task)), task.origin),
+    )  # fmt: skip
+    return replace(new, wrench=predict_loads(new))
+
+
+def _reach_again(
+    task: PlanTask, q: Array, rotation: Array, position: Array, rows: NDArray[np.int_], near: Array
+) -> NDArray[np.bool_]:
+    """Let all joints of an arm of more than six help where six do not reach, in place; tell where they do."""
+    found, reached = reach_with_all(
+        task.robot, task.chain, near, position[rows], rotation[rows], free_spin=task.spin_free, draw=False
+    )
+    q[rows[reached]] = found[reached]
+    if task.spin_free:
+        rotation[rows[reached]] = locate_frames(task.chain, found[reached]).tcp_rotation
+    return reached
+
+
+def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
+    """Bring in leads, rests and the first division of a task whose posture is chosen.
+
+    Args:
+        task: The task at the waypoints of its toolpath.
+        rest_at_corners: Whether the tool rests at sharp corners.
+
+    """
+    contacts, leaves = find_contacts(task.nominal.rapid), find_leaves(task.nominal.rapid)
+    sudden, abrupt = (True, True) if task.law is None else (task.law.sudden, task.law.abrupt)
+    contacts = contacts[sudden & (np.abs(task.wrench[contacts + 1]).max(axis=1) > 0)]
+    leaves = leaves[abrupt & (np.abs(task.wrench[leaves]).max(axis=1) > 0)]
+    if len(contacts) + len(leaves):
+        stays = np.repeat(np.r_[contacts, leaves], LEAD_ROWS)
+        places = np.sort(np.r_[np.arange(len(task)), stays]).astype(float)
+        task = divide_task(task, places, np.r_[False, np.diff(places) == 0])
+    rests = np.zeros(len(task), bool)
+    rests[:-1] = (task.lead[:-1] & ~task.lead[1:]) | task.leaving[1:] & ~task.lead[:-1]
+    if rest_at_corners:
+        rests[find_rests(task.nominal)] = True
+    rapid = task.nominal.rapid
+    rests[[k for k in find_halts(task.nominal.events) if not rapid[k : k + 2].any() and k + 1 < len(task)]] = True
+    task = replace(task, rests=rests)
+    graded = _grade(task) if task.follows_feed else np.zeros(0)
+    places = np.unique(np.r_[np.arange(len(task)), graded, _bound_travel(task)])
+    return divide_task(task, places) if len(places) > len(task) else task
+
+
+class Mending:
+    """What divisions have brought: a move whose pieces stray as far as it did itself is left as it is."""
+
+    def __init__(self) -> None:
+        self.places, self.stray, self.given_up = np.zeros(0), np.zeros(0), np.zeros(0, bool)
+
+    def allow(self, task: PlanTask, pieces: NDArray[np.int_], stray: Array) -> NDArray[np.int_]:
+        """Return the pieces that moves may be divided into.
+
+        Args:
+            task: The task as it is divided now.
+            pieces: Pieces that are asked for. Shape (n - 1,).
+            stray: How far each move strays. Shape (n - 1,). [m]
+
+        """
+        places, given_up = task.origin, np.zeros(len(stray), bool)
+        if len(self.places):
+            middle = 0.5 * (places[:-1] + places[1:])
+            parent = np.clip(np.searchsorted(self.places, middle) - 1, 0, len(self.stray) - 1)
+            divided = np.diff(places) < 0.99 * np.diff(self.places)[parent]
+            given_up = self.given_up[parent] | (divided & (stray > MENDED * self.stray[parent]))
+        self.places, self.stray, self.given_up = places, stray, given_up
+        return np.where(given_up, 1, pieces)
+
+
+def divide_by(task: PlanTask, pieces: NDArray[np.int_]) -> PlanTask:
+    """Divide the move that starts at each waypoint into equal pieces. Shape of `pieces`: (n - 1,).
+
+    Raises:
+        InfeasibleError: If that makes more waypoints than can be planned; with the waypoint that asks for the most.
+
+    """
+    count = np.clip(pieces, 1, MOST_PIECES)
+    if count.sum() > MOST_WAYPOINTS:
+        worst = int(np.argmax(count))
+        message = (
+            f"path makes {count.sum()} waypoints when it is divided to stay within {1e3 * task.chord:.3g} mm between "
+            f"them, at most {MOST_WAYPOINTS}, the most after waypoint {worst} (s = "
+            f"{1e3 * task.nominal.arc_length[worst]:.1f} mm); raise sampling.chord_mm or take a part of the path"
+        )
+        raise InfeasibleError(message, waypoints=[worst], limits=["number of waypoints"])
+    extra = np.repeat(np.arange(len(task) - 1), count - 1)
+    first = np.concatenate([[0], np.cumsum(count - 1)[:-1]])
+    share = (np.arange(len(extra)) - first[extra] + 1.0) / count[extra]
+    return divide_task(task, np.sort(np.r_[np.arange(len(task)), extra + share]))
+
+
+def find_rests(nominal: Toolpath) -> NDArray[np.int_]:
+    """Find sharp corners of the cut, reversals included."""
+    steps = np.diff(nominal.position, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    travel = steps / np.maximum(length, 1e-12)[:, None]
+    cosine = np.einsum("ni,ni->n", travel[:-1], travel[1:])
+    back = (cosine < -0.9) & (np.minimum(length[:-1], length[1:]) > 1e-9)
+    back &= ~nominal.rapid[1:-1] & ~nominal.rapid[2:]
+    corners = find_corners(nominal)[0]
+    if nominal.rounded is not None:
+        curved = nominal.rounded > 0.0
+        curved[1:-1] |= curved[:-2] | curved[2:]
+        corners = corners[~curved[corners]]
+    return np.union1d(corners, np.flatnonzero(back) + 1)
+
+
+def programmed_times(nominal: Toolpath) -> Array:
+    """Return the time of every move at the programmed feed, of rapid moves at the median feed; (n - 1,) [s]."""
+    feed, cutting = nominal.feed[1:], ~nominal.rapid[1:]
+    typical = float(np.median(feed[cutting & (feed > 0)])) if (cutting & (feed > 0)).any() else 0.1
+    return np.asarray(nominal.steps / np.where(cutting & (feed > 0), feed, typical))
+
+
+def _grade(task: PlanTask) -> Array:
+    """Return places beside every rest, at distances that grow away from it: there the force grows with the feed."""
+    runs, steps = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests), task.nominal.steps
+    places = [
+        grow_places(move, FIRST_STEP / max(float(steps[move]), 1e-12), forward)
+        for first, last in runs
+        for move, forward in ((first, True), (last - 1, False))
+    ]
+    return np.concatenate([np.zeros(0), *places])
+
+
+def grow_places(move: int, share: float, forward: bool) -> Array:
+    """Return places on a move at growing distances from its start (or its end), the first at a share of the move."""
+    shares = share * GROWTH ** np.arange(max(np.ceil(np.log(0.6 / share) / np.log(GROWTH)), 0.0))
+    return np.asarray(move + shares if forward else move + 1.0 - shares)
+
+
+def _bound_travel(task: PlanTask) -> Array:
+    """Return places that keep the joint motion of every move of the cut within bounds."""
+    most = np.where(task.robot.prismatic, MOST_SLIDE, MOST_TURN)
+    need = np.ceil((np.abs(np.diff(task.q_start, axis=0)) / most).max(axis=1) - 1e-9).astype(int)
+    need[task.nominal.rapid[1:] | task.missed[1:] | task.missed[:-1]] = 1
+    need = np.clip(need, 1, MOST_PIECES)
+    wide = np.flatnonzero(need > 1)
+    return np.concatenate([np.zeros(0), *(i + np.arange(1, need[i]) / need[i] for i in wide)])
+
+
+def _orient(axis: Array, x: Array) -> Array:
+    """Return frames with z against the tool axis and x as near as that allows. Shape (n, 3, 3)."""
+    z = -axis
+    x = x - np.einsum("ni,ni->n", z, x)[:, None] * z
+    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def _groups(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.diff(np.r_[0, marked.astype(int), 0])
+    return list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))

@@ -1,0 +1,42 @@
+"""Compensation strategies, one file each.
+
+Each file holds what it is called in `words` and `command_path(task) -> Command`: from the task (robot model, nominal
+path, predicted wrench, limits) to the joint positions that are sent. A new strategy is one new file and one line in
+`compplan.job.names`.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from compplan.errors import UnknownNameError
+from compplan.io.plugins import Registry
+from compplan.job import names
+from compplan.planning.task import Command, PlanTask
+
+
+class Strategy(Protocol):
+    """What the file of a strategy offers; `words` say in a few words what it is, on pages."""
+
+    def command_path(self, task: PlanTask) -> Command:
+        """Command the path of a task."""
+        ...
+
+
+#: Every strategy of a plan, by the name of its file.
+STRATEGIES: Registry[Strategy] = names.STRATEGIES.held_by(__name__)
+
+
+def command_path(task: PlanTask, strategy: str) -> Command:
+    """Let a strategy command a path.
+
+    Raises:
+        UnknownNameError: If there is no such strategy.
+
+    """
+    if strategy not in STRATEGIES:
+        raise UnknownNameError("strategy", strategy, list(STRATEGIES))
+    return STRATEGIES[strategy].command_path(task)
+
+
+__all__ = ["STRATEGIES", "command_path"]

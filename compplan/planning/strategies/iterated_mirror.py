@@ -1,0 +1,23 @@
+"""Iterated mirror compensation: mirror again and again, until the model predicts no deviation."""
+
+from __future__ import annotations
+
+from compplan.planning.strategies.limits import check_limits
+from compplan.planning.strategies.mirror import mirror_deviation
+from compplan.planning.task import Command, PlanTask
+
+words = "repeated mirror"
+
+MOST_PASSES = 20
+#: Deviation that counts as none. [m]
+SETTLED = 1e-9
+
+
+def command_path(task: PlanTask) -> Command:
+    """Mirror the predicted deviation until it vanishes; the last command stands where it does not."""
+    q, position, rotation = task.q_start, task.position, task.rotation
+    passes, deviation = 0, float("inf")
+    while deviation >= SETTLED and passes < MOST_PASSES:
+        q, position, rotation, deviation = mirror_deviation(task, q, position, rotation)
+        passes += 1
+    return check_limits(task, q, {"passes": passes})

@@ -1,0 +1,74 @@
+"""Compensation by the nonlinear program: exact where it can be, within all limits.
+
+`compplan.planning` solves the program at stations of the path and takes its solution to every waypoint. Waypoints that
+cannot keep the limits fail; the command there is as near to the path as the limits allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compplan.planning.dense import KEPT, PathSolution, correct_pose, miss_pose, size_of, solve_path
+from compplan.planning.strategies.limits import OUT_OF_REACH, check_limits, name_failures
+from compplan.planning.strategies.lost_motion import lead_play, list_plays, without_play
+from compplan.planning.task import Command, PlanTask
+from compplan.robot import Array
+
+words = "optimised (nlp)"
+
+
+def command_path(task: PlanTask, near: Command | None = None) -> Command:
+    """Solve for the joint positions whose loaded tool is on the path.
+
+    Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
+    misses the path there by as little as the limits allow.
+
+    Args:
+        task: The task.
+        near: A command for nearly these loads, None for none.
+
+    """
+    real, task = task, without_play(task)
+    links = None if near is None else np.asarray(near.facts.get("links", near.q))
+    found = solve_path(task, links)
+    facts = {"nlp": found.describe()}
+    if near is not None and (spent := near.facts.get("nlp")):
+        facts["nlp"] |= {name: spent[name] + facts["nlp"][name] for name in ("solves", "iterations", "cpu_s")}
+    return _finish(real, found.q, Command(found.q, solve_time=found.cpu, facts={**facts, "solution": found}))
+
+
+def approach_path(task: PlanTask) -> Command:
+    """Command a path by Newton steps from the posture that was chosen, and by the program where those leave a limit."""
+    found = correct_command(task, Command(task.q_start))
+    return command_path(task) if found.failures else found
+
+
+def correct_command(task: PlanTask, command: Command) -> Command:
+    """Bring a command up to date after a small change of the load, by Newton steps that move the joints least.
+
+    Args:
+        task: The task with its new load.
+        command: A command for another load; waypoints that fail in it keep their joint positions.
+
+    """
+    q, failing = np.array(command.facts.get("links", command.q)), np.array(sorted(command.failures), int)
+    return _finish(task, correct_pose(without_play(task), q, failing), command)
+
+
+def _finish(task: PlanTask, q: Array, command: Command) -> Command:
+    """Lead lost motion, and name the waypoints that miss the pose equations or leave a limit; q: of the links."""
+    missed = size_of(miss_pose(without_play(task), q))
+    failures = name_failures(task, q, np.flatnonzero(missed > KEPT))
+    if list_plays(task.robot).any():
+        command = replace(command, facts={**command.facts, "links": q})
+        q = q + lead_play(task, q)
+    if task.robot.effects:
+        # lost motion at a reversal, which no command mends, is no matter of reach: the evaluation sees the tip
+        failures = {k: name for k, name in failures.items() if name != OUT_OF_REACH or task.missed[k]}
+    failures |= check_limits(replace(task, missed=np.zeros_like(task.missed)), q).failures
+    return replace(command, q=q, status="infeasible" if failures else "solved", failures=failures)
+
+
+__all__ = ["PathSolution", "command_path", "correct_command", "words"]

@@ -1,0 +1,13 @@
+"""No compensation: the joint positions at which the controller shows the tool on the path."""
+
+from __future__ import annotations
+
+from compplan.planning.strategies.limits import check_limits
+from compplan.planning.task import Command, PlanTask
+
+words = "no correction"
+
+
+def command_path(task: PlanTask) -> Command:
+    """Command the nominal path as if nothing bent."""
+    return check_limits(task, task.q_uncorrected)

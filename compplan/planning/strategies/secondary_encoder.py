@@ -1,0 +1,24 @@
+"""Secondary-encoder feedback: the axes are held by their link-side encoders, which takes the gears' deflection out.
+
+What bends beside the encoders stays: links, bearings, and springs beside the axis [Klimchik2018].
+"""
+
+from __future__ import annotations
+
+from compplan.planning.strategies.answer import Answer
+from compplan.planning.strategies.path_map import PathMaps
+from compplan.planning.task import PlanTask
+
+words = "encoders behind the gears"
+
+
+def prepare(task: PlanTask, maps: PathMaps) -> Answer:
+    """Command the nominal path, held by the link-side encoders."""
+    return Answer(
+        name="secondary_encoder",
+        knows="geometry",
+        measures="link-side encoders",
+        commands="the nominal path, held by the link side",
+        q=task.q_start,
+        feedback="link",
+    )

@@ -1,0 +1,311 @@
+"""What a compensation strategy is told: the robot model, the nominal path, the predicted wrench, the limits.
+
+Every strategy gets the same task and answers with a `Command`. `attain` is the one place where the planner's model of
+the robot predicts where the loaded tool goes; effects of the robot's folder (effects.toml) enter there alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.controllers.writers.joint_convention import believed_robot
+from compplan.effects.attained import attain_with_effects
+from compplan.planning.allowed import Allowed, find_allowed
+from compplan.planning.joint_weights import weigh_joints
+from compplan.planning.path_problem import PathProblem
+from compplan.planning.posture.initial_branches import Start
+from compplan.process.force_law import ForceLaw
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, joint_jacobian, locate_frames
+from compplan.statics.ik import build_arm, refine_ik
+from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
+from compplan.toolpath.toolpath import Toolpath, interpolate
+from compplan.uncertainty.touch_off import TouchedPart
+
+#: Time over which motion is smoothed where no natural frequency is known. [s]
+SMOOTHING = 0.05
+#: Such times that a move takes at least which loads the tool where it stands.
+PERIODS = 2.0
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """What a strategy knows; n waypoints, nq joints, base frame.
+
+    Attributes:
+        robot: The robot model with its tool.
+        chain: Its elastic chain.
+        nominal: The path to reach, base frame.
+        rotation: Wanted orientation of the TCP frame, x as the job points it. Shape (n, 3, 3).
+        wrench: Predicted wrench at the tip; at a point of contact that of the cut that begins. Shape (n, 6). [N, N m]
+        compensated: Waypoints of the cut, points of contact included; the others are rapid. Shape (n,).
+        q_start: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        configuration: Shoulder, elbow and wrist of q_start.
+        missed: Waypoints that the arm does not reach at q_start's orientation. Shape (n,).
+        step_time: Time from each waypoint to the next at the programmed feed. Shape (n - 1,). [s]
+        velocity_limits: Velocity limits. Shape (nq,). [rad/s or m/s]
+        acceleration_limits: Acceleration limits. Shape (nq,). [rad/s^2 or m/s^2]
+        max_correction: Greatest distance of the unloaded tip from the path. [m]
+        tolerance: Greatest deviation of the loaded tip that counts as on the path, the strictest of all parts. [m]
+        spin_free: Whether the rotation about the tool axis is free.
+        start: How q_start was found, or None.
+        law: The law of the wrench, or None where the path carries it.
+        lead: Waypoints that bring the correction in at a contact, or out where a cut ends, the wanted tip at rest.
+            Shape (n,).
+        rests: Waypoints within a cut at which the tool comes to rest. Shape (n,).
+        chord: How far the loaded tip may stray from the path between waypoints, where the tolerance is strictest. [m]
+        smoothing: Time over which the motion is smoothed. [s]
+        inertia: Whether the inertia of the motion counts as a load.
+        bias: What it puts on each elastic coordinate, or None. Shape (n, s). [N m or N]
+        links: Joint positions that the links go through, None where those are q_start. Shape (n, nq). [rad or m]
+        places: Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,).
+        theta: Elastic coordinates where the path was last looked at: the next equilibrium begins there. They are
+            written over, and no result depends on them beyond rounding. Shape (n, s). [rad or m]
+        jerk_limits: Greatest change of acceleration, or None where there is no limit. Shape (nq,). [rad/s^3 or m/s^3]
+        touched: The part as the robot found it by touching; None where its frame is absolute. Loaded poses are relative
+            to the found frame (`see_position`).
+
+    """
+
+    robot: Robot
+    chain: Chain
+    nominal: Toolpath
+    rotation: Array
+    wrench: Array
+    compensated: NDArray[np.bool_]
+    q_start: Array
+    configuration: Mapping[str, str]
+    missed: NDArray[np.bool_]
+    step_time: Array
+    velocity_limits: Array
+    acceleration_limits: Array
+    max_correction: float
+    tolerance: float
+    spin_free: bool
+    start: Start | None = None
+    law: ForceLaw | None = None
+    lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    rests: NDArray[np.bool_] | None = None
+    chord: float = np.inf
+    smoothing: float = SMOOTHING
+    inertia: bool = False
+    bias: Array | None = None
+    links: Array | None = None
+    places: Array | None = None
+    theta: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    jerk_limits: Array | None = None
+    touched: TouchedPart | None = None
+
+    def __post_init__(self) -> None:
+        shape = (len(self.nominal), self.chain.n_springs)
+        if len(self.lead) != shape[0]:
+            object.__setattr__(self, "lead", np.zeros(shape[0], bool))
+        if self.theta.shape != shape:
+            object.__setattr__(self, "theta", np.zeros(shape))
+
+    def __len__(self) -> int:
+        return len(self.nominal)
+
+    @property
+    def position(self) -> Array:
+        """Wanted tool tip. Shape (n, 3). [m]."""
+        return self.nominal.position
+
+    @property
+    def origin(self) -> Array:
+        """Number of each waypoint in the toolpath, fractional where a move was divided. Shape (n,)."""
+        return np.arange(len(self), dtype=float) if self.places is None else self.places
+
+    @property
+    def programmed(self) -> Array:
+        """The path that the tip is judged by: `position`, but where that uses a tube around it. Shape (n, 3). [m]."""
+        aside = None if self.start is None else self.start.aside
+        if aside is None:
+            return self.position
+        every = np.arange(len(aside))
+        return self.position - interpolate(self.origin, every, aside)
+
+    @property
+    def upright(self) -> Array:
+        """Tool axis as programmed, tip to spindle: that of `nominal` but for its leans. Shape (n, 3)."""
+        axis = None if self.start is None else self.start.upright
+        return self.nominal.axis if axis is None else interpolate(self.origin, np.arange(len(axis)), axis)
+
+    @cached_property
+    def q_uncorrected(self) -> Array:
+        """Joint positions of the uncorrected program: `q_start`, but by the geometry that the controller believes.
+
+        Shape (n, nq). [rad or m]
+        """
+        believed = self.robot if self.touched is None else believed_robot(self.robot)
+        arm = None if believed is self.robot else build_arm(believed)
+        if arm is None or len(arm.arm) < 6:
+            return self.q_start
+        return refine_ik(arm, self.q_start, self.position, self.rotation)
+
+    @property
+    def pace(self) -> Array:
+        """Factor by which the start asks the run to be slower than it could be. Shape (n,)."""
+        pace = None if self.start is None else self.start.pace
+        return np.ones(len(self)) if pace is None else np.interp(self.origin, pace.places, pace.slower)
+
+    @property
+    def gentle_time(self) -> float:
+        """Least time of a move that loads or unloads the tool where it stands. [s]."""
+        return PERIODS * self.smoothing
+
+    def see_position(self, position: Array) -> Array:
+        """Return positions of the loaded tip relative to the part frame as it was found. Shape (n, 3). [m]."""
+        return position if self.touched is None else self.touched.see_position(position)
+
+    def see_pose(self, pose: AttainedPose) -> AttainedPose:
+        """Return loaded poses relative to the part frame as it was found; unloaded ones are the controller's."""
+        if self.touched is None or self.touched.displacement is None:
+            return pose
+        seen = self.touched
+        return pose._replace(
+            position=seen.see_position(pose.position), rotation=seen.see_rotation(pose.rotation),
+            jacobian=seen.see_jacobian(pose.jacobian),
+        )  # fmt: skip
+
+    @property
+    def follows_feed(self) -> bool:
+        """Tell whether the wrench depends on the feed that is driven."""
+        return self.law is not None and self.law.follows_feed
+
+    @property
+    def q_links(self) -> Array:
+        """Joint positions that the links go through, whatever the drives run ahead. Shape (n, nq). [rad or m]."""
+        return self.q_start if self.links is None else self.links
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Waypoints that are judged: those of the cut and the points of contact, not what leads in. Shape (n,)."""
+        return self.compensated & ~self.lead
+
+    @property
+    def leaving(self) -> NDArray[np.bool_]:
+        """Waypoints that take the correction out where a cut has ended: those of `lead` after a cut. Shape (n,)."""
+        last = np.maximum.accumulate(np.where(self.lead, 0, np.arange(len(self))))
+        return np.asarray(self.lead & ~self.nominal.rapid[last])
+
+    @cached_property
+    def allowed(self) -> Allowed | None:
+        """The tolerance of each part of the path; None where one is for all."""
+        return find_allowed(self.nominal)
+
+    @property
+    def move_tolerance(self) -> Array:
+        """How far the tip may stray from each move. Shape (n - 1,). [m]."""
+        return np.full(len(self) - 1, self.tolerance) if self.allowed is None else self.allowed.moves
+
+    @property
+    def move_chord(self) -> Array | float:
+        """How far it may before the move is divided, as much more as its tolerance is. Shape (n - 1,). [m]."""
+        return self.chord if self.allowed is None else self.chord * self.coarser[1:]
+
+    @property
+    def coarser(self) -> Array:
+        """How much more the move that ends at each waypoint may stray than the strictest one. Shape (n,)."""
+        return np.r_[1.0, self.move_tolerance / self.tolerance]
+
+    def use_tolerance(self, away: Array) -> Array:
+        """Return the share of its tolerance that a deviation (n, 3) [m] uses at each waypoint. Shape (n,)."""
+        if self.allowed is None:
+            return np.asarray(np.linalg.norm(away, axis=1) / self.tolerance)
+        return self.allowed.use(away)
+
+    @cached_property
+    def problem(self) -> PathProblem:
+        """The pose equations of the task, and what its joints may do."""
+        return PathProblem(
+            chain=self.chain,
+            position=self.position,
+            rotation=self.rotation,
+            wrench=self.wrench,
+            compensated=self.compensated,
+            q_start=self.q_start,
+            step_time=self.step_time,
+            lower=self.robot.lower,
+            upper=self.robot.upper,
+            velocity_limits=self.velocity_limits,
+            acceleration_limits=self.acceleration_limits,
+            max_correction=self.max_correction,
+            spin_free=self.spin_free,
+            still=(self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6),
+            weight=weigh_joints(self.chain, self.q_start, self.robot),
+        )
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a strategy sends to the controller.
+
+    Attributes:
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        status: "solved" or "infeasible".
+        failures: Waypoints that fail, and the limit that stops each.
+        solve_time: Wall time in the solver. [s]
+        facts: Further numbers worth keeping.
+
+    """
+
+    q: Array
+    status: str = "solved"
+    failures: Mapping[int, str] = field(default_factory=dict)
+    solve_time: float = 0.0
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+def attain(task: PlanTask, q: Array) -> AttainedPose:
+    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+
+    """
+    loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
+    return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
+
+
+def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: AttainedPose) -> AttainedPose:
+    """Put what the effects of the folder do in the place of the model without them; inertia bends on top of it."""
+    position, rotation = (part[rows] for part in attain_with_effects(task.robot, q, task.wrench, task.step_time))
+    if task.bias is not None:
+        still = attain_pose(task.chain, q[rows], task.wrench[rows], slope=False)
+        position = position + loaded.position - still.position
+        rotation = loaded.rotation @ np.swapaxes(still.rotation, 1, 2) @ rotation
+    return AttainedPose(position, rotation, loaded.jacobian)
+
+
+def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
+    """Predict what the pose equations of some waypoints speak of: the loaded tool, in rapid moves the unloaded one.
+
+    Args:
+        task: The task.
+        q: Commanded joint positions of the whole path, on which effects with a memory depend. Shape (n, nq). [rad or m]
+        rows: The waypoints. Shape (k,).
+        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
+    """
+    bias = None if task.bias is None else task.bias[rows]
+    loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
+    task.theta[rows] = loaded.theta
+    if task.robot.effects:
+        loaded = _add_effects(task, q, rows, loaded)
+    loaded = task.see_pose(loaded)
+    rapid = np.flatnonzero(~task.compensated[rows])
+    if not len(rapid):
+        return loaded
+    position, rotation, columns = (np.array(part) for part in loaded[:3])
+    for part in chunk_rows(len(rapid), task.chain):
+        frames = locate_frames(task.chain, q[rows[rapid[part]]])
+        position[rapid[part]], rotation[rapid[part]] = frames.tcp_position, frames.tcp_rotation
+        columns[rapid[part]] = joint_jacobian(task.chain, frames)
+    return AttainedPose(position, rotation, columns)

@@ -1,0 +1,381 @@
+"""The verdict: whether the part may be expected within its tolerance, what speaks against it, and what would change it.
+
+`status` says what the equations and the judge say. The verdict says what the 95 % band of the true tip says: `keeps`
+where the whole cut stays within the tolerance with 95 %, `may_not_keep` where it does not, `not_known` where something
+that moves the tip is not known, or the path was read by one reader alone, and the rest of the band lies within the
+tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.planning.deflection import Bending
+from compplan.planning.task import PlanTask
+from compplan.robot import Array
+from compplan.uncertainty.band import CAUSES, ErrorBand
+from compplan.uncertainty.ladder import DO
+
+FORCE = "process force"
+#: Words of the verdict.
+KEEPS, MAY_NOT_KEEP, NOT_KNOWN = "keeps", "may_not_keep", "not_known"
+#: Stretches beyond the tolerance that are listed.
+LISTED = 20
+MEASURE = "Measure the robot: compplan campaign JOB --poses 12 --out poses."
+TOUCH_OFF = "Touch the part off with this robot and tool, and leave out [part] touched_off = false."
+LET_COMPENSATE = "Let the plan compensate it: [plan] inertia = true."
+#: The next step where a check disagrees with the plan or its files.
+SETTLE = (
+    "Do not run the programs. Change what is named here in the job or the robot folder; if neither explains it, "
+    "report both as a defect."
+)
+#: What is said of the band of a compromise.
+NO_BAND = "no 95 % band is stated, waypoints are out of reach"
+#: A band so many times as wide as the uncorrected program is off is explained.
+WIDE = 10.0
+#: What would change the verdict, by the largest cause.
+CHANGES = {
+    "process force": "Measure the process force and write its uncertainty into the job: [noise] wrench_level.",
+    "inertia and vibration": "Lower the feed.",
+    "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
+    "repeatability": "Allow more, or take a robot that repeats better.",
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a verdict is made from.
+
+    Attributes:
+        task: The task.
+        status: "solved", "infeasible" or "not_confirmed".
+        failures: Waypoints that fail, and the limit that stops each.
+        explained: Why it is not solved, one sentence, "" where it is.
+        left: Distance that the plan itself leaves at every waypoint. Shape (n,). [m]
+        bending: What bends the arm, cause by cause.
+        promise: The band; None where there is no solution, or a robot within what is known finds no equilibrium.
+        inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
+        traced: Whether somebody identified how the drives follow.
+    """
+
+    task: PlanTask
+    status: str
+    failures: Mapping[int, str]
+    explained: str
+    left: Array
+    bending: Bending
+    promise: ErrorBand | None
+    inertia_wanted: bool = True
+    traced: bool = False
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of the cut whose band reaches beyond the tolerance.
+
+    Attributes:
+        first: Its first waypoint.
+        last: Its last waypoint.
+        start: Length of the path at its first waypoint. [m]
+        end: Length of the path at its last waypoint. [m]
+        most: Widest band in it. [m]
+    """
+
+    first: int
+    last: int
+    start: float
+    end: float
+    most: float
+
+
+@dataclass(frozen=True)
+class ToleranceVerdict:
+    """Whether the part may be expected within its tolerance.
+
+    Attributes:
+        word: "keeps", "may_not_keep" or "not_known".
+        sentence: The same for people, with what to do about it.
+        tolerance: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
+        band: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
+        beyond_share: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
+        where: Stretches of the cut beyond the tolerance.
+        largest_cause: What makes the band widest where it is widest, or what is not known.
+        change: What would change the verdict, one sentence, "" where nothing has to.
+        basis: What the band rests on.
+        left_out: What moves the tip and is not in the band.
+    """
+
+    word: str
+    sentence: str
+    tolerance: float
+    band: float | None
+    beyond_share: float | None
+    where: tuple[Stretch, ...]
+    largest_cause: str
+    change: str
+    basis: str
+    left_out: tuple[str, ...]
+
+    def describe(self) -> dict[str, Any]:
+        """Describe it for plan.json."""
+        return {
+            "word": self.word,
+            "sentence": self.sentence,
+            "tolerance_mm": 1e3 * self.tolerance,
+            "band_mm": None if self.band is None else 1e3 * self.band,
+            "beyond_share": self.beyond_share,
+            "largest_cause": self.largest_cause,
+            "change": self.change,
+            "basis": self.basis,
+            "where": [
+                {
+                    "waypoints": [stretch.first, stretch.last],
+                    "s_mm": [1e3 * stretch.start, 1e3 * stretch.end],
+                    "band_mm": 1e3 * stretch.most,
+                }
+                for stretch in self.where[:LISTED]
+            ],
+            "stretches": len(self.where),
+            "left_out": list(self.left_out),
+        }
+
+    @property
+    def head(self) -> tuple[str, ...]:
+        """Short lines for the head of a program."""
+        words = {KEEPS: "keeps", MAY_NOT_KEEP: "MAY NOT KEEP", NOT_KNOWN: "NOT KNOWN if it keeps"}
+        lines = [f"verdict: {words[self.word]} {_mm(self.tolerance)}"]
+        if self.band is not None:
+            lines.append(f"true tip within {_mm(self.band)}, 95 %")
+        if self.beyond_share:
+            lines.append(f"beyond: {_percent(self.beyond_share)} of the cut")
+        return tuple(lines)
+
+
+def check_tolerance(case: Case) -> ToleranceVerdict:
+    """Judge whether the part may be expected within its tolerance."""
+    tolerance, promise = case.task.tolerance, case.promise
+    missing = find_missing(case)
+    if case.status == "infeasible":
+        return _no_solution(case)
+    if promise is None:
+        text = "no robot within what is known finds an equilibrium under this load"
+        return _not_known(case, text, MEASURE, None, None)
+    cut = case.task.cut
+    use = use_tolerance(case.task, promise)
+    beyond = cut & (use > 1.0)
+    share = share_length(case.task.nominal.arc_length, cut, beyond)
+    if not beyond.any() and case.status == "solved":
+        if missing:
+            return _not_known(case, *missing, promise, share)
+        basis, cause = describe_basis(promise), find_cause(case, promise)
+        sentence = f"Keeps {describe_tolerance(case.task)}: with 95 % the tip stays within {_mm(promise.whole)}"
+        sentence += " along the whole cut"
+        if case.task.allowed is not None:
+            sentence += f", and uses {_percent(float(use[cut].max()))} of the tolerance at most"
+        sentence += f" ({basis}).{describe_inertia(case)}"
+        return ToleranceVerdict(
+            KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
+        )
+    if not beyond.any() and case.status == "not_confirmed":
+        return _not_known(case, f"the plan is {case.explained}", SETTLE, promise, share)
+    return _may_not_keep(case, promise, beyond, share)
+
+
+def use_tolerance(task: PlanTask, promise: ErrorBand) -> Array:
+    """Return the share of its tolerance that the band of the whole path uses at each waypoint. Shape (n,)."""
+    if task.allowed is None:
+        return promise.along / task.tolerance
+    mean = None if promise.motion is None else promise.motion.mean
+    return task.allowed.use_of_band(promise.along, promise.covariance, mean)
+
+
+def describe_tolerance(task: PlanTask) -> str:
+    """Say the tolerance, or the range of those across the travel where parts of the cut have their own."""
+    if task.allowed is None:
+        return _mm(task.tolerance)
+    sizes = task.allowed.normal[task.cut]
+    span = "" if np.ptp(sizes) == 0.0 else f"{_mm(sizes.min())} to "
+    along = task.allowed.tangential[task.cut & task.allowed.apart]
+    more = f" across the travel, {_mm(along.min())} along it" if len(along) else ""
+    return f"{span}{_mm(sizes.max())}{more}"
+
+
+def _may_not_keep(case: Case, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
+    tolerance, length = case.task.tolerance, case.task.nominal.arc_length
+    where = find_stretches(beyond, length, promise.along)
+    cause = find_cause(case, promise)
+    change = find_change(case, promise, cause)
+    off = f"the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the tolerance: {_percent(share)}"
+    use = np.where(case.task.cut, use_tolerance(case.task, promise), 0.0)
+    widest = promise.widest if case.task.allowed is None else int(use.argmax())
+    off += f" of the cut, most of all {1e3 * length[widest]:.4g} mm along the path"
+    if case.task.allowed is not None:
+        off += f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)"
+    sentence = f"May not keep {describe_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
+    sentence += "" if change == LET_COMPENSATE else describe_inertia(case)
+    if case.status != "solved":
+        change = SETTLE
+        head = f"Do not start: the plan is {case.explained}. {SETTLE}"
+        sentence = f"{head} May not keep {describe_tolerance(case.task)}: {off}. Largest cause: {cause}."
+    return ToleranceVerdict(
+        MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
+        list_left_out(case),
+    )  # fmt: skip
+
+
+def _no_solution(case: Case) -> ToleranceVerdict:
+    """Return the verdict of a best compromise: where waypoints are out of reach there is no band to state."""
+    limits = sorted({name for text in case.failures.values() for name in text.split(", ")})
+    cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
+    change = "Move the part (compplan place JOB), or allow more."
+    first = f" (the first is waypoint {min(case.failures)})" if case.failures else ""
+    sentence = (
+        f"Do not start: there is no solution. May not keep {describe_tolerance(case.task)}: "
+        f"{len(case.failures)} waypoints "
+        f"are not reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND[0].upper()}{NO_BAND[1:]}."
+        f"{describe_inertia(case)}"
+    )
+    return ToleranceVerdict(
+        MAY_NOT_KEEP, sentence, case.task.tolerance, None, None, (), cause, change, "", list_left_out(case)
+    )
+
+
+def _not_known(
+    case: Case, missing: str, change: str, promise: ErrorBand | None, share: float | None
+) -> ToleranceVerdict:
+    tolerance, basis = case.task.tolerance, "" if promise is None else describe_basis(promise)
+    band = None if promise is None else promise.whole
+    sentence = (
+        f"Not known whether it keeps {describe_tolerance(case.task)}: {missing}. {change}{describe_inertia(case)}"
+    )
+    if case.status != "solved":
+        sentence = f"Do not start. {sentence}"
+    return ToleranceVerdict(
+        NOT_KNOWN, sentence.strip(), tolerance, band, share, (), missing, change, basis, list_left_out(case)
+    )
+
+
+def find_missing(case: Case) -> tuple[str, str] | None:
+    """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
+    robot = case.task.robot
+    if robot.uncertainty is None and robot.grade == "placeholder":
+        return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
+    if not np.isfinite(case.bending.inertia):
+        return "the robot folder has no masses or no springs, so inertia is not counted", "State them in its folder."
+    return None
+
+
+def find_cause(case: Case, promise: ErrorBand) -> str:
+    """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
+    left = float(case.left[promise.widest])
+    causes = {**promise.causes, "what the plan itself leaves": left}
+    largest = max(causes, key=lambda name: causes[name])
+    alone = {rung.step: rung.alone for rung in promise.ladder}
+    if largest not in (*CAUSES, FORCE) or not {"force_log", "poses"} <= set(alone):
+        return largest
+    if alone["force_log"] < alone["poses"]:
+        return FORCE
+    return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
+
+
+def find_change(case: Case, promise: ErrorBand, cause: str) -> str:
+    """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
+    if promise.ladder and cause not in ("inertia and vibration", "place of the part", "repeatability"):
+        if promise.cheapest:
+            chosen = " and ".join(DO[step] for step in promise.cheapest)
+            return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
+        best = min(promise.ladder[1:], key=lambda rung: rung.band)
+        return f"No measurement suffices: all together leave {_mm(best.band)}. Allow more, or reduce the force."
+    if cause == "inertia and vibration" and not case.inertia_wanted:
+        return LET_COMPENSATE
+    if cause in CHANGES:
+        return CHANGES[cause]
+    if cause in CAUSES and promise.known.grade == "measured":
+        zero = f"joint_offset {case.task.robot.actuated[0].name}"
+        if promise.leading and promise.leading[0][0] == zero:
+            return TOUCH_OFF
+        return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
+    return MEASURE
+
+
+def describe_basis(promise: ErrorBand) -> str:
+    """Say what the band rests on, in a few words."""
+    robot = "measured" if promise.known.grade == "measured" else "assumed"
+    force = "assumed" if "assumed" in promise.force.source else "stated"
+    said = "the robot is measured" if robot == "measured" else "the robot is assumed, not measured"
+    if not np.any(promise.parts["force"]):
+        return said
+    if robot == force:
+        return "robot and force are assumed, not measured"
+    return f"{said}; the force is {force}"
+
+
+def explain_width(promise: ErrorBand | None, nominal: float) -> str:
+    """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
+    if promise is None or promise.greatest <= WIDE * nominal:
+        return ""
+    cause = max(promise.causes, key=lambda name: promise.causes[name], default="what is not known of the robot")
+    share = f", above all {promise.leading[0][0]} ({_percent(promise.leading[0][1])})" if promise.leading else ""
+    return (
+        f" The band is wide, {_mm(promise.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"
+        f" model: most of it comes from {cause}{share}."
+    )
+
+
+def describe_inertia(case: Case) -> str:
+    """Say that inertia is left alone where the job wants it so, "" otherwise."""
+    if case.inertia_wanted or not np.isfinite(case.bending.inertia):
+        return ""
+    return " Inertia is not compensated: [plan] inertia = false."
+
+
+def list_left_out(case: Case) -> tuple[str, ...]:
+    """List what moves the tip and is not in the band."""
+    told = []
+    if not case.traced and not any(effect["effect"] == "tracking_lag" for effect in case.task.robot.effects):
+        told.append("path errors of the controller (no trace of it)")
+    if not np.isfinite(case.bending.inertia):
+        told.append("inertia and vibration of the arm (no masses, or no springs)")
+    if case.promise is None or not case.promise.placed:
+        told.append("place of the part ([noise] part_frame_mm states none)")
+    told += ["ringing after rapid moves", "bending of the cutter", "chatter", "warming up"]
+    return tuple(told)
+
+
+def share_length(length: Array, cut: NDArray[np.bool_], chosen: NDArray[np.bool_]) -> float:
+    """Return the share of a cut, by its length, that chosen waypoints stand for: half of each move beside them.
+
+    Args:
+        length: Length of the path at each waypoint. Shape (n,). [m]
+        cut: Waypoints of the cut. Shape (n,).
+        chosen: Waypoints among them. Shape (n,).
+    """
+    half = 0.5 * np.diff(length) * (cut[1:] & cut[:-1])
+    weight = np.r_[half, 0.0] + np.r_[0.0, half]
+    if not weight.any():
+        weight = cut.astype(float)
+    return float(weight[chosen].sum() / weight.sum()) if weight.sum() > 0.0 else 0.0
+
+
+def find_stretches(beyond: NDArray[np.bool_], length: Array, band: Array) -> tuple[Stretch, ...]:
+    """Return the runs of waypoints beyond the tolerance, in order."""
+    edge = np.flatnonzero(np.diff(np.r_[False, beyond, False].astype(int)))
+    return tuple(
+        Stretch(a, b - 1, float(length[a]), float(length[b - 1]), float(band[a:b].max()))
+        for a, b in zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True)
+    )
+
+
+def _mm(length: float) -> str:
+    """Write a length in mm with three digits at most, never less than it is."""
+    return f"{1e3 * length:.3g} mm"
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * share
+    return "below 0.1 %" if percent < 0.1 else "all" if percent > 99.95 else f"{percent:.3g} %"
