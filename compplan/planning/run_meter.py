@@ -171,10 +171,14 @@ def measure_work(task: PlanTask, timing: Timing) -> float:
 
 def _widen(use: Array, time: Array, reach: float) -> Array:
     """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
-    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * (time[-1] - time[0]) / reach, 16, 20_000)))
+    span = time[-1] - time[0]
+    if not (span > 0.0 and reach > 0.0):
+        return use
+    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * span / reach, 16, 20_000)))
     size = max(int(reach / (grid[1] - grid[0])), 1)
     wide = maximum_filter1d(np.interp(grid, time, use), 2 * size + 1, mode="nearest")
-    return np.interp(time, grid, uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest"))
+    smooth = uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest")  # a running sum: rounding may make it negative
+    return np.interp(time, grid, np.clip(smooth, use.min(), use.max()))
 
 
 def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
