@@ -295,3 +295,34 @@ def test_an_instrument_that_cannot_be_is_refused(key: str, tmp_path: Path, monke
     words = ["diagnose", tmp_path / "log.csv", "--robot", "kuka_kr270", "--instrument", tmp_path / "instrument.toml"]
     done = run_command([*words, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and f"instrument.{key.split()[0]}" in done.err and done.err.count("\n") == 1, done.err
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("robot/uncertainty.toml", "scale_mm = 300.0", "scale_mm = 5e-324", "unexplained.scale_mm"),
+        ("robot/effects.toml", 'joint = "joint_1"', 'joint = "jo_1"', "effect[0].joint"),
+        ("robot/elasticity.toml", "repeatability_mm    = 0.017", "repeatability_mm    = 1e13", "at most 1e+12"),
+        ("job.toml", "max_correction_mm = 10.0", "max_correction_mm = 1e300", "at most 1e+12"),
+    ],
+)
+def test_nonsense_in_a_table_is_refused_in_one_line(
+    file: str, old: str, new: str, told: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    shutil.copytree(ROOT / "tests" / "bad_inputs" / "good", tmp_path / "good")
+    text = (tmp_path / "good" / file).read_text()
+    assert old in text
+    (tmp_path / "good" / file).write_text(text.replace(old, new))
+    done = run_command(["plan", tmp_path / "good" / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert done.status == 2 and told in done.err and Path(file).name in done.err, done.err
+    assert done.err.count("\n") == 1 and "internal fault" not in done.err
+
+
+def test_a_trace_in_radians_is_not_read_as_degrees(tmp_path: Path, monkeypatch, capsys) -> None:
+    good = ROOT / "tests" / "bad_inputs" / "good"
+    head, *rows = (good / "executed.csv").read_text().splitlines()
+    turned = [[row.split(",")[0], *(f"{float(q) / 57.29577951308232:.7f}" for q in row.split(",")[1:])] for row in rows]
+    (tmp_path / "log.csv").write_text("\n".join([head, *map(",".join, turned)]) + "\n")
+    words = ["trace", tmp_path / "log.csv", "--program", good / "program.csv", "--robot", "ur10", "--out"]
+    done = run_command([*words, tmp_path / "out"], monkeypatch, capsys)
+    assert done.status == 2 and "log.csv" in done.err and done.err.count("\n") == 1, done.out + done.err
