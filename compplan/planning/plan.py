@@ -29,7 +29,6 @@ from compplan.planning.executed import check_executed, drive_within
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
-from compplan.planning.path_problem import count_equations
 from compplan.planning.posture.configuration import Preference, check_start
 from compplan.planning.posture.finished import RobotMeasure
 from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request, stand
@@ -40,7 +39,7 @@ from compplan.planning.result import Plan
 from compplan.planning.run_meter import BAND_ROWS, RunMeter, spread_tip
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.planning.strategies.lost_motion import state_sides
-from compplan.planning.task import SMOOTHING, PlanTask
+from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.planning.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
