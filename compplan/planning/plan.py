@@ -25,8 +25,9 @@ from compplan.planning.evaluate import (
     evaluate_run,
     measure_margins,
 )
-from compplan.planning.executed import check_executed, drive_within
+from compplan.planning.executed import check_executed
 from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.fixed_point import compensate
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
@@ -117,19 +118,7 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
     progress("posture")
     task = build_task(robot, nominal, options, file=job.file)
     name = job.name or job.file.stem
-    return _plan_either(task, options, name=name, job=job, progress=progress)
-
-
-def _plan_either(
-    task: PlanTask, options: PlanOptions, *, name: str, job: Job | None, progress: Callable[[str], None]
-) -> Plan:
-    """Plan a task; where its bettered posture cannot be confirmed and the graph's can, the graph's."""
-    plan = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
-    if plan.status == "solved" or task.start is None or task.start.bettered is None:
-        return plan
-    task = _state_task(task.robot, task.chain, options, task.start.bettered.graph)
-    graph = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
-    return graph if graph.status == "solved" else plan
+    return plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -174,7 +163,7 @@ def plan_compensation(
     options = options or PlanOptions()
     progress("posture")
     task = build_task(robot, nominal, options)
-    return _plan_either(task, options, name=name, job=None, progress=progress)
+    return plan_task(task, options.strategy, name=name, feed=options.feed, progress=progress)
 
 
 def plan_task(
@@ -191,10 +180,10 @@ def plan_task(
     """
     output = output if job is None else job.output
     try:
-        found, strategy, executed = drive_within(task, strategy, feed or FeedRequest(), output, progress)
+        found = compensate(task, strategy, feed or FeedRequest(), output, progress)
     except ConvergenceError as error:
         raise explain_buckling(task) or error from None
-    command, timing, feed_notes = found.command, found.timing, found.notes
+    command, timing, executed = found.command, found.timing, found.executed
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
@@ -221,10 +210,10 @@ def plan_task(
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
         told += (jerk,)
     plan = Plan(
-        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
+        name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
         margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told),
+        notes=(*(task.start.notes if task.start else ()), *found.notes, *told),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan

@@ -12,10 +12,10 @@ from scipy.integrate import odeint
 
 import compplan as cp
 from compplan.job.job import check_job
-from compplan.planning.agreement import _resolve_starts
 from compplan.planning.approach import DWELL
 from compplan.planning.between import measure_between
 from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import _resolve_starts
 from compplan.planning.motion_limits import measure_use
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.run_timing import cutting_runs

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from compplan.planning.agreement import _moving_feed
+from compplan.planning.fixed_point import _moving_feed
 from compplan.planning.motion_limits import measure_use, spread_factors
 from compplan.planning.narrow import overlap_legs
 from compplan.planning.run_timing import find_slowdown, time_rapids
