@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from compplan.planning.task import PlanTask
+from compplan.planning.timing import INERTIA_WINDOWS
 from compplan.robot import Array
 from compplan.toolpath.corners import find_roundings, find_shares
-
-#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
-INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 
 
 def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tuple[int, int, int]]:

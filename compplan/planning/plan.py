@@ -19,25 +19,22 @@ from compplan.planning.buckling import explain_buckling, find_buckling
 from compplan.planning.candidates import better_start
 from compplan.planning.chatter_limit import describe_depth_limit
 from compplan.planning.checks import run_checks
-from compplan.planning.deflection import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
+from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
     measure_margins,
 )
 from compplan.planning.executed import check_executed
-from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
-from compplan.planning.posture.finished import RobotMeasure
-from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request, stand
+from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
-from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
-from compplan.planning.run_meter import BAND_ROWS, RunMeter, spread_tip
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.planning.strategies.lost_motion import state_sides
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
@@ -47,9 +44,8 @@ from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x, tool_axes
 from compplan.toolpath.toolpath import Toolpath, check_toolpath
-from compplan.uncertainty.band import band_radius
 from compplan.uncertainty.posture_errors import posture_errors
-from compplan.uncertainty.sensitivities import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 from compplan.uncertainty.shrinkage import shrink_robot
 from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
@@ -242,13 +238,6 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
-    if request is not None:
-        given = (options, nominal, request)
-        measures: dict[str, RobotMeasure] = {"driven_s": partial(_time_stance, *given)}
-        if request.settings.compares:
-            measures["band_mm"] = partial(_measure_band, *given)
-            measures["joint_travel_deg"] = _read_travel
-        request = replace(request, measures=measures)
     try:
         check_start(robot, options.wish.start)
         start = find_kept_start(
@@ -256,45 +245,18 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
-    if options.strategy == "nlp" and options.lock is None and request is not None:
-        force = options.force or read_force_spread(None)
-        meter = RunMeter(options.feed, force, partial(_state_task, robot, chain, options), DAMPING)
-        tool_x = np.asarray(options.tool_x, float)
-        start = better_start(start, Asked(robot, nominal, tool_x, meter, options.tube))
+    if options.lock is None and request is not None:
+        asked = Asked(
+            robot, nominal, np.asarray(options.tool_x, float), options.feed, options.force or read_force_spread(None),
+            partial(_state_task, robot, chain, options), options.tube,
+        )  # fmt: skip
+        start = better_start(start, asked, shape=options.strategy == "nlp")
     task = _state_task(robot, chain, options, start)
     faded, share = shrink_robot(robot, start.q, task.wrench)
     if faded is robot:
         return task
     start = replace(start, notes=(*start.notes, describe_shrinkage(robot, share)))
     return _state_task(faded, build_chain(faded), options, start)
-
-
-def _time_stance(
-    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
-) -> float:
-    """Time the run along a posture before anything is corrected. [s]."""
-    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
-    try:
-        return float(time_run(task, task.q_start, options.feed)[1].time[-1])
-    except ConvergenceError:
-        return np.inf
-
-
-def _read_travel(robot: Robot, stance: PostureSummary) -> float:
-    """Return the joint travel of a posture. [deg]."""
-    return float(stance.costs["joint_travel_deg"])
-
-
-def _measure_band(
-    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
-) -> float:
-    """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
-    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
-    try:
-        spread = spread_tip(task, options.force or read_force_spread(None), pick_rows(task.cut, BAND_ROWS))
-    except ConvergenceError:
-        return np.inf
-    return float(1e3 * band_radius(spread).max(initial=0.0))
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:

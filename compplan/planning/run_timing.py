@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.motion_limits import Torques, difference_motion, measure_smooth_use, measure_use, spread_factors
-from compplan.planning.narrow import INERTIA_WINDOWS, find_narrow, overlap_legs
+from compplan.planning.narrow import find_narrow, overlap_legs
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import (
+    INERTIA_WINDOWS,
     NO_LIMIT,
     Profile,
     TorqueParts,

@@ -34,6 +34,8 @@ NO_LIMIT = 1e4
 TorqueParts = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 #: Halvings that bring the time of a waypoint near enough for Newton's steps, and those steps.
 HALVINGS, NEWTON_STEPS = 18, 3
+#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
+INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 #: Share of the limits by which TOPP-RA's answer may pass them, its solver's tolerance; what it leaves of a limit.
 ROUNDING = 1e-6
 

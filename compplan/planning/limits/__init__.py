@@ -6,7 +6,7 @@ A new limit is one file with a class that has what `Limit` has, and one line in 
 from __future__ import annotations
 
 from compplan.planning.limits.acceleration import AccelerationLimit
-from compplan.planning.limits.band import BandLimit
+from compplan.planning.limits.band import BandLimit, read_band, spread_tip
 from compplan.planning.limits.clearance import ClearanceLimit, linearise_clearance
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
@@ -36,4 +36,6 @@ __all__ = [
     "PoseEquation",
     "VelocityLimit",
     "linearise_clearance",
+    "read_band",
+    "spread_tip",
 ]
