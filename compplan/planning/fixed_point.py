@@ -24,6 +24,7 @@ from compplan.planning.between import Between, measure_between, wanted_pieces
 from compplan.planning.deflection import follow_links, plan_loads
 from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
 from compplan.planning.feed import FeedRequest, TorqueRules, time_run
+from compplan.planning.lost_motion import find_crossings, without_play
 from compplan.planning.run_timing import (
     Timing,
     cutting_runs,
@@ -34,7 +35,6 @@ from compplan.planning.run_timing import (
 )
 from compplan.planning.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.planning.strategies import command_path, nlp
-from compplan.planning.strategies.lost_motion import find_crossings, without_play
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, inertial_loads

@@ -15,9 +15,7 @@ from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
-from compplan.planning.buckling import explain_buckling, find_buckling
 from compplan.planning.candidates import better_start
-from compplan.planning.chatter_limit import describe_depth_limit
 from compplan.planning.checks import run_checks
 from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.planning.evaluate import (
@@ -28,6 +26,7 @@ from compplan.planning.evaluate import (
 from compplan.planning.executed import check_executed
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
+from compplan.planning.lost_motion import state_sides
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
@@ -36,7 +35,7 @@ from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_l
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
-from compplan.planning.strategies.lost_motion import state_sides
+from compplan.planning.stability import describe_depth_limit, explain_buckling, find_buckling
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.planning.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.process.force_law import ForceLaw

@@ -20,8 +20,8 @@ from compplan.planning.citations import list_citations
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath, evaluate_executed
+from compplan.planning.lost_motion import list_reversals
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.planning.reversals import list_reversals
 from compplan.planning.run_timing import Timing
 from compplan.planning.slow import group_waypoints
 from compplan.planning.task import Command, PlanTask

@@ -8,7 +8,7 @@ import pytest
 
 from compplan.job.job import Job, check_job
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.slides import LEAST_STROKE, least_strokes, steady_slide
+from compplan.planning.posture.motion import LEAST_STROKE, least_strokes, steady_slide
 from compplan.planning.strategies import command_path
 from compplan.planning.task import LEAST, MOST, weigh_joints
 from compplan.robot import Array, load_robot

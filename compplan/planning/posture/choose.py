@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
+from compplan.planning.posture.configuration import MARGIN_SAMPLES, solve_default_posture
 from compplan.planning.posture.costs import Weights, choose_weights
-from compplan.planning.posture.default_posture import MARGIN_SAMPLES, solve_default_posture
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,

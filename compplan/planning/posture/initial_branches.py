@@ -13,12 +13,10 @@ from compplan.errors import InfeasibleError, InputError
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene, compute_model_loads
-from compplan.planning.posture.configuration import Preference, choose_posture
+from compplan.planning.posture.configuration import Preference, choose_posture, solve_default_posture
 from compplan.planning.posture.contacts import describe_contact
 from compplan.planning.posture.costs import ErrorModel
-from compplan.planning.posture.default_posture import solve_default_posture
-from compplan.planning.posture.few_joints import follow_path
-from compplan.planning.posture.follow import follow_from
+from compplan.planning.posture.follow import follow_from, follow_path
 from compplan.planning.posture.partial import find_partial
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
