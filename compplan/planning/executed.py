@@ -168,15 +168,6 @@ def bound_executed(task: PlanTask) -> Array:
     return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
 
 
-def check_executed(task: PlanTask, executed: ExecutedPath | None) -> tuple[str, ...]:
-    """Say in a sentence where the executed path leaves the tolerance."""
-    if executed is None or (use := executed.near / bound_executed(task)).max(initial=0.0) <= 1.0:
-        return ()
-    worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
-    return (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
-            f"waypoint {worst}",)  # fmt: skip
-
-
 def excess_executed(task: PlanTask, executed: ExecutedPath | None) -> Array | None:
     """Return the share of its tolerance that each waypoint uses behind identified drives; None where all keep it."""
     if executed is None or not executed.known:

@@ -104,6 +104,7 @@ def compensate(
         progress: Told what is being done.
 
     """
+    progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
     found = _settle(task, strategy, wish, output, progress)
@@ -148,7 +149,10 @@ def _settle(
     turn, divisions, rounds = 0, 0, 0
     while True:
         turn += 1
-        progress(f"compensation of {len(task)} waypoints, turn {turn}")
+        if run is None:
+            progress(f"compensation of {len(task)} waypoints")
+        if coupled:
+            progress(f"force and feed, turn {turn}")
         if command is None:
             command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy)
         excess, change = 0.0, 0.0
@@ -180,7 +184,7 @@ def _settle(
             divisions, run, turn = divisions + 1, None, 0
             continue
         if strategy == "nlp" and (coupled or "nlp" not in command.facts):
-            progress("nonlinear program")
+            progress("compensation: nonlinear program")
             found = _solve_program(found)
         executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
         found = replace(found, executed=executed)

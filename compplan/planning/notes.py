@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,6 @@ from compplan.robot.soft_limits import describe_soft_limits
 
 #: Share of the tolerance from which on the inertia of the motion is told.
 WORTH_A_NOTE = 0.1
-#: How readers note drilling cycles that they do not cut.
-LEFT_OUT = "left out: the tool moves rapidly above the holes"
 #: Force models of a turning tool.
 TURNING = ("milling", "end_mill", "drill")
 #: A joint that moves more than this between two waypoints of a cut swings over. [rad or m]
@@ -44,13 +42,6 @@ def describe_shrinkage(robot: Robot, share: float) -> str:
         f"loads of this path: {100.0 * share:.0f} % of them are compensated, the rest widens the 95 % band. Poses near "
         "the path, under its load, settle it: compplan campaign."
     )
-
-
-def describe_left_out(notes: Sequence[str]) -> tuple[str, ...]:
-    """Say that cuts of the file are in no program: a plan without them is not the plan of the file."""
-    if not any(LEFT_OUT in note for note in notes):
-        return ()
-    return ('holes of the file are not cut, [cam] cycles = "skip" leaves them out; write cycles = "expand"',)
 
 
 def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:

@@ -16,19 +16,18 @@ from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
 from compplan.planning.candidates import better_start
-from compplan.planning.checks import run_checks
+from compplan.planning.checks import find_jumps, find_overloads, run_checks, set_up_bench
 from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
     measure_margins,
 )
-from compplan.planning.executed import check_executed
 from compplan.planning.feed import FeedRequest
 from compplan.planning.fixed_point import compensate
 from compplan.planning.lost_motion import state_sides
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
-from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
+from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
 from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
@@ -37,7 +36,6 @@ from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
 from compplan.planning.stability import describe_depth_limit, explain_buckling, find_buckling
 from compplan.planning.task import SMOOTHING, PlanTask, count_equations
-from compplan.planning.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
@@ -182,7 +180,7 @@ def plan_task(
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
-    bench = set_up_bench(task, command.q, timing, job)
+    bench = set_up_bench(task, timing, job)
     lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
@@ -196,9 +194,10 @@ def plan_task(
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
-    breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    votes = () if bench.driven is None else run_checks(bench.driven, after, bending)
-    breaches += (*check_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
+    checks = run_checks(
+        task, command, timing, found.between, after, margins, bench, job=job, bending=bending, executed=executed
+    )
+    breaches = tuple(check.sentence for check in checks if check.fails)
     told = list_notes(task, timing, bending, job)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
@@ -206,7 +205,7 @@ def plan_task(
         told += (jerk,)
     plan = Plan(
         name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
-        margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
+        margins=margins, checks=checks, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
         notes=(*(task.start.notes if task.start else ()), *found.notes, *told),
     )  # fmt: skip
