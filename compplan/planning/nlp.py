@@ -136,14 +136,14 @@ def _build(problem: PlanningProblem) -> PathProgram:
     objective = ca.sum2(ca.Function("cost", inputs, [term]).map(k)(local, data))
     # constraints
     parts = [limit.rows(station) for limit in problem.limits]
-    rows = ca.cse(ca.vertcat(*parts))
+    rows = ca.vertcat(*parts)
     g = ca.vec(ca.Function("limits", inputs, [rows]).map(k)(local, data))
     # exact derivatives, station by station: J = diag(J_i) L, H = L^T diag(H_i) L
     p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
     weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
-    slope = ca.Function("slope", inputs, [ca.cse(ca.jacobian(rows, inputs[0]))]).map(k)(local, data)
+    slope = ca.Function("slope", inputs, [ca.jacobian(rows, inputs[0])]).map(k)(local, data)
     bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
-    bends = ca.Function("bend", [*inputs, weight, pulls], [ca.cse(bend)]).map(k)(
+    bends = ca.Function("bend", [*inputs, weight, pulls], [bend]).map(k)(
         local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
     sight = ca.MX(ca.DM(seen))
     jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
