@@ -21,7 +21,7 @@ from scipy.interpolate import PchipInterpolator
 
 from compplan.planning.costs import Cost, Departure, MissedPose, Time
 from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
-from compplan.planning.nlp import Solution, solve_problem
+from compplan.planning.nlp import Solution, explain_conflict, solve_problem
 from compplan.planning.problem import PlanningProblem
 from compplan.planning.run_timing import cutting_runs
 from compplan.planning.strategies.limits import AT_CORRECTION, measure_correction
@@ -55,6 +55,7 @@ class PathSolution:
         solves: How often the program was solved.
         iterations: Iterations of the solver in all.
         cpu: CPU time of the program in all. [s]
+        conflict: Which limits conflict and where, "" where none do.
 
     """
 
@@ -63,13 +64,15 @@ class PathSolution:
     solves: int
     iterations: int
     cpu: float
+    conflict: str = ""
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
         found = self.stations
         active = {name: float(np.mean(rows)) for name, rows in found.active.items()}
         return {"solver": "ipopt", "status": found.status, "stations": len(found.problem),
-                "iterations": self.iterations, "cpu_s": self.cpu, "solves": self.solves, "active": active}  # fmt: skip
+                "iterations": self.iterations, "cpu_s": self.cpu, "solves": self.solves, "active": active,
+                **({"conflict": self.conflict} if self.conflict else {})}  # fmt: skip
 
 
 def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
@@ -93,7 +96,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
         solution = solve_problem(state_problem(task, stations, q, released))
         solves, iterations, cpu = solves + 1, iterations + solution.iterations, cpu + solution.cpu
         if not solution.success and not released[stations].all():
-            LOG.debug("the limits leave no way: all stations are released")
+            LOG.debug("%s: all stations are released", explain_conflict(solution))
             released[stations] = True
             continue
         q = fill_waypoints(task, solution, q)
@@ -103,7 +106,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
             released[stations] = not task.redundant or released.any()
         elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < ALIKE_MEMORY:
             break
-    return PathSolution(q, solution, solves, iterations, cpu)
+    return PathSolution(q, solution, solves, iterations, cpu, explain_conflict(solution))
 
 
 def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> PlanningProblem:

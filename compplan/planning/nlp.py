@@ -34,6 +34,8 @@ SOLVER = "ipopt"
 STEPS = 3
 #: A row counts as active where it is this near to its bound, or its multiplier is larger. [row, 1]
 ACTIVE = 1e-6
+#: A released station misses its pose by more. [m and rad]
+MISSED = 1e-7
 #: Programs that are kept, so that one with other loads is not built again.
 KEPT = 4
 OPTIONS: dict[str, Any] = {
@@ -265,13 +267,28 @@ def solve_problem(problem: PlanningProblem, guess: Solution | None = None) -> So
 
 
 def explain_conflict(solution: Solution) -> str:
-    """Say which limits conflict and where, "" where the program was solved."""
-    if solution.success:
+    """Say which limits conflict and where, "" where the program was solved and no released station misses its pose.
+
+    Of a failed solve these are the limits with the greatest multipliers, at the station where their sum is greatest; of
+    a compromise those that hold the station which misses its pose the most.
+    """
+    missed = np.abs(solution.slack).max(axis=1)
+    if solution.success and missed.max(initial=0.0) < MISSED:
         return ""
-    size = {name: np.abs(pull).max(axis=1) for name, pull in solution.multipliers.items() if pull.size}
-    station = int(np.argmax(sum(size.values())))
-    names = [name for name, pull in size.items() if pull[station] > 0.1 * max(each[station] for each in size.values())]
-    return f"{' and '.join(names)} conflict at waypoint {int(solution.problem.waypoint[station])} ({solution.status})"
+    size = {name: np.abs(pull) for name, pull in solution.multipliers.items() if pull.size}
+    total = np.sum([pull.max(axis=1) for pull in size.values()], axis=0)
+    station = int(np.argmax(missed if solution.success else total))
+    largest = max(float(pull[station].max()) for pull in size.values())
+    joints, names = solution.problem.joints, []
+    for limit in solution.problem.limits:
+        pull = size.get(limit.name)
+        if pull is not None and pull[station].max() > 0.1 * largest:
+            own = f" of {joints[int(pull[station].argmax())]}" if limit.of_joints else ""
+            names.append(f"{limit.name.replace('_', ' ')}{own}")
+    names = names if "pose" in names else ["pose", *names]
+    waypoint = int(solution.problem.waypoint[station])
+    status = "" if solution.success else f" ({solution.status})"
+    return f"{' and '.join(names)} conflict at waypoint {waypoint}{status}"
 
 
 def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:

@@ -199,6 +199,8 @@ def plan_task(
     )
     breaches = tuple(check.sentence for check in checks if check.fails)
     told = list_notes(task, timing, bending, job)
+    if conflict := command.facts.get("nlp", {}).get("conflict"):
+        told += (f"The nonlinear program has no solution: {conflict}. The command is the best compromise.",)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
