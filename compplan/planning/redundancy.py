@@ -30,6 +30,7 @@ from compplan.planning.limits import (
     VelocityLimit,
     linearise_clearance,
     read_band,
+    read_torques,
 )
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
@@ -148,7 +149,9 @@ def find_free(task: PlanTask, stance: PostureSummary, asked: Asked) -> Free | No
     return Free(rows, tuple(names), path_axes(divide_toolpath(asked.nominal, task.origin[rows])), room)
 
 
-def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float) -> PlanningProblem:
+def state_problem(
+    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, *, torque: bool = False
+) -> PlanningProblem:
     """State the program of posture and speed.
 
     Args:
@@ -157,6 +160,7 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
         prices: What is weighed.
         band: The band as a function of the posture, None where it does not count.
         time: Time of the start's run. [s]
+        torque: Whether joint torques have to stay within the robot's efforts.
 
     """
     rows, robot = free.rows, task.robot
@@ -186,6 +190,8 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
         JointTravel(prices.motion, unit),
         Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), most),
     ]
+    if torque and (efforts := read_torques(task)) is not None:
+        limits.append(efforts)
     if band is not None:
         limits.append(replace(band, most=prices.most_band))
         costs.append(Band(max(prices.band, 1e-3), k))
@@ -213,7 +219,7 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
     if stance is None or request is None or task.missed.any() or (free := find_free(task, stance, asked)) is None:
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, asked.time(task))
+    problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.wish.torque)
     scene, clear = request.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):

@@ -11,6 +11,7 @@ from compplan.planning.limits.clearance import ClearanceLimit, linearise_clearan
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
 from compplan.planning.limits.pose import PoseEquation
+from compplan.planning.limits.torque import TorqueLimit, read_torques
 from compplan.planning.limits.velocity import VelocityLimit
 from compplan.planning.problem import Limit
 
@@ -23,6 +24,7 @@ LIMITS: dict[str, type] = {
     "acceleration": AccelerationLimit,
     "band": BandLimit,
     "clearance": ClearanceLimit,
+    "torque": TorqueLimit,
 }
 
 __all__ = [
@@ -34,8 +36,10 @@ __all__ = [
     "JointRange",
     "Limit",
     "PoseEquation",
+    "TorqueLimit",
     "VelocityLimit",
     "linearise_clearance",
     "read_band",
+    "read_torques",
     "spread_tip",
 ]
