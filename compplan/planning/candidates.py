@@ -22,11 +22,12 @@ from compplan.errors import ConvergenceError, InfeasibleError
 from compplan.planning.deflection import DAMPING, measure_motion
 from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
+from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.initial_branches import Bettered, Easing, Start, find_plain, stand, state_margin
 from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
-from compplan.planning.run_timing import cutting_runs, time_rapids
+from compplan.planning.run_timing import cutting_runs, parameter_steps, time_rapids
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS
 from compplan.robot import Array
@@ -48,6 +49,8 @@ LEAST_GAIN, SAME = 0.01, 1e-3
 ALIKE = 1e-4
 #: A run whose time is this near to the least that the programmed feed allows has nothing to gain.
 AT_FEED = 1.02
+#: Waypoints a run from rest to rest from which on its start and stop are a small part of it.
+MANY = 1000
 #: Share of the acceleration limits below which the arm's vibration is no matter of the posture (assumed).
 CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
@@ -132,8 +135,6 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
         for weights in (prices, PRICES["accurate"]) if preset == "fast" else (prices,):
             if (found := shape_start(state, origin, asked, weights)) is not None:
                 runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
-    if stance.compared_by == "band_mm":  # no posture that was compared has a narrower band
-        runs = [run for run in runs if 1e3 * run.still <= min(stance.compared.values()) * (1.0 + 1e-9)]
     taken = _choose_run(preset, first, runs, asked)
     return start if taken is None else _take(start, first, taken, least_time(task))
 
@@ -155,14 +156,10 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     def measure(one: PostureSummary) -> float:
         if cost in one.costs:
             return one.costs[cost]
-        task = asked.state(stand(one, asked.nominal, request))
+        stood = stand(one, asked.nominal, request)
         if cost == "driven_s":
-            return asked.time(task)
-        try:
-            spread = spread_tip(task, asked.force, pick_rows(task.cut, BAND_ROWS))
-            return 1e3 * float(band_radius(spread).max(initial=0.0))
-        except ConvergenceError:
-            return np.inf
+            return asked.time(asked.state(stood))
+        return next((1e3 * run.band for run in measure_runs(stood, asked)), np.inf)
 
     compared = {name: measure(one) for name, one in found.items()}
     name = min(compared, key=lambda each: compared[each])
@@ -173,6 +170,16 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
 
 def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
     """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
+    rapid, rate, push = np.r_[False, task.nominal.rapid[1:]], 0.0, 0.0
+    runs = cutting_runs(rapid, task.rests)
+    if len(task) > MANY * len(runs):  # few starts and stops: rates at the programmed feed tell it without a run
+        for first, last in runs:
+            time = np.r_[0.0, np.cumsum(parameter_steps(task, task.q_start, first, last))]
+            mean, change = difference_motion(task.q_start[first : last + 1], time)
+            rate = max(rate, float((np.abs(mean) / task.velocity_limits).max()))
+            push = max(push, float((np.abs(change[1:-1]) / task.acceleration_limits).max(initial=0.0)))
+        if rate < 1.0 and push < CALM:
+            return True
     try:
         timing = time_run(task, task.q_start, asked.wish)[1]
     except ConvergenceError:
@@ -251,7 +258,7 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     shaped = run.shaped or Shaped(0, ())
     gained = Bettered((first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, run.origin,
                       shaped.iterations, shaped.names)  # fmt: skip
-    costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
+    costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.band}
     compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
     chosen = replace(chosen, settings=stance.settings, costs=costs, compared=compared, compared_by=stance.compared_by)
     upright = run.start.upright
