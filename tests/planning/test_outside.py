@@ -11,7 +11,7 @@ import trimesh
 from commandline import run_command
 
 from compplan.job.job import load_job
-from compplan.planning.outside import describe_outside, list_outside
+from compplan.planning.notes import describe_outside, list_outside
 from compplan.robot import load_robot
 
 GOOD = Path(__file__).parents[1] / "bad_inputs" / "good"
