@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, sample_arcs
-from compplan.toolpath.readers.moves import FARTHEST, LARGEST_RADIUS, MoveLog
+from compplan.toolpath.readers.arcs import Arc, Point, find_arc, sample_arcs
+from compplan.toolpath.readers.moves import MoveLog
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import find_start
 
@@ -24,8 +24,6 @@ DEEPEST = 20
 TURN_STEP = 1.0
 #: Turns of the tool axis below this are none. [rad]
 STEADY = 1e-6
-#: Greatest angle of a circle: a hundred turns. [rad]
-MOST_ANGLE = 200.0 * math.pi
 #: Points on each span of a spline.
 SPLINE_POINTS = 16
 
@@ -193,44 +191,6 @@ class RobotMoves:
         if self.assumed:
             self.assumed = False
             self.log.note("z of the TCP frame is taken to point out of the tool (option tool_direction)", line)
-
-
-def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
-    """Return the arc from start over a point to an end.
-
-    With u from start to via, v from start to end and n = u x v, the centre lies at
-    (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
-
-    Args:
-        start: Start. [mm]
-        via: Point on the way. [mm]
-        end: End. [mm]
-        angle: Angle of the arc in place of the one that ends at `end`. [rad]
-
-    Raises:
-        InputError: If the points lie on a line.
-
-    """
-    a, b, c = (np.array(point) for point in (start, via, end))
-    u, v = b - a, c - a
-    normal = np.cross(u, v)
-    size = float(np.linalg.norm(normal))
-    farthest = float(np.abs([a, b, c]).max())
-    if not farthest < FARTHEST:
-        raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
-    if size <= 1e-9 * max(float(u @ u), float(v @ v), 1e-9):
-        raise InputError("start, middle and end of a circle lie on a line")
-    centre = a + (np.cross(normal, u) * (v @ v) + np.cross(v, normal) * (u @ u)) / (2.0 * size * size)
-    unit = _tuple(normal / size)
-    arc = arc_about(start, end, _tuple(centre), unit, right_hand=True)
-    if arc.radius > LARGEST_RADIUS:
-        raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
-    if angle is None:
-        return arc
-    if not 0.0 < abs(angle) <= MOST_ANGLE:
-        most = f"expected at most {math.degrees(MOST_ANGLE):g} and not 0"
-        raise InputError(f"angle of a circle is {math.degrees(angle):g} deg, {most}")
-    return Arc(arc.centre, arc.first, arc.normal, arc.radius, arc.radius, angle, 0.0)
 
 
 def make_pose(position: Array, rotation: Array) -> Array:
