@@ -7,7 +7,7 @@ refused. Moves where nobody knows how the coordinates lie to the part are left o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
@@ -144,7 +144,7 @@ class Course:
         place = self.frame.apply(self.position)
         return self.frame.invert().apply(combine(1.0, place, self.height - dot(self.up, place), self.up))[2]
 
-    def rapid(self, target: Point, named: Iterable[int] = (), axis: Point | None = None) -> None:
+    def rapid(self, target: Point, named: Sequence[int] = (), axis: Point | None = None) -> None:
         """Move rapidly to a place; nothing is put down until all of it is known."""
         before, log = self.position, self.log
         self.position, self.way = target, None
@@ -155,7 +155,7 @@ class Course:
             return
         point = self.frame.apply(target)
         if not self.knows:
-            log.counts["rapid_moves"] += 1
+            log.counts["rapid_moves"] += target != before or bool(named)
             if not log.waypoints:
                 log.place(point, axis)
             log.axis = axis or log.axis
