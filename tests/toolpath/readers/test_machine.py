@@ -13,10 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, CamTable, heidenhain_words, read_cam, sinumerik_words
-from compplan.toolpath.readers.cnc.macro import MacroError, Variables, assign, work_out
+from compplan.toolpath.readers import CamFile, CamTable, read_cam
+from compplan.toolpath.readers.cnc import heidenhain_lexer, sinumerik_lexer
+from compplan.toolpath.readers.cnc.expressions import Grammar, evaluate
 from compplan.toolpath.readers.cnc.rotary import RotaryMachine
-from compplan.toolpath.readers.expressions import Grammar, evaluate
+from compplan.toolpath.readers.cnc.rs274_macro import MacroError, Variables, assign, work_out
 from compplan.toolpath.readers.machines import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
@@ -355,7 +356,7 @@ def test_expressions_are_worked_out_by_the_rules_of_arithmetic(a: float, b: floa
         work_out("#1 +", variables)
 
 
-@pytest.mark.parametrize("grammar", [heidenhain_words.GRAMMAR, sinumerik_words.GRAMMAR])
+@pytest.mark.parametrize("grammar", [heidenhain_lexer.GRAMMAR, sinumerik_lexer.GRAMMAR])
 def test_signs_of_one_rank_are_worked_out_from_left_to_right(grammar: Grammar) -> None:
     values = {"10-3-2": 5.0, "10-3+2": 9.0, "12/3/2": 2.0, "12/3*2": 8.0, "2*3-4-5": -3.0, "10-(3-2)": 9.0}
     for text, value in values.items():

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
 
-from compplan.toolpath.readers.expressions import (
+from compplan.toolpath.readers.cnc.expressions import (
     Grammar,
     Lookup,
     acos_deg,
     asin_deg,
     cos_deg,
+    evaluate,
     evaluate_at,
     sin_deg,
     tan_deg,
 )
+from compplan.toolpath.readers.cnc.state import Block
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?"
 #: A block that holds nothing but letters with numbers; most blocks of CAM systems do.
@@ -27,7 +28,6 @@ NAMED = re.compile(r"([$A-Z_][$\w]*)\s*", re.ASCII)
 PLACED = re.compile(r"(AC|IC|DC|ACP|ACN|CAC|CIC|CDC)\s*\(")
 BLOCK_NUMBER = re.compile(r"\s*(?:/\d?\s*)?(?:[N:]\s*\d+\s*)?(?:/\d?\s*)?")
 LABEL = re.compile(r"([A-Z_][A-Z0-9_]*)\s*:(?!=)\s*", re.ASCII)
-#: Letters that are addresses: what follows one with a number is a word.
 #: A comment in brackets after words with numbers.
 REMARK = re.compile(r"(?:^|\s)[A-Z]\s*=?\s*[-+]?(?:\d+\.?\d*|\.\d+)\s*(\()", re.IGNORECASE)
 QUOTED = re.compile(r'"[^"]*"')
@@ -54,33 +54,58 @@ GRAMMAR = Grammar(
 )  # fmt: skip
 
 
-@dataclass
-class Words:
-    """Hold the words of a block.
+#: Value of a variable that is not known, where the move that it stands in is left out.
+ELSEWHERE = 1e30
+#: System variables that have one value while a program runs.
+SYSTEM = {"$PI": math.pi, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTEST": 0.0, "$P_SIM": 0.0,
+          "$P_SEARCH1": 0.0, "$P_SEARCH2": 0.0, "$P_DRYRUN": 0.0, "$P_PROGTEST": 0.0}  # fmt: skip
+
+
+class Variables:
+    """Hold the variables of a program.
 
     Args:
-        values: Numbers by address: X, CR, A3, I1 ...
-        absolute: Addresses whose number is absolute, whatever the mode (AC, DC).
-        relative: Addresses whose number counts from where the tool is (IC).
-        codes: G codes.
-        machine: M codes.
-        names: Words without a number.
-        calls: Names with arguments, as texts.
-        assigned: Variables and their values: name, indices, number (None: text).
+        unknown: Why variables have no value.
 
     """
 
-    values: dict[str, float] = field(default_factory=dict)
-    absolute: set[str] = field(default_factory=set)
-    relative: set[str] = field(default_factory=set)
-    codes: list[float] = field(default_factory=list)
-    machine: list[float] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
-    calls: list[tuple[str, list[str]]] = field(default_factory=list)
-    assigned: list[tuple[str, tuple[float, ...], float | None]] = field(default_factory=list)
+    def __init__(self, unknown: dict[str, str]) -> None:
+        self.unknown = unknown
+        self.numbers: dict[tuple[str, tuple[float, ...]], float] = {}
+        #: Names that the program declares.
+        self.names: set[str] = set()
+
+    def look_up(self, name: str, indices: tuple[float, ...]) -> float:
+        """Return the value of a variable.
+
+        Raises:
+            ValueError: If it has none that is known.
+
+        """
+        if name in SYSTEM:
+            return SYSTEM[name]
+        if name[0] == "R" and name[1:].isdigit():
+            name, indices = "R", (float(name[1:]),)
+        value = self.numbers.get((name, indices), 0.0 if name in self.names else None)
+        if value is None:
+            shown = f"{name}[{', '.join(f'{index:g}' for index in indices)}]" if indices else name
+            why = self.unknown.get(name, "the program gives it none")
+            raise ValueError(f"{shown} has no value that is known: {why}")
+        return value
+
+    def look_up_home(self, name: str, indices: tuple[float, ...]) -> float:
+        """Return the value of a variable in a move that is left out; ELSEWHERE where it has none that is known."""
+        try:
+            return self.look_up(name, indices)
+        except ValueError:
+            return ELSEWHERE
+
+    def evaluate(self, text: str) -> float:
+        """Return the value of an expression."""
+        return evaluate(text, GRAMMAR, self.look_up)
 
 
-def split_plain(text: str) -> Words | None:
+def split_plain(text: str) -> Block | None:
     """Return the words of a block that holds letters with numbers alone, None of others.
 
     Raises:
@@ -89,7 +114,7 @@ def split_plain(text: str) -> Words | None:
     """
     if not PLAIN.fullmatch(text):
         return None
-    words = Words()
+    words = Block()
     values = words.values
     for letter, number in PLAIN_WORD.findall(text):
         if letter == "G":
@@ -103,7 +128,7 @@ def split_plain(text: str) -> Words | None:
     return words
 
 
-def split_block(text: str, lookup: Lookup, variables: set[str]) -> Words:
+def split_block(text: str, lookup: Lookup, variables: set[str]) -> Block:
     """Return the words of any block.
 
     Args:
@@ -115,7 +140,7 @@ def split_block(text: str, lookup: Lookup, variables: set[str]) -> Words:
         ValueError: If something in it is none of these words.
 
     """
-    words, place = Words(), 0
+    words, place = Block(), 0
 
     def look(name: str, indices: tuple[float, ...]) -> float:
         if name[0] == "R" and name[1:].isdigit():
@@ -147,7 +172,7 @@ def split_block(text: str, lookup: Lookup, variables: set[str]) -> Words:
     return words
 
 
-def _keep(words: Words, address: str, number: float, how: str) -> None:
+def _keep(words: Block, address: str, number: float, how: str) -> None:
     if address == "G":
         words.codes.append(number)
     elif address == "M":
@@ -159,7 +184,7 @@ def _keep(words: Words, address: str, number: float, how: str) -> None:
         (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
 
 
-def _read_extended(words: Words, letter: str, index: int, text: str, place: int, lookup: Lookup) -> int:
+def _read_extended(words: Block, letter: str, index: int, text: str, place: int, lookup: Lookup) -> int:
     """Read R1=.., I1=.., A3=.., M1=.., S1=.., X1=.. ."""
     if letter == "T" and text.startswith('"', place):
         return _skip_text(text, place)
@@ -173,7 +198,7 @@ def _read_extended(words: Words, letter: str, index: int, text: str, place: int,
     return place
 
 
-def _read_named(words: Words, name: str, text: str, place: int, lookup: Lookup, variables: set[str]) -> int:
+def _read_named(words: Block, name: str, text: str, place: int, lookup: Lookup, variables: set[str]) -> int:
     """Read NAME, NAME=.., NAME[..]=.., NAME(..)."""
     indices: tuple[float, ...] = ()
     if text.startswith("(", place):

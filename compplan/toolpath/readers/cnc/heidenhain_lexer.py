@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from compplan.toolpath.readers.expressions import Grammar, acos_deg, asin_deg, atan_deg, cos_deg, sin_deg, tan_deg
+from compplan.toolpath.readers.cnc.expressions import Grammar, acos_deg, asin_deg, atan_deg, cos_deg, sin_deg, tan_deg
 from compplan.toolpath.readers.lines import LONGEST_LINE, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"

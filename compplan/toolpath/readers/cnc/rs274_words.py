@@ -9,7 +9,7 @@ NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]\d{1,3}(?![\d.]))?"
 WORD = re.compile(rf"(?<![A-Z,])([A-Z])\s*=?\s*({NUMBER})", re.ASCII)
 #: What makes a corner round or cuts it off: ,R2 and ,C2 (Fanuc), RND=2, CHR=2 and CHF=2 (Siemens).
 CORNER = re.compile(rf"(?:,\s*([RC])\s*|\b(RND|CHR|CHF)\s*=\s*)({NUMBER})")
-CORNER_WORDS = {"R": "ROUND", "RND": "ROUND", "C": "LEG", "CHR": "LEG", "CHF": "CHAMFER"}
+CORNER_WORDS = {"R": "RND", "RND": "RND", "C": "CHR", "CHR": "CHR", "CHF": "CHF"}
 #: What makes brackets a list of arguments, not a comment: a word right before them.
 CALLED = re.compile(r"(?<![A-Za-z0-9_])[A-Za-z_]{2,}\w*$")
 #: Direction of the tool (Siemens A3=0 B3=0 C3=1), and codes of a numbered spindle (M1=3, S1=2000).
@@ -99,98 +99,17 @@ def check_words(words: list[tuple[str, float]]) -> str:
 
 
 #: Words that say nothing about the programmed path; the rest of their line is read.
-HARMLESS = {
-    "TRAORI",
-    "TRAFOOF",
-    "STOPRE",
-    "SOFT",
-    "SOFTA",
-    "BRISK",
-    "BRISKA",
-    "DRIVE",
-    "FFWON",
-    "FFWOF",
-    "COMPON",
-    "COMPOF",
-    "COMPCURV",
-    "COMPCAD",
-    "COMPSURF",
-    "UPATH",
-    "SPATH",
-    "ORIWKS",
-    "ORIMKS",
-    "ORIAXES",
-    "ORIVECT",
-    "ORIPLANE",
-    "ORIEULER",
-    "ORIRPY",
-    "ORIRPY2",
-    "ORIVIRT1",
-    "ORIVIRT2",
-    "ORIC",
-    "ORID",
-    "ORISON",
-    "ORISOF",
-    "OSC",
-    "OSD",
-    "OST",
-    "OSOF",
-    "OSS",
-    "OSSE",
-    "CUT2D",
-    "CUT2DF",
-    "CUT3DC",
-    "CUT3DF",
-    "KONT",
-    "KONTC",
-    "KONTT",
-    "NORM",
-    "CFC",
-    "CFIN",
-    "CFTCP",
-    "FNORM",
-    "FLIN",
-    "FCUB",
-    "DIAMOF",
-    "DIAM90",
-    "WALIMON",
-    "WALIMOF",
-    "CDON",
-    "CDOF",
-    "CDOF2",
-    "CPRECON",
-    "CPRECOF",
-    "RTLION",
-    "RTLIOF",
-    "SBLOF",
-    "SBLON",
-    "DISPLOF",
-    "DISPLON",
-    "SAVE",
-    "FIFOCTRL",
-    "STARTFIFO",
-    "STOPFIFO",
-    "FENDNORM",
-    "FENDOFF",
-    "EXTENDED",
-    "GFRAME0",
-    "CYCLE832",
-    "CYCLE_HSC",
-    "DYNNORM",
-    "DYNPOS",
-    "DYNROUGH",
-    "DYNSEMIFIN",
-    "DYNFINISH",
-    "PRIO",
-    "SPCON",
-    "SPCOF",
-    "TCARR",
-    "TCOABS",
-    "TCOFR",
-    "STAY",
-    "FMAX",
+HARMLESS = frozenset((
+    "TRAORI", "TRAFOOF", "STOPRE", "SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "FFWON", "FFWOF", "COMPON", "COMPOF",
+    "COMPCURV", "COMPCAD", "COMPSURF", "UPATH", "SPATH", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE",
+    "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORIC", "ORID", "ORISON", "ORISOF", "OSC", "OSD", "OST",
+    "OSOF", "OSS", "OSSE", "CUT2D", "CUT2DF", "CUT3DC", "CUT3DF", "KONT", "KONTC", "KONTT", "NORM", "CFC", "CFIN",
+    "CFTCP", "FNORM", "FLIN", "FCUB", "DIAMOF", "DIAM90", "WALIMON", "WALIMOF", "CDON", "CDOF", "CDOF2", "CPRECON",
+    "CPRECOF", "RTLION", "RTLIOF", "SBLOF", "SBLON", "DISPLOF", "DISPLON", "SAVE", "FIFOCTRL", "STARTFIFO",
+    "STOPFIFO", "FENDNORM", "FENDOFF", "EXTENDED", "GFRAME0", "CYCLE832", "CYCLE_HSC", "DYNNORM", "DYNPOS",
+    "DYNROUGH", "DYNSEMIFIN", "DYNFINISH", "PRIO", "SPCON", "SPCOF", "TCARR", "TCOABS", "TCOFR", "STAY", "FMAX",
     "TCPM",
-}
+))  # fmt: skip
 #: ... of words with a value.
 VALUES = {"SPOS", "SPOSA", "LIMS", "ADIS", "ADISPOS", "OVR", "OVRA", "ACC", "CTOL", "OTOL", "DISC", "FL"}
 #: Words whose whole line is text, or data that no move depends on.
@@ -243,3 +162,22 @@ def drop_harmless(line: str) -> tuple[str, list[str], list[str]]:
             known.append(word)
             line = re.sub(rf"(?<![A-Z0-9_]){word}(?![A-Z0-9_])(\s*(\[[^\]]*\])?\s*=\s*[-+.\dA-Z]+)?", " ", line)
     return line.strip(), known, find_words(line)
+
+
+#: Codes of printers (Marlin, RepRap) that own the words of their block: they set the machine, and move nothing.
+OWNERS = frozenset(float(code) for code in (
+    16, 20, 22, 23, 24, 25, 26, 27, 28, 31, 32, 36, 42, 43, 73, 74, 84, 85, 92, *range(104, 126), 140, 141, 143, 144,
+    145, 149, 150, *range(155, 196), *range(200, 300), *range(300, 310), 350, 351, 355, 360, 361, 362, 363, 364,
+    *range(380, 382), *range(400, 430), 486, *range(500, 620), *range(665, 675), 701, 702, 710, 851, 852, 862, 865,
+    871, 876, 900, *range(906, 920), 928, 951, 993, 994, 995, 997, 999, 1000, 1002, 1006,
+))  # fmt: skip
+#: ... those among them that take coordinates.
+PLACING = frozenset(float(code) for code in (
+    92, 122, 125, *range(200, 230), 301, 303, 304, 350, 351, 420, 425, 540, 558, 566, 569, 574, 579, 584, 593, 665, 666,
+    669, 671, 672, 851, 852, 871, 900, *range(906, 920), 951, 1006,
+))  # fmt: skip
+
+
+def owns_words(code: float) -> bool:
+    """Return whether the words of a block belong to an M code."""
+    return code in OWNERS or (code > 16.0 and code != int(code))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, centre_from_radius, combine, cross, dot
-from compplan.toolpath.readers.course import Course
+from compplan.toolpath.readers.cnc.course import Course
 
 #: Angles below this count as none. [rad]
 STRAIGHT = 1e-6
@@ -31,8 +31,8 @@ class Element:
         right_hand: Sense of an arc about the axis.
         turns: 1 for less than a turn or a full circle; each further one adds a full turn.
         axis: Tool axis at the end, in the part; None: it stays.
-        on_way: Tool axis after a share of a line.
         rapid: Whether a line is rapid.
+        run: Puts down an element on which rotary axes turn, in place of the usual line.
 
     """
 
@@ -46,8 +46,8 @@ class Element:
     right_hand: bool = True
     turns: int = 1
     axis: Point | None = None
-    on_way: Callable[[float], Point] | None = None
     rapid: bool = False
+    run: Callable[[], None] | None = None
 
     def tangent(self, place: Point) -> Point:
         """Return the direction of travel at a point of the element."""
@@ -77,8 +77,8 @@ Approach = Callable[[Element], list[Element]]
 class Contour:
     """Hold what waits for the next element: an approach, or an element that a corner ends."""
 
-    def __init__(self, course: Course) -> None:
-        self.course = course
+    def __init__(self, course: Course, unit: str = " mm") -> None:
+        self.course, self.unit = course, unit
         self.held: tuple[Element, Corner] | None = None
         self.approach: Approach | None = None
         self.target: Point = (0.0, 0.0, 0.0)
@@ -110,7 +110,7 @@ class Contour:
             before, asked = self.held
             self.held = None
             try:
-                first, between, element = join_corner(before, asked, element)
+                first, between, element = join_corner(before, asked, element, self.unit)
             except ValueError as fault:
                 raise InputError(f"{fault}, in the corner of line {asked.line}") from None
             self._put(first)
@@ -140,11 +140,12 @@ class Contour:
         course = self.course
         if element.rapid:
             course.rapid(element.end, element.named, element.axis)
+        elif element.run is not None:
+            element.run()
         elif element.centre is None:
-            course.line(element.end, element.named, element.feed, element.line, axis=element.axis,
-                        on_way=element.on_way)  # fmt: skip
+            course.line(element.end, element.named, element.feed, element.axis)
         else:
-            course.arc(element.end, element.named, element.centre, element.normal, element.feed, element.line,
+            course.arc(element.end, element.named, element.centre, element.normal, element.feed,
                        right_hand=element.right_hand, turns=element.turns)  # fmt: skip
 
 
@@ -309,7 +310,7 @@ def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) 
     return combine(1.0, start, radius, left), radius > 0.0
 
 
-def find_centre(start: Point, end: Point, normal: Point, radius: float, *, right_hand: bool) -> Point:
+def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: str, *, right_hand: bool) -> Point:
     """Return the centre of an arc that is given by its radius; negative: the longer of the two arcs.
 
     Raises:
@@ -318,9 +319,10 @@ def find_centre(start: Point, end: Point, normal: Point, radius: float, *, right
     """
     centre = centre_from_radius(start, end, normal, radius, right_hand=right_hand)
     if centre is None:
-        far = math.dist(start, end)
-        raise ValueError(f"arc of radius {radius:g} cannot join ends that are {far:g} apart, "
-                         f"expected 0 < distance <= {2 * abs(radius):g}")  # fmt: skip
+        travel = combine(1.0, end, -1.0, start)
+        far = math.hypot(*combine(1.0, travel, -dot(travel, normal), normal))
+        raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
+                         f"0 < distance <= {2 * abs(radius):g}{unit}")  # fmt: skip
     return centre
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from compplan.toolpath.readers.arcs import Point, combine, cross, dot
-from compplan.toolpath.readers.contour import Element
+from compplan.toolpath.readers.cnc.contour import Element
 
 
 @dataclass(frozen=True)
