@@ -44,12 +44,11 @@ SHORT = 2.0
 TURN = float(np.radians(0.01))
 #: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
 NOWHERE, UNTURNED = 5e-4, 3e-5
-#: Least feed that is written: no language rounds it to zero. [mm/s]
-LEAST_FEED = 1e-3
+#: Least feed that is written, the least that every language states: 1 cm/min in FANUC programs. [mm/s]
+LEAST_FEED = 1.0 / 6.0
 #: Greatest departure of joints that carry the part from an even motion. [deg or mm]
 CARRIED = 0.02
-#: Time from a rest, or before one, in which the controller speeds up or slows down by itself [s], and what counts as its
-#: end, as a ratio of speeds.
+#: Time beside a rest in which the controller changes the speed by itself [s], and the ratio of speeds that ends it.
 RAMP, REACHED = 0.5, 1.01
 #: Rows that are looked at at once, and how a search goes on from a move that fits.
 BLOCK, GROW = 2048, 1.6

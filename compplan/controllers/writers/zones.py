@@ -60,7 +60,7 @@ ZONES = {
     "sinumerik": BlendZone(1e-4, "assumed of G642"),
 }
 #: Languages that stop exactly where their own zone leads too far.
-STOPPING = frozenset({"val3", "inform"})
+STOPPING = frozenset({"inform"})
 #: Zone of a language that is not listed, such as a post of one's own.
 OTHER = BlendZone(1e-4, "assumed")
 
@@ -148,7 +148,7 @@ def mark_corner_stops(program: Program, languages: Sequence[str]) -> NDArray[np.
     """Tell at which rows of a program, not yet fitted, `stop_at_corners` stops in any of some languages. Shape (n,)."""
     may = np.zeros(len(program), bool)
     for language in STOPPING & {*languages} if program.form != "joint" else ():
-        fitted = fit_moves(program, arcs=language == "val3")
+        fitted = fit_moves(program, arcs=False)
         _, stated, own = find_zones(fitted.program, ZONES[language])
         may[fitted.rows[stated < own]] = True
     return may
