@@ -12,16 +12,17 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from benchmarks.plan_check.cell import Kinematics, SimulatedRobot
-from benchmarks.plan_check.clearance import least_clearance
-from benchmarks.plan_check.force import contact_share, law, milling
-from benchmarks.plan_check.job import WRENCH, Job, Rows, read_job, read_joints
-from benchmarks.plan_check.match import Placed, place_rows
-from benchmarks.plan_check.measure import examine, work_out
-from benchmarks.plan_check.paths import write_jobs
-from benchmarks.plan_check.robot import Array, beam, mount_tool, read_arm
-from benchmarks.plan_check.run import ROOT, Outcome
-from benchmarks.plan_check.verdict import judge_answer, list_breaches
+from benchmarks.simulated_robot.clearance import least_clearance
+from benchmarks.simulated_robot.force import contact_share, law, milling
+from benchmarks.simulated_robot.match import Placed, place_rows
+from benchmarks.simulated_robot.measure import examine, work_out
+from benchmarks.simulated_robot.paths import write_jobs
+from benchmarks.simulated_robot.verdict import judge_answer, list_breaches
+
+from benchmarks.simulated_robot.cell import Kinematics, SimulatedRobot
+from benchmarks.simulated_robot.job import WRENCH, Job, Rows, read_job, read_joints
+from benchmarks.simulated_robot.robot import Array, beam, mount_tool, read_arm
+from benchmarks.simulated_robot.run import ROOT, Outcome
 
 POSTURE = np.array([0.1, 0.4, -1.8, 0.2, 0.7, -0.3])
 FEED = 0.04

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import tomli_w
+from benchmarks.executed.job import measure_beside
 from commandline import run_command
 from executed_emulator import STEP, SimulatedRobot, drive
 
 import compplan as cp
-from benchmarks.executed.job import measure_beside
 from compplan.controllers.writers.joint_convention import load_motion
 from compplan.planning.executed import lead_lag
 from compplan.robot import load_robot, write_robot_folder

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import one_joint_arm
-
 from benchmarks.posture import brute_force, cam_default, cut_stations, mean_square, quantile
 from benchmarks.posture_cases import make_case
+
 from compplan.errors import InfeasibleError
 from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.planning.posture.choose import choose_posture_path, sum_errors

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from truth_cases import Case, find_difference_from, find_wrong_move, list_cases
 
-from benchmarks import truth
+from benchmarks import reading
 from tests.oracles.cam.cam import read_moves
 
 CASES = list_cases()
@@ -33,12 +33,12 @@ def test_the_first_reader_goes_where_the_program_goes(case: Case, request: pytes
 
 
 def test_the_table_of_what_is_read_is_as_it_would_be_written_now() -> None:
-    words = (truth.judge_first(CASES[0]), truth.judge_second(CASES[0]))
+    words = (reading.judge_first(CASES[0]), reading.judge_second(CASES[0]))
     assert all(word in ("as it is", "refused", "otherwise", "cannot tell") for word in words)
-    page = truth.PAGE.read_text(encoding="utf-8")
+    page = reading.PAGE.read_text(encoding="utf-8")
     names = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")][1:]
     assert names == NAMES
-    assert page == truth.write_page(), "python -m benchmarks truth writes it"
+    assert page == reading.write_page(), "python -m benchmarks reading writes it"
 
 
 def test_a_wrong_move_is_seen() -> None:
