@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "what_is_read.md"
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from truth_cases import Case, find_difference_from, find_wrong_move, list_cases  # noqa: E402
 
@@ -22,7 +22,8 @@ HEAD = """# What is read
 
 Programs in the exact form of common posts, heads and ends included (`tests/truth`). Every move, rapid end and arc of a
 reading is compared with the moves that the standards ask for, worked out by hand. The first reader makes plans, the
-second one (`tests/oracles/cam`) shares nothing with it and serves tests alone. Written by `python -m benchmarks reading`.
+second one (`tests/oracles/cam`) shares nothing with it and serves tests alone. Written by
+`python -m benchmarks reading`.
 
 """
 

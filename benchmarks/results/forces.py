@@ -26,7 +26,8 @@ def measure(settings: Settings) -> Findings:
     volume, axial, radial = (100 * np.nanmax([row[k] for row in rows]) for k in (1, 2, 3))
     return Findings(
         (
-            f"Removed volume within {volume:.1f} %, axial depth within {axial:.1f} %, radial width within {radial:.1f} %.",
+            f"Removed volume within {volume:.1f} %, axial depth within {axial:.1f} %, "
+            f"radial width within {radial:.1f} %.",
         ),
         (draw_table(("path", "volume", "axial depth", "radial width"), [(r[0], *map(_share, r[1:])) for r in rows]),),
         (),

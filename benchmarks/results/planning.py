@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tomllib
 
 import numpy as np
@@ -23,7 +24,7 @@ METHOD = (
 )
 LIMITS = (
     '"After, as modelled" says that the equations are solved. It says nothing about your robot.',
-    "The arm is at rest (`inertia = false`). Arms in motion: [coverage](coverage.md).",
+    "The arm is at rest (`inertia = false`), the part frame absolute. Arms in motion: [coverage](coverage.md).",
     "The 20 % of the softer robot are assumed.",
     "Robots are models from papers and data sheets. Nobody has cut a part with these programs and told us.",
 )
@@ -35,13 +36,12 @@ ROWS = 1000
 def measure(settings: Settings) -> Findings:
     """Plan the shipped jobs and bring them to rest."""
     rows, before, at, softer = [], [], [], []
+    paths = shutil.copytree(ROOT / "paths", settings.work / "paths")
     for name in JOBS:
-        file = ROOT / "paths" / f"{name}.toml"
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-        if isinstance(table["toolpath"], str):
-            table["toolpath"] = str(file.parent / table["toolpath"])
+        written = paths / f"{name}.toml"
+        table = tomllib.loads(written.read_text(encoding="utf-8"))
         table.setdefault("plan", {})["inertia"] = False
-        written = settings.work / f"{name}.toml"
+        table.setdefault("part", {})["touched_off"] = False  # the cell holds the arm where the base frame has the part
         written.write_text(tomli_w.dumps(table), encoding="utf-8")
         outcome = run_plan(written, settings.work / "plans" / name)
         plan, job = outcome.plan or {}, read_job(written)

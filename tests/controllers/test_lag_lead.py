@@ -10,9 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import tomli_w
-from benchmarks.executed.job import measure_beside
 from commandline import run_command
-from executed_emulator import STEP, SimulatedRobot, drive
+from executed_emulator import STEP, SimulatedRobot, drive, measure_beside
 
 import compplan as cp
 from compplan.controllers.writers.joint_convention import load_motion
