@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.oracles.cam.moves import ARC, RAPID, Array, Reading
+from tests.oracles.moves import ARC, RAPID, Array, Reading
 
 #: How far a planned waypoint may lie beside its move. [m]
 BESIDE = 1e-6
