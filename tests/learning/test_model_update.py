@@ -74,16 +74,6 @@ def test_a_point_just_beyond_an_end_belongs_to_it_and_one_far_beyond_to_nothing(
     assert found.length[[0, -1]] == pytest.approx([0.0, 0.1])
 
 
-def test_points_of_a_turned_part_are_brought_to_the_base(tmp_path: Path) -> None:
-    """The part's x is the base's y, its y the base's z, its z the base's x; its origin lies at (1500, 0, 500) mm."""
-    s = np.linspace(20.0, 80.0, 12)
-    T_base_part = np.array([[0, 0, 1, 1.5], [1, 0, 0, 0], [0, 1, 0, 0.5], [0, 0, 0, 1]])
-    file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.column_stack([np.full(12, 0.3), np.full(12, -0.1), s]))
-    found = match_points(read_measured_points(file), straight_path(), T_base_part, in_base=False)
-    assert found.seen == pytest.approx(np.tile([0.0, 3e-4, -1e-4], (12, 1)), abs=1e-9)
-    assert found.length == pytest.approx(s * 1e-3, abs=1e-9)
-
-
 def test_a_point_with_a_spread_that_is_none_is_refused_and_an_empty_one_gets_the_assumed(tmp_path: Path) -> None:
     s = np.linspace(20.0, 80.0, 12)
     points = np.column_stack([1500 + s, np.zeros(12), np.full(12, 500.0), np.full(12, 0.03)])
