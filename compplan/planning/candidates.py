@@ -56,13 +56,13 @@ CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
 LONGEST = 8000
 #: Eased runs that are tried at most, and waypoints times runs.
-ROUNDS, WORK = 20, 40_000
+ROUNDS, WORK = 12, 40_000
 #: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
-LOWER, LEAST_ROOM = 0.93, 0.2
+LOWER, LEAST_ROOM = 0.86, 0.2
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
-#: A run that takes longer than another by more ends the search.
-TOO_LONG = 1.02
+#: Runs half way back from one that takes too long.
+BISECTIONS = 2
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
 PRICES = {
     "fast": Prices(most_band=np.inf),
@@ -206,6 +206,7 @@ def measure_runs(
     plain = Easing(window, np.zeros(1), np.ones(1))
     task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
     slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
+    kept, beyond = slower, 0
     dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
     try:
         still = spread_tip(task, asked.force, rows) if quiet is None else quiet
@@ -219,8 +220,12 @@ def measure_runs(
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
             found.append(TimedStart(eased, float(time[-1]), widest, least, still))
-            if beside is None or time[-1] > TOO_LONG * beside.time or not rings.any():
+            if beside is None or not rings.any() or beyond == BISECTIONS:
                 break
+            if time[-1] > (1.0 + SAME) * beside.time:
+                slower, beyond = np.sqrt(kept * slower), beyond + 1
+                continue
+            kept = slower
             if count % 2 == 0:
                 target = LOWER * min(target, found[-1].band if count == 0 else np.inf, beside.band)
             room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
