@@ -95,7 +95,8 @@ def measure(settings: Settings) -> Findings:
     return Findings(
         (
             f"{len(wins)} of {len(JOBS)} jobs: at least 15 % shorter at no wider promise, or 25 % narrower at no "
-            f"longer cycle, beside repeated mirror at the graph's posture with the same easing (aim: 9): {', '.join(wins) or 'none'}. "
+            f"longer cycle, beside repeated mirror at the graph's posture with the same easing (aim: 9): "
+            f"{', '.join(wins) or 'none'}. "
             f"With preset `promise` where that does it: {len(asked)}"
             f"{''.join(f', {name}' for name in asked if name not in wins)}.",
             f"Cycle beside it: {100 * np.median(shorter):.1f} % shorter in the median, {100 * max(shorter):.1f} % at "
