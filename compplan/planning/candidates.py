@@ -131,8 +131,9 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
                 origins["programmed"] = asked.state(plain), plain
+    other = PRICES["accurate" if preset == "fast" else ""]
     for name, (state, origin) in origins.items():
-        for weights in (prices, PRICES["accurate"]) if preset == "fast" else (prices,):
+        for weights in dict.fromkeys((prices, other) if name == "search" else (other,)):
             if (found := shape_start(state, origin, asked, weights)) is not None:
                 runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
     taken = _choose_run(preset, first, runs, asked)
@@ -283,6 +284,9 @@ def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: A
         return float(np.sqrt(run.still**2 + max(ring, 0.0)))
 
     order = sorted(runs, key=lambda run: run.time if preset == "fast" else band_at_first(run))
+    alike = [any(abs(run.time / one.time - 1.0) + abs(run.band / one.band - 1.0) < SAME for one in order[:number])
+             for number, run in enumerate(order)]  # fmt: skip
+    order = [run for run, again in zip(order, alike, strict=True) if not again]
     for number, run in enumerate(order[:EASED]):
         for window in WINDOWS if number == 0 else WINDOWS[:1]:
             if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):
