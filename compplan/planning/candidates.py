@@ -56,13 +56,13 @@ CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
 LONGEST = 8000
 #: Eased runs that are tried at most, and waypoints times runs.
-ROUNDS, WORK = 12, 40_000
+ROUNDS, WORK = 14, 40_000
 #: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
 LOWER, LEAST_ROOM = 0.86, 0.2
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
-#: Runs half way back from one that takes too long.
-BISECTIONS = 2
+#: A run that takes longer than another by more is followed by runs half way back, so many.
+TOO_LONG, BISECTIONS = 1.02, 2
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
 PRICES = {
     "fast": Prices(most_band=np.inf),
@@ -223,10 +223,10 @@ def measure_runs(
             found.append(TimedStart(eased, float(time[-1]), widest, least, still))
             if beside is None or not rings.any() or beyond == BISECTIONS:
                 break
-            if time[-1] > (1.0 + SAME) * beside.time:
+            if time[-1] > TOO_LONG * beside.time:
                 slower, beyond = np.sqrt(kept * slower), beyond + 1
                 continue
-            kept = slower
+            kept = slower if time[-1] <= (1.0 + SAME) * beside.time else kept
             if count % 2 == 0:
                 target = LOWER * min(target, found[-1].band if count == 0 else np.inf, beside.band)
             room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
