@@ -47,6 +47,7 @@ from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
@@ -299,10 +300,13 @@ def _write_follower(
         exact[0] |= not nominal.rapid[0]  # an approach ends there
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip
-        tolerance = 1e-3 * output.fit_tolerance_mm
+        tolerance = output.bound_fit(task.tolerance)
         program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
-                          form=output.form, arc_of=nominal.arc, **bound_zones(task, motion))  # fmt: skip
-        fitted = fit_moves(program)
+                          form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
+                          **bound_zones(task, motion))  # fmt: skip
+        assert program.tcp is not None and program.corner is not None
+        shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
+        fitted = fit_moves(replace(program, corner_shift=shift))
         arm = build_arm(believed)
         zones, stated, _ = find_zones(fitted.program, zone)
         nodes, rows = build_moves(fitted, q, arm, zones)

@@ -149,9 +149,10 @@ class Plan(Shown):
             left = np.maximum(left, self.executed.near)
         if task.nominal.rounded is not None:
             left = left + task.nominal.rounded
-        if output is not None and output.programs and output.form != "joint":
-            bow += 1e-3 * output.fit_tolerance_mm
-            left = left + 1e-3 * output.fit_tolerance_mm * (task.coarser - 1.0)
+        followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
+        if output is not None and output.programs and output.form != "joint" and not followed:
+            bow += output.bound_fit(task.tolerance)
+            left = left + output.bound_fit(task.tolerance) * (task.coarser - 1.0)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
