@@ -10,7 +10,7 @@ from __future__ import annotations
 QUESTIONS: dict[str, tuple[str, ...]] = {
     "Does the tip go where the plan says?": ("plan_check", "moving", "planted"),
     "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "nlp", "limits"),
-    "Is a program read, and written, as the controller would?": ("truth",),
+    "Is a program read, and written, as the controller would?": ("reading", "truth"),
     "Is the force right?": (
         "engagement", "milling", "force_logs", "drilling",
     ),
