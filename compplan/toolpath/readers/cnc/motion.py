@@ -14,6 +14,12 @@ from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
 from compplan.toolpath.readers.options import CamTable
 
+NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+))"
+#: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
+PLAIN = re.compile(
+    rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"
+    rf"(?:F{NUMBER}[ \t]*)?"
+)
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
 #: Greatest number of turns of one helix.

@@ -15,7 +15,7 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.flow import END, Flow, Program
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
@@ -25,7 +25,6 @@ from compplan.toolpath.readers.cnc.rs274_words import PLACING, owns_words
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, Block, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_CODE
 from compplan.toolpath.readers.start import refuse_unit
 
 #: Words that a move may have, and those of them that say where it goes.
@@ -102,7 +101,7 @@ class Rs274:
     def run_line(self, program: Program, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
-        if it.steady and (found := PLAIN_CODE.fullmatch(raw)) and it.motion.cut_plain(found):
+        if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)
