@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cam_files import read_cam_text
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compplan.errors import InputError
@@ -370,26 +370,6 @@ BLOCKS = [
     ["N90", "G98", "G83", "X5", "Y5", "Z-3", "R2", "Q1.5", "F60"], ["N95", "G80", "G0", "X0"],
     ["N100", "G28", "G91", "Z0"], ["N110", "G90", "G53", "G0", "Z0"], ["N120", "M5", "M9"], ["N130", "M30"],
 ]  # fmt: skip
-
-
-@given(st.randoms(use_true_random=False))
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_order_of_words_spaces_comments_numbers_and_case_change_nothing(read, draw) -> None:
-    plain = read("\n".join(" ".join(block) for block in BLOCKS), ".nc")
-    lines = []
-    for block in BLOCKS:
-        number, *words = block
-        draw.shuffle(words)
-        gap = draw.choice(["", " ", "  ", "\t"])
-        line = gap.join([*([number] if draw.random() < 0.5 else []), *words])
-        line = draw.choice([line, line.lower(), f"(X99 G0) {line}", f"{line} ;G1 X99", f"{line}(Z-99)"])
-        lines += [line, *([""] if draw.random() < 0.2 else []), *(["(G1 X77)"] if draw.random() < 0.2 else [])]
-    other = read(draw.choice(["\n", "\r\n"]).join(lines), ".nc")
-    assert np.array_equal(plain.toolpath.position, other.toolpath.position)
-    assert np.array_equal(plain.toolpath.feed, other.toolpath.feed)
-    assert np.array_equal(plain.toolpath.rapid, other.toolpath.rapid)
-    told = [[event for event in cam.toolpath.events if event.kind != "comment"] for cam in (plain, other)]
-    assert told[0] == told[1]
 
 
 def test_a_machine_by_name_is_its_keys(tmp_path: Path) -> None:
