@@ -7,6 +7,7 @@ modal state, or `Code(operation)` with a function operation(dialect, block, code
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -41,6 +42,8 @@ CONTRARY = (
 )  # fmt: skip
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
 TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
+#: A block of X Y Z F alone, with the extruder of a printer.
+PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
 #: Codes that act before all others of their block, and in this order; motion acts last.
 FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
 #: Work offsets of Haas: G110 is G154 P1.
@@ -67,6 +70,7 @@ class Rs274:
         self.origins = Origins(self.it)
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)
+        self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros, self.origins)
 
     def run(self, lines: Sequence[str]) -> None:
@@ -101,7 +105,9 @@ class Rs274:
     def run_line(self, program: Program, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
-        if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
+        if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
+            if it.state.printer and found.group(5):
+                it.note("axis E is not read")
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)
