@@ -214,7 +214,7 @@ def test_zones_are_smaller_where_the_language_s_own_would_take_a_quarter_of_the_
     assert found["status"] == "solved" and said["smaller_zones"] == 4
     text = "".join(file.read_text() for file in (tmp_path / "out").rglob("*.mod"))
     zones = {float(zone) for zone in re.findall(r"\[FALSE,([\d.]+)", text)}
-    assert 0.3 in zones and min(zones - {0.0}) < 0.2
+    assert zones and min(zones) > 0.05 and max(zones) < 0.2  # z0 has 0.3
 
 
 #: Postures of arms that bend the wrist. [deg]
