@@ -20,7 +20,7 @@ from compplan.controllers.writers.pendant import locate_pendant
 from compplan.errors import InputError
 from compplan.job.frames import PartTable, ToolTable
 from compplan.job.job import check_job
-from compplan.planning.frame_notes import ask_about_form, look_at_spindle
+from compplan.planning.notes import ask_about_form, look_at_spindle
 from compplan.robot import load_robot, robot_folders
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.simulation.exact_model import read_exact_robot

@@ -11,7 +11,8 @@ import pytest
 from cam_files import read_cam_text
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, heidenhain
+from compplan.toolpath.readers import CamFile
+from compplan.toolpath.readers.cnc import heidenhain
 
 START = "BEGIN PGM P MM\nTOOL CALL 1 Z S3000\nL X+0 Y+0 Z+10 R0 FMAX M3\n"
 

@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 
 from compplan.errors import InputError
 from compplan.toolpath.readers import CamFile, CamTable, read_cam
-from compplan.toolpath.readers.cnc.macro import MacroError, Variables, assign, work_out
+from compplan.toolpath.readers.cnc import heidenhain_lexer, sinumerik_lexer
+from compplan.toolpath.readers.cnc.expressions import Grammar, evaluate
 from compplan.toolpath.readers.cnc.rotary import RotaryMachine
+from compplan.toolpath.readers.cnc.rs274_macro import MacroError, Variables, assign, work_out
 from compplan.toolpath.readers.machines import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
@@ -352,6 +354,13 @@ def test_expressions_are_worked_out_by_the_rules_of_arithmetic(a: float, b: floa
     assert work_out("[#1 GT #2] OR [#1 LE #2]", variables)[0] == 1.0
     with pytest.raises(MacroError):
         work_out("#1 +", variables)
+
+
+@pytest.mark.parametrize("grammar", [heidenhain_lexer.GRAMMAR, sinumerik_lexer.GRAMMAR])
+def test_signs_of_one_rank_are_worked_out_from_left_to_right(grammar: Grammar) -> None:
+    values = {"10-3-2": 5.0, "10-3+2": 9.0, "12/3/2": 2.0, "12/3*2": 8.0, "2*3-4-5": -3.0, "10-(3-2)": 9.0}
+    for text, value in values.items():
+        assert evaluate(text, grammar, lambda name, index: 0.0) == pytest.approx(value), text
 
 
 BLOCKS = [

@@ -10,7 +10,8 @@ import pytest
 from cam_files import read_cam_text
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, sinumerik_flow
+from compplan.toolpath.readers import CamFile
+from compplan.toolpath.readers.cnc import flow
 
 HEAD = "G17 G71 G90 G40 G54\nT1 M6\nS3000 M3\nG0 X0 Y0\nG0 Z10\n"
 
@@ -221,8 +222,8 @@ def test_variables_loops_jumps_and_subprograms_carry_the_program_on(read, body: 
 
 
 def test_endless_loops_are_refused(read, monkeypatch) -> None:
-    assert sinumerik_flow.MOST_JUMPS == 200_000
-    monkeypatch.setattr(sinumerik_flow, "MOST_JUMPS", 2_000)
+    assert flow.MOST_JUMPS == 200_000
+    monkeypatch.setattr(flow, "MOST_JUMPS", 2_000)
     with pytest.raises(InputError, match=r"part.mpf:\d: more than 2000 jumps"):
         read(f"{HEAD}A1:\nGOTOB A1\nM30\n")
 
