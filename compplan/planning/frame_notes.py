@@ -80,11 +80,13 @@ def _straight(robot: Robot, length: float) -> str:
 
 def ask_about_form(job: Job, robot: Robot) -> list[str]:
     """Ask about angles in the form of another maker, and about a pendant frame that nobody confirmed."""
-    notes = []
+    notes: list[str] = []
     maker = load_controller(robot).name
     for name, table in (("tool", job.tool), ("part", job.part)):
         if table is not None and table.abc_deg is not None and "Doosan" in maker:
-            notes.append(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
+            notes.append(
+                Stop(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
+            )
     found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
     if found is not None and not found.confirmed:
         notes.append(Stop(

@@ -8,17 +8,20 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from compplan.io.notes import Stop
 from compplan.job.job import Job
 from compplan.robot import Robot, robot_folders
 from compplan.robot.description import find_mesh
 
 #: Tables of a job whose files go into programs line by line.
 COPIED = ("output.header.", "output.footer.", "output.templates.")
+COPIED_NOTE = " (its lines go into the program)"
 
 
 def describe_outside(job: Job, robot: Robot) -> str:
-    """Say which files the plan reads from outside the job's folder, links followed; "" where there are none.
+    """List the files that the plan reads from outside the job's folder, links followed; "" where there are none.
 
+    The note must be settled where lines of such a file go into a program.
     The robots that ship with compplan do not count. A job that no file holds is measured from the working directory.
 
     Args:
@@ -26,11 +29,11 @@ def describe_outside(job: Job, robot: Robot) -> str:
         robot: Its robot.
 
     """
-    told = [
-        f"{key} = {path}" + (" (its lines go into the program)" if key.startswith(COPIED) else "")
-        for key, path in list_outside(job, robot)
-    ]
-    return f"Read from outside the job's folder: {'; '.join(told)}." if told else ""
+    told = [f"{key} = {path}{COPIED_NOTE if key.startswith(COPIED) else ''}" for key, path in list_outside(job, robot)]
+    if not told:
+        return ""
+    said = f"Read from outside the job's folder: {'; '.join(told)}."
+    return Stop(said) if any(COPIED_NOTE in text for text in told) else said
 
 
 def list_outside(job: Job, robot: Robot) -> list[tuple[str, Path]]:
