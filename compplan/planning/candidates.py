@@ -38,7 +38,7 @@ LONGEST = 8000
 PRICES = {
     "fast": Prices(most_band=np.inf),
     "accurate": Prices(time=0.1, band=1.0),
-    "promise": Prices(time=0.1, band=1.0),
+    "error_band": Prices(time=0.1, band=1.0),
     "": Prices(time=1.0, band=0.3),
 }
 
@@ -49,8 +49,8 @@ Candidate = tuple[TimedStart, str, Shaped | None]
 def better_start(start: Start, asked: Asked) -> Start:
     """Better a start by the program; the start itself where the feed sets the time, or nothing wins.
 
-    A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and `promise` by
-    the band at no more time. Without a name the run gets shorter, and no band wider.
+    A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
+    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider.
 
     Args:
         start: The start of the posture search.
@@ -183,7 +183,7 @@ def judge_gain(preset: str, time: float, band: float, still: float) -> float:
         return time
     if max(time, band) > 1.0 + SAME:
         return np.inf
-    if preset == "promise":
+    if preset == "error_band":
         return band
     return 0.5 * (band + still) if preset else 0.5 * (time + band)
 

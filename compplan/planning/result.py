@@ -373,7 +373,7 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
         return {}
     widest, known = promise.widest, promise.known
     return {
-        "promise_mm": {
+        "error_band_mm": {
             "p95_max": promise.greatest * 1e3,
             "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
             "whole_path_p95": promise.whole * 1e3,
@@ -403,7 +403,7 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             }
             for rung in promise.ladder
         ],
-        "promise_from": {
+        "error_band_from": {
             "grade": known.grade,
             "source": known.source,
             "force": promise.force.source,

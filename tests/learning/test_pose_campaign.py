@@ -126,7 +126,7 @@ def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monk
     answer = run_command([*words, out], monkeypatch, capsys)
     assert answer.status == 0
     first = json.loads((out / "campaign.json").read_text(encoding="utf-8"))
-    promised = first["promise_mm"]
+    promised = first["error_band_mm"]
     assert promised["p95_max_floor"] < promised["p95_max_after"] < promised["p95_max_now"]
     alone = first["parameters_alone_p95_rms_mm"]
     assert alone["designed"] < alone["as_many_random"] < alone["now"]
@@ -146,7 +146,7 @@ def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monk
     assert answer.status == 0
     second = json.loads((tmp_path / "next" / "campaign.json").read_text(encoding="utf-8"))
     assert second["rows_of_log"] == 7
-    assert second["promise_mm"]["p95_max_now"] == pytest.approx(promised["p95_max_after"], rel=0.02)
+    assert second["error_band_mm"]["p95_max_now"] == pytest.approx(promised["p95_max_after"], rel=0.02)
     assert not any("diagnose it" in note for note in second["notes"])
 
 
@@ -340,7 +340,7 @@ def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, 
     again = [*words[:-1], tmp_path / "next", "--log", out / "campaign.csv", "--instrument", out / "instrument.toml"]
     assert run_command(again, monkeypatch, capsys).status == 0
     first, second = (json.loads((f / "campaign.json").read_text("utf-8")) for f in (out, tmp_path / "next"))
-    assert second["promise_mm"]["p95_max_now"] == pytest.approx(first["promise_mm"]["p95_max_after"], rel=0.1)
+    assert second["error_band_mm"]["p95_max_now"] == pytest.approx(first["error_band_mm"]["p95_max_after"], rel=0.1)
     stands = first["stands"]
     assert sorted(stand["label"] for stand in stands) == sorted(log.sights.names)
     assert all(f"put up {stand['says']}" in told for stand in stands)

@@ -13,10 +13,10 @@ from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Robot
 
 #: Presets whose finished postures are measured beside that of a preset.
-BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "promise": ("accurate", "smooth"),
+BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
 #: Which of a posture's costs a preset makes least.
-LEAST = {"fast": "driven_s", "accurate": "band_mm", "promise": "band_mm", "smooth": "joint_travel_deg"}
+LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
 #: Costs in words: what is best, what postures were, and what it means that they tie.
 WORDS = {
     "driven_s": ("the fastest", "timed", "the programmed feed sets the time, not the posture"),
