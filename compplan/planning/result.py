@@ -217,7 +217,7 @@ class Plan(Shown):
         missing = NO_BAND if self.status == "infeasible" else missing
         widest = missing if band is None else (
             f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
-            f"model is {self.robot.grade}"
+            f"is {band.known.grade}"
         )  # fmt: skip
         stops = self.explain_failures()
         return [

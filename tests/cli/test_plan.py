@@ -15,6 +15,7 @@ from compplan.reporting.plan_text import WIDTH, format_plan
 from tests.reporting.test_report import make_plan
 
 PATHS = Path(__file__).parents[2] / "paths"
+README = (PATHS.parent / "README.md").read_text(encoding="utf-8")
 SETTLE = "before the machine moves: "
 
 
@@ -50,3 +51,15 @@ def test_long_notes_that_must_be_settled_are_not_cut_and_remarks_are_counted() -
     lines = format_plan(plan, Path("out"), [Path("out/plan.json")])
     assert lines[-3:] == [*(f"{SETTLE}{stop}" for stop in stops), "2 notes in out/report.html"]
     assert not any("a remark" in line for line in lines)
+
+
+def test_the_first_plan_of_the_readme_ends_with_keeps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = next(line for line in README.splitlines() if line.startswith("    compplan plan ")).split()[2]
+    answer = run_command(["plan", PATHS.parent / job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    assert answer.status == 0 and answer.out.startswith("Keeps 0.5 mm: ")
+    assert plan["error_before_mm"]["max"] > 5.5 and plan["error_band_mm"]["whole_path_p95"] < 0.5
+    assert f"up to {plan['error_before_mm']['max']:.1f} mm" in README
+    assert f"within {plan['error_band_mm']['whole_path_p95']:.2f} mm" in README
