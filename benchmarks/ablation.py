@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.answer_scores import Score, score_answer, share
 from benchmarks.contestants import frames_of, read_truth
-from benchmarks.diagnosis_score import list_cases, name_of
+from benchmarks.diagnosis import list_cases, name_of
 from compplan.diagnosis.campaign_diagnosis import _register, find_conventions
 from compplan.diagnosis.results import verdict as judged
 from compplan.diagnosis.search.fit import fit_effects

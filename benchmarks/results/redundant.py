@@ -13,9 +13,9 @@ from benchmarks.results.findings import Findings, Settings, draw_table
 from compplan.job.job import Job, check_job
 from compplan.planning.deflection import measure_bending
 from compplan.planning.feed import time_run
+from compplan.planning.limits.band import BAND_ROWS, spread_tip
+from compplan.planning.lost_motion import list_reversals
 from compplan.planning.plan import PlanOptions, build_task, prepare_job
-from compplan.planning.reversals import list_reversals
-from compplan.planning.run_meter import BAND_ROWS, spread_tip
 from compplan.planning.task import PlanTask
 from compplan.robot import Robot
 from compplan.uncertainty.band import band_radius

@@ -132,7 +132,6 @@ class PostureTable(StrictTable):
     lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     limit_margin_deg: float = Field(default=10.0, gt=0.0, le=180.0)
     singularity_margin: float = Field(default=0.03, ge=0.0, lt=1.0)
-    energy: float = Field(default=0.0, ge=0.0, le=10.0)
     reconfigure: Literal["rapid", "never"] = "rapid"
 
 

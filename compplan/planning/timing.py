@@ -15,9 +15,12 @@ frequency unexcited.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -34,6 +37,8 @@ NO_LIMIT = 1e4
 TorqueParts = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 #: Halvings that bring the time of a waypoint near enough for Newton's steps, and those steps.
 HALVINGS, NEWTON_STEPS = 18, 3
+#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
+INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 #: Share of the limits by which TOPP-RA's answer may pass them, its solver's tolerance; what it leaves of a limit.
 ROUNDING = 1e-6
 
@@ -102,12 +107,32 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
     return square
 
 
+class _Pyplot(ModuleType):
+    """Stands for matplotlib.pyplot until something is drawn."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(import_module("matplotlib.pyplot"), name)
+
+
 @cache
 def _toppra() -> tuple[Any, Any, Any]:
     """Load toppra where it is used: its path, a limit of given rows, its algorithm."""
     import logging
 
-    import toppra
+    # toppra imports matplotlib for its plots alone: here that waits until something is drawn
+    package, plots = ModuleType("matplotlib"), _Pyplot("matplotlib.pyplot")
+    vars(package)["pyplot"] = plots
+    waits = {} if "matplotlib.pyplot" in sys.modules else {"matplotlib": package, "matplotlib.pyplot": plots}
+    known = {name: sys.modules[name] for name in waits if name in sys.modules}
+    sys.modules.update(waits)
+    try:
+        import toppra
+    finally:
+        for name in waits:
+            del sys.modules[name]
+        sys.modules.update(known)
     from toppra.algorithm import TOPPRA
     from toppra.constraint import DiscretizationType
     from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate

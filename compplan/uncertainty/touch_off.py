@@ -78,7 +78,8 @@ class TouchedPart:
         """
         fit = linear_displacement(self.shown)
         value, vector = np.linalg.eigh(fit @ fit.T)
-        return self._carry(self.repeatability * vector * np.sqrt(np.maximum(value, 0.0)), position)
+        root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # the symmetric one: no sign is free
+        return self._carry(self.repeatability * root, position)
 
     def follow(self, moved: Array, position: Array) -> Array:
         """Return how the fitted part moves with the touched points.

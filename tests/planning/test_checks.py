@@ -15,10 +15,10 @@ import compplan.job.loading as loading
 import compplan.planning.deflection as bending
 import compplan.planning.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, check_job, load_job
-from compplan.planning import executed
+from compplan.planning import plan as planning
+from compplan.planning.checks import hold_load
 from compplan.planning.plan import plan_job
 from compplan.planning.run_timing import Timing
-from compplan.planning.verdict import hold_load
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import build_exact_robot
@@ -54,7 +54,7 @@ def job(tmp_path: Path) -> Job:
     return load_job(tmp_path / "part.toml")
 
 
-def test_a_sound_plan_is_confirmed_by_all_votes(job: Job) -> None:
+def test_a_sound_plan_is_confirmed_by_all_checks(job: Job) -> None:
     plan = plan_job(job)
     assert (plan.status, plan.breaches, check_plan(plan)) == ("solved", (), ())
     assert not [note for note in plan.notes if "not checked" in note]
@@ -137,14 +137,14 @@ def _turned_tool(patch: pytest.MonkeyPatch) -> None:
 
 
 def _hasty(patch: pytest.MonkeyPatch) -> None:
-    true = executed.agree
+    true = planning.compensate
 
-    def agree(*words: Any) -> Any:
+    def compensate(*words: Any) -> Any:
         found = true(*words)
         timing: Timing = replace(found.timing, time=0.5 * found.timing.time)
         return replace(found, timing=timing)
 
-    patch.setattr(executed, "agree", agree)
+    patch.setattr(planning, "compensate", compensate)
 
 
 def _without_last(path: Toolpath) -> Toolpath:

@@ -12,9 +12,9 @@ import pytest
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
 from compplan.planning.candidates import judge_gain
+from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
-from compplan.planning.posture.slides import count_reversals
-from compplan.planning.reversals import describe_reversals, list_reversals
+from compplan.planning.posture.motion import count_reversals
 from compplan.planning.run_timing import cutting_runs, time_command
 from compplan.reporting.writers.plan import write_plan
 

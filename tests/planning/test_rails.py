@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from compplan.job.job import Job, check_job
-from compplan.planning.joint_weights import LEAST, MOST, weigh_joints
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.slides import LEAST_STROKE, least_strokes, steady_slide
+from compplan.planning.posture.motion import LEAST_STROKE, least_strokes, steady_slide
 from compplan.planning.strategies import command_path
+from compplan.planning.task import LEAST, MOST, weigh_joints
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain
 

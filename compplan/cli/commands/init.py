@@ -178,7 +178,7 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
     from compplan.job.job import check_job
     from compplan.job.operations import split_job
     from compplan.planning.plan import job_robot
-    from compplan.planning.posture.first_place import find_first_place
+    from compplan.planning.posture.place import find_first_place
 
     try:
         job = split_job(check_job(tomllib.loads(text), file))[0]

@@ -95,9 +95,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of feeds, and where there is no program with positions."""
-    slow = np.maximum(np.round(6.0 * program.feed, 1), SLOWEST) / 6.0
-    written = np.where(program.feed >= SLOW, np.round(program.feed, 1), slow)
-    notes = describe_feeds(program, written, "0.1 mm/s, below 1 mm/s of 0.1 cm/min")
+    moves = fit_moves(program).program if program.pieces else program
+    slow = np.maximum(np.round(6.0 * moves.feed, 1), SLOWEST) / 6.0
+    written = np.where(moves.feed >= SLOW, np.round(moves.feed, 1), slow)
+    notes = describe_feeds(moves, written, "0.1 mm/s, below 1 mm/s of 0.1 cm/min")
     if configurations(program) is None and not program.moves_part:
         notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
     return notes

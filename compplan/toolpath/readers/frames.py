@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.toolpath.readers.arcs import Arc, Point, combine, cross, dot
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -20,7 +20,7 @@ NOWHERE: Point = (0.0, 0.0, 0.0)
 class Frame:
     """Hold an affine map: p_part = rows p + origin; rows is a rotation, mirrored or not, times a scale.
 
-    `invert`, `scale` and `mirrored` are those of a similarity, whose scale is one; `undo` takes a scale for each axis.
+    `scale` is that of a similarity.
 
     Args:
         rows: Rows of the matrix.
@@ -59,15 +59,13 @@ class Frame:
         """Return the frame of the part as seen from this one."""
         if self.rows is UNIT:
             return Frame(UNIT, (-self.origin[0], -self.origin[1], -self.origin[2]))
-        square = dot(self.rows[0], self.rows[0])
-        rows = tuple(tuple(self.rows[j][i] / square for j in range(3)) for i in range(3))
+        a, b, c = self.rows
+        columns = cross(b, c), cross(c, a), cross(a, b)
+        size = dot(a, columns[0])
+        rows = tuple(tuple(column[i] / size for column in columns) for i in range(3))
         back = Frame(rows)  # type: ignore[arg-type]
         x, y, z = back.turn(self.origin)
         return Frame(back.rows, (-x, -y, -z))
-
-    def undo(self, point: Point) -> Point:
-        """Return the point of the frame that stands here; its axes may be scaled apart from each other."""
-        return as_point(np.linalg.solve(np.array(self.rows), np.subtract(point, self.origin)))
 
     def measure_scale(self) -> float | None:
         """Return by what lengths grow, negative where it mirrors; None where not all directions grow alike."""
@@ -75,18 +73,6 @@ class Frame:
         if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-9, atol=1e-12):
             return None
         return math.copysign(math.sqrt(gram[0, 0]), float(np.linalg.det(np.array(self.rows))))
-
-    def place_arc(self, arc: Arc) -> Arc | None:
-        """Return what becomes of an arc; None where it would be one of an ellipse."""
-        scale = self.measure_scale()
-        if scale is None:
-            return None
-        size, sense = abs(scale), math.copysign(1.0, scale)
-        return replace(
-            arc, centre=self.apply(arc.centre), first=combine(1.0 / size, self.turn(arc.first), 0.0, arc.first),
-            normal=combine(1.0 / size, self.turn(arc.normal), 0.0, arc.normal), radius=arc.radius * size,
-            end_radius=arc.end_radius * size, sweep=arc.sweep * sense, rise=arc.rise * size,
-        )  # fmt: skip
 
     @property
     def mirrored(self) -> bool:
