@@ -265,7 +265,6 @@ def test_sockets_are_put_up_elsewhere_where_the_arm_does_not_meet_a_place(monkey
         place(9.0)
 
 
-@pytest.mark.slow
 def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, tmp_path, monkeypatch, capsys) -> None:
     """Joints are what is measured: the log is whole as it is written for a robot that is as modelled."""
     out = tmp_path / "poses"
