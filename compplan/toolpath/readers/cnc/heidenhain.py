@@ -27,6 +27,7 @@ from compplan.toolpath.readers.cnc.heidenhain_lexer import (
     LABEL,
     M_WORDS,
     NUMBER,
+    PLAIN,
     VALUE,
     split_blocks,
     split_words,
@@ -36,7 +37,6 @@ from compplan.toolpath.readers.cnc.motion import POLAR
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
 from compplan.toolpath.readers.frames import UNIT, Frame, stretch
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_KLARTEXT
 from compplan.toolpath.readers.start import refuse_unit
 
 MOST_JUMPS = 200_000
@@ -167,7 +167,7 @@ class Klartext:
             return index
         if (text == "LBL 0" and it.flow.depth) or text.startswith("END PGM"):
             return END
-        if it.steady and (plain := PLAIN_KLARTEXT.fullmatch(text)):
+        if it.steady and (plain := PLAIN.fullmatch(text)):
             followed = index < program.last and program.lines[index].text[:3] not in ("RND", "CHF", "")
             if followed and it.motion.cut_plain(plain):
                 return index

@@ -13,6 +13,9 @@ from compplan.toolpath.readers.lines import LONGEST_LINE, split_lines
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 #: A value of a word: a number or a Q parameter, with or without a sign.
 VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
+#: The block of an ordinary cut: L X+1.5 Y-2 Z+.3 F1000.
+_PLAIN = r"([-+]?(?:\d+\.?\d*|\.\d+))"
+PLAIN = re.compile(rf"L(?: ?X{_PLAIN})?(?: ?Y{_PLAIN})?(?: ?Z{_PLAIN})?(?: ?F{_PLAIN})?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
     rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"

@@ -135,8 +135,7 @@ class Interpreter:
         self.log, self.note = self.course.log, self.course.note
         self.contour = Contour(self.course, unit)
         self.rotary = Rotary(options)
-        self.motion = Motion(state, self.course, self.contour, self.rotary, options, self.set_frame, dialect.square,
-                             dialect.turn_in_plane, dialect.tip_word)  # fmt: skip
+        self.motion = Motion(self)
         self.machine = Machine(state, self.log, dialect.silent, dialect.ends)
         #: Why variables have no value.
         self.unknown: dict[str, str] = {}

@@ -7,6 +7,7 @@ modal state, or `Code(operation)` with a function operation(dialect, block, code
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.flow import END, Flow, Program
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
@@ -25,7 +26,6 @@ from compplan.toolpath.readers.cnc.rs274_words import PLACING, owns_words
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, Block, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_CODE
 from compplan.toolpath.readers.start import refuse_unit
 
 #: Words that a move may have, and those of them that say where it goes.
@@ -42,6 +42,8 @@ CONTRARY = (
 )  # fmt: skip
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
 TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
+#: A block of X Y Z F alone, with the extruder of a printer.
+PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
 #: Codes that act before all others of their block, and in this order; motion acts last.
 FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
 #: Work offsets of Haas: G110 is G154 P1.
@@ -68,6 +70,7 @@ class Rs274:
         self.origins = Origins(self.it)
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)
+        self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros, self.origins)
 
     def run(self, lines: Sequence[str]) -> None:
@@ -102,7 +105,9 @@ class Rs274:
     def run_line(self, program: Program, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
-        if it.steady and (found := PLAIN_CODE.fullmatch(raw)) and it.motion.cut_plain(found):
+        if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
+            if it.state.printer and found.group(5):
+                it.note("axis E is not read")
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)

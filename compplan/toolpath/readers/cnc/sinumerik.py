@@ -13,7 +13,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.flow import END, Flow, Program
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, MOVING, Code, Interpreter, ignore, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, POLAR
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_words import HARMLESS, VALUES
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
@@ -32,7 +32,6 @@ from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, 
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_CODE
 from compplan.toolpath.readers.start import refuse_unit
 
 #: Lengths of a motion block; addresses that say nothing of the path.
@@ -110,7 +109,7 @@ class Sinumerik:
     def run_line(self, program: Program, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
-        if it.steady and (found := PLAIN_CODE.fullmatch(raw)) and it.motion.cut_plain(found):
+        if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
             return index + 1
         if program.labels is None:
             self.flow.prepare(program)

@@ -142,7 +142,7 @@ def split_block(text: str, lookup: Lookup, variables: set[str]) -> Block:
     """
     words, place = Block(), 0
 
-    def look(name: str, indices: tuple[float, ...]) -> float:
+    def look(name: str, indices: tuple[float, ...]) -> float | None:
         if name[0] == "R" and name[1:].isdigit():
             name, indices = "R", (float(name[1:]),)
         for variable, at, value in reversed(words.assigned):  # what stands before it in the block holds already
