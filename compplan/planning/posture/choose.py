@@ -30,7 +30,7 @@ from compplan.planning.posture.motion import price_motion
 from compplan.planning.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
-from compplan.planning.posture.trace import PostureTrace, trace_line
+from compplan.planning.posture.trace import PostureTrace, find_torn, trace_line
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm
@@ -205,7 +205,7 @@ def _prefer_still(task: Task, stance: PostureSummary) -> PostureSummary:
     if leans < STILL and not stance.changes and not len(task.arm.held):  # the choice is the plain posture itself
         return replace(stance, plain=stance.costs)
     still = solve_default_posture(robot, nominal, task.tool_x, stance, task.axes, task.margin)
-    if still is None:
+    if still is None or find_torn(still.q, nominal, settings.most_step).any():
         return stance
     chosen = stance.costs
     costs = still.costs

@@ -92,13 +92,13 @@ def trace_line(
         followed[lost] = refine_ik(arm, between[lost], nominal.position[lost], rotation[lost])
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
         lost[lost] = np.abs(error).max(axis=1) > REACHED
-    torn = _find_torn(followed, nominal, most_step)
+    torn = find_torn(followed, nominal, most_step)
     if free_spin and (lost | torn).any():
         stretch = _whole_stretches(lost | torn, stations)
         wanted = nominal.position[stretch], rotation[stretch]
         followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
         lost[stretch] = ~reached
-        torn = _find_torn(followed, nominal, most_step)
+        torn = find_torn(followed, nominal, most_step)
         rotation = np.array(rotation)
         rotation[stretch] = locate_frames(arm.chain, followed[stretch]).tcp_rotation
         turned = np.swapaxes(upright[stretch], 1, 2) @ rotation[stretch]
@@ -107,7 +107,7 @@ def trace_line(
     return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
 
 
-def _find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
     """Tell which waypoints of a cut a joint would have to jump to."""
     torn = np.zeros(len(q), bool)
     torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
