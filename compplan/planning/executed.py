@@ -51,7 +51,7 @@ from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
-SIDE, BLOCK = 20, 100_000
+SIDE, BLOCK = 40, 100_000
 #: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
 #: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
 FURTHER, SLOWEST, REACH, FARTHER = 1.15, 5.0, 2.0, 3.0

@@ -143,7 +143,7 @@ def _settle(
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
-    task = _resolve_starts(task, wish) if task.inertia else task
+    task = _divide_ahead(_resolve_starts(task, wish) if task.inertia else task, wish)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
     first: Compensation | None = None
     turn, divisions, rounds = 0, 0, 0
@@ -200,6 +200,25 @@ def _settle(
     note = (f"The run is up to {slow.max():.3g} times slower where the drives as identified would take the tip beyond "
             f"the tolerance ({1e3 * first.executed.most:.3g} mm, now {1e3 * found.executed.most:.3g}).")  # fmt: skip
     return replace(found, notes=(*found.notes, note))
+
+
+def _divide_ahead(task: PlanTask, wish: FeedRequest) -> PlanTask:
+    """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
+    mending = Mending()
+    for last in range(DIVISIONS):
+        time = None
+        if task.follows_feed:
+            timing = time_run(task, task.q_start, wish)[1]
+            task, time = _load(task, timing, task.q_start, None), timing.time
+        bow = measure_between(task, task.q_start, time, bow=True)
+        pieces = mending.allow(task, wanted_pieces(bow, task.move_chord), bow.most)
+        if task.follows_feed:
+            pieces = np.maximum(pieces, _force_pieces(task))
+        pieces[task.missed[1:] | task.missed[:-1]] = 1
+        if last == DIVISIONS - 1 or not (pieces > 1).any():
+            break
+        task = divide_by(task, pieces)
+    return task
 
 
 def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> PlanTask:
@@ -313,8 +332,6 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
         for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
             way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
-    if task.follows_feed:
-        pieces = np.maximum(pieces, _force_pieces(task))
     pieces[task.nominal.steps < 1e-6] = 1
     pieces = _even_crossings(found, pieces)
     for waypoint in found.command.failures:
