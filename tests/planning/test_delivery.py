@@ -107,11 +107,7 @@ MISTAKES: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "the base frame elsewhere": _program(
         lambda program: replace(program, part=program.part * np.array([[1, 1, 1, 1.1]] * 3 + [[1] * 4]))),
     "a row left out": _program(lambda program: replace(
-        program, joints=program.joints[1:], feed=program.feed[1:], rapid=program.rapid[1:], exact=program.exact[1:],
-        free=program.free[1:], arc_of=None, line_of=None, corner=None, pieces={},
-        coarser=None if program.coarser is None else program.coarser[1:],
-        time=program.time[1:], tcp=program.tcp[1:], status=program.status[1:], bent=program.bent[1:],
-        words={key: value[1:] for key, value in program.words.items()}, events=())),
+        program.take(np.arange(1, len(program))), arc_of=None, line_of=None, corner=None, events=())),
     "feed in mm a minute": lambda patch: _shift(
         patch, krl, "fit_moves", lambda fitted: replace(fitted, program=replace(
             fitted.program, feed=fitted.program.feed * 60.0))),
