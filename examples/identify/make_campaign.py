@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from tests.observation_log import write_campaign_log
+from tests.support.observation_log import write_campaign_log
 
 from benchmarks.round_trip import simulate_observations
 from compplan.measurement.reading import read_campaign
