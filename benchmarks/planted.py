@@ -5,7 +5,8 @@
 A list is a TOML file of [[mistake]] tables: name, area, file (in compplan/), old, new (text of that file, old replaced
 once), and perhaps tests (paths below tests/ that are run before the folder of the package). Each is put into a copy of
 the project, and tests run until one fails. planted.toml is by the author of the checks, planted_blind.toml by someone
-who had not read them, planted_more.toml holds kinds that stand in neither.
+who had not read them, planted_more.toml holds kinds that stand in neither,
+planted_small.toml units, signs, ends and dropped terms.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-LISTS = [Path(__file__).with_name(f"{name}.toml") for name in ("planted", "planted_blind", "planted_more")]
+LISTS = [
+    Path(__file__).with_name(f"{name}.toml") for name in ("planted", "planted_blind", "planted_more", "planted_small")
+]
 #: Longest time of the tests of one mistake. [s]
 LONGEST = 600
 

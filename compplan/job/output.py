@@ -10,8 +10,9 @@ from compplan.controllers.writers import WRITERS
 from compplan.io.tomlfile import OneOf, StrictTable
 from compplan.job.signals import IoTable
 
-#: Share of the tolerance by which written moves may lie beside the tip where a job does not say (assumed).
-FITTED = 0.05
+#: How far written moves may lie beside the tip where a job does not say: a share of the tolerance, at least the second
+#: (assumed). [1, m]
+FITTED, FINEST = 0.05, 2e-6
 
 
 class CellTable(StrictTable):
@@ -46,4 +47,5 @@ class OutputTable(StrictTable):
             tolerance: The strictest tolerance of the path. [m]
 
         """
-        return FITTED * tolerance if self.fit_tolerance_mm is None else 1e-3 * self.fit_tolerance_mm
+        stated = self.fit_tolerance_mm
+        return max(FITTED * tolerance, FINEST) if stated is None else 1e-3 * stated

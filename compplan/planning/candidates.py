@@ -56,13 +56,13 @@ CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
 LONGEST = 8000
 #: Eased runs that are tried at most, and waypoints times runs.
-ROUNDS, WORK = 20, 40_000
+ROUNDS, WORK = 14, 40_000
 #: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
-LOWER, LEAST_ROOM = 0.93, 0.2
+LOWER, LEAST_ROOM = 0.86, 0.2
 #: Exponent g, and the least and greatest change of a factor in one round.
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
-#: A run that takes longer than another by more ends the search.
-TOO_LONG = 1.02
+#: A run that takes longer than another by more is followed by runs half way back, so many.
+TOO_LONG, BISECTIONS = 1.02, 2
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
 PRICES = {
     "fast": Prices(most_band=np.inf),
@@ -131,8 +131,9 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
                 origins["programmed"] = asked.state(plain), plain
+    other = PRICES["accurate" if preset == "fast" else ""]
     for name, (state, origin) in origins.items():
-        for weights in (prices, PRICES["accurate"]) if preset == "fast" else (prices,):
+        for weights in dict.fromkeys((prices, other) if name == "search" else (other,)):
             if (found := shape_start(state, origin, asked, weights)) is not None:
                 runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
     taken = _choose_run(preset, first, runs, asked)
@@ -206,6 +207,7 @@ def measure_runs(
     plain = Easing(window, np.zeros(1), np.ones(1))
     task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
     slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
+    kept, beyond = slower, 0
     dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
     try:
         still = spread_tip(task, asked.force, rows) if quiet is None else quiet
@@ -219,8 +221,12 @@ def measure_runs(
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
             found.append(TimedStart(eased, float(time[-1]), widest, least, still))
-            if beside is None or time[-1] > TOO_LONG * beside.time or not rings.any():
+            if beside is None or not rings.any() or beyond == BISECTIONS:
                 break
+            if time[-1] > TOO_LONG * beside.time:
+                slower, beyond = np.sqrt(kept * slower), beyond + 1
+                continue
+            kept = slower if time[-1] <= (1.0 + SAME) * beside.time else kept
             if count % 2 == 0:
                 target = LOWER * min(target, found[-1].band if count == 0 else np.inf, beside.band)
             room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
@@ -245,10 +251,14 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
     """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * (time[-1] - time[0]) / reach, 16, 20_000)))
+    span = time[-1] - time[0]
+    if not (span > 0.0 and reach > 0.0):
+        return use
+    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * span / reach, 16, 20_000)))
     size = max(int(reach / (grid[1] - grid[0])), 1)
     wide = maximum_filter1d(np.interp(grid, time, use), 2 * size + 1, mode="nearest")
-    return np.interp(time, grid, uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest"))
+    smooth = uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest")  # a running sum: rounding may make it negative
+    return np.interp(time, grid, np.clip(smooth, use.min(), use.max()))
 
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
@@ -278,6 +288,9 @@ def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: A
         return float(np.sqrt(run.still**2 + max(ring, 0.0)))
 
     order = sorted(runs, key=lambda run: run.time if preset == "fast" else band_at_first(run))
+    alike = [any(abs(run.time / one.time - 1.0) + abs(run.band / one.band - 1.0) < SAME for one in order[:number])
+             for number, run in enumerate(order)]  # fmt: skip
+    order = [run for run, again in zip(order, alike, strict=True) if not again]
     for number, run in enumerate(order[:EASED]):
         for window in WINDOWS if number == 0 else WINDOWS[:1]:
             if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):

@@ -51,7 +51,7 @@ from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
-SIDE, BLOCK = 40, 100_000
+SIDE, BLOCK = 20, 100_000
 #: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
 #: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
 FURTHER, SLOWEST, REACH, FARTHER = 1.15, 5.0, 2.0, 3.0
@@ -109,7 +109,7 @@ class ExecutedPath:
     def say(self) -> str:
         """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
         if not self.known:
-            return (f"{self.smaller} corners have smaller zones than the language's own, so that they leave the path "
+            return (f"{self.smaller} corners have zones of their own size, so that programs leave the path there "
                     f"by at most {ROUNDED:.0%} of the tolerance.") if self.smaller else ""  # fmt: skip
         left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm beside the path"
         if self.leads:

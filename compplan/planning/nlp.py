@@ -182,7 +182,8 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
         half = sparse.diags(np.divide(0.5, problem.steps, where=problem.steps > 0.0, out=np.zeros(k)))
         first, second = (sparse.csr_matrix(matrix) for matrix in problem.rates)
         parts += [(see(first, 0, nq), nq), (see(second, 0, nq), nq)]
-        parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, half @ (ahead - own))]
+        push, before = half @ (ahead - own), sparse.diags(np.ones(k - 1), -1)
+        parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, push, before @ push)]
     none = sparse.csr_matrix((k * rows, offsets[-1]))
     parts.append((see(own, 2, rows) if problem.released is not None else none, rows))
     if problem.counts_band:
@@ -283,7 +284,7 @@ def explain_conflict(solution: Solution) -> str:
     for limit in solution.problem.limits:
         pull = size.get(limit.name)
         if pull is not None and pull[station].max() > 0.1 * largest:
-            own = f" of {joints[int(pull[station].argmax())]}" if limit.of_joints else ""
+            own = f" of {joints[int(pull[station].argmax()) % len(joints)]}" if limit.of_joints else ""
             names.append(f"{limit.name.replace('_', ' ')}{own}")
     names = names if "pose" in names else ["pose", *names]
     waypoint = int(solution.problem.waypoint[station])
@@ -295,7 +296,11 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     """Write out one station; returns it and the inputs of its functions: what it sees of the variables, its data."""
     chain, nq, rows = problem.chain, problem.chain.nq, problem.pose_rows
     q, ahead = ca.SX.sym("q", nq), ca.SX.sym("q_next", nq)
-    names = [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("push", 1)] if problem.timed else []
+    names = (
+        [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("push", 1), ("push_before", 1)]
+        if problem.timed
+        else []
+    )
     speed = {name: ca.SX.sym(name, size) for name, size in names}
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     band = ca.SX.sym("band", 1 if problem.counts_band else 0)
@@ -318,11 +323,10 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
         missed.append(ca.dot(wanted[:, 1], rotation[:, 0]))
     none = ca.SX(0, 1)
     station = Station(
-        q=q, q_next=ahead, departure=q - data["q_start"], rate=speed.get("rate", none),
-        change=speed.get("change", none), square=speed.get("square", none), square_next=speed.get("square_next", none),
-        push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band, slack=slack, excess=excess,
-        missed=ca.vertcat(*missed), position=position, rotation=rotation, programmed=data["programmed"],
-        deflection=deflection, wrench=data["wrench"], frames=locate_symbolic(chain, q),
+        q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], pace=data["pace"], band=band, slack=slack,
+        **{name: speed.get(name, none) for name in ("rate", "change", "square", "square_next", "push", "push_before")},
+        excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wrench=data["wrench"],
+        programmed=data["programmed"], deflection=deflection, frames=locate_symbolic(chain, q),
         numbers={limit.name: data[limit.name] for limit in problem.limits if limit.numbers is not None},
     )  # fmt: skip
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]

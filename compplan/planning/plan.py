@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers import check_languages
+from compplan.effects import robot_effects
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
@@ -229,6 +230,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
     """
     nominal = check_toolpath(nominal, file=file)
+    robot_effects(robot)  # refuses tables that are no effects of this robot
     if not options.spin_free:
         check_tool_x(nominal, np.asarray(options.tool_x, float), file)
     rotation = tool_axes(nominal, np.asarray(options.tool_x, float))

@@ -92,7 +92,7 @@ class TouchedPart:
             Shape (n, 3, p). [m]
 
         """
-        return self._carry(linear_displacement(self.shown) @ moved.reshape(-1, moved.shape[2]), position)
+        return self._carry(linear_displacement(self.shown) @ moved.reshape(3 * len(moved), moved.shape[2]), position)
 
     def _carry(self, twist: Array, position: Array) -> Array:
         lever = position - self.shown.mean(axis=0)

@@ -88,7 +88,7 @@ def test_rows_that_bring_in_a_correction_at_rest_are_one_move_with_a_speed_that_
     stays = np.arange(49) <= 8
     fitted = fit_moves(replace(program, free=stays & (np.arange(49) > 0), exact=np.arange(49) == 8))
     assert fitted.rows.tolist() == [0, 8, 48]
-    assert fitted.program.feed[1] == pytest.approx(1e-3)
+    assert fitted.program.feed[1] == pytest.approx(1.0 / 6.0)  # 1 cm/min
     assert float(f"{1e-3 * fitted.program.feed[1]:.6f}") > 0.0  # as KRL writes it
 
 

@@ -214,7 +214,7 @@ def test_zones_are_smaller_where_the_language_s_own_would_take_a_quarter_of_the_
     assert found["status"] == "solved" and said["smaller_zones"] == 4
     text = "".join(file.read_text() for file in (tmp_path / "out").rglob("*.mod"))
     zones = {float(zone) for zone in re.findall(r"\[FALSE,([\d.]+)", text)}
-    assert 0.3 in zones and min(zones - {0.0}) < 0.2
+    assert zones and min(zones) > 0.05 and max(zones) < 0.2  # z0 has 0.3
 
 
 #: Postures of arms that bend the wrist. [deg]
@@ -235,7 +235,7 @@ POSTURES = {
         ("kawasaki_as", "kawasaki_rs020n", "ACCURACY 0.0", read_kawasaki),
         ("sinumerik", "kuka_kr16_2", "G641 ADIS=0.0", read_sinumerik),
         ("inform", "yaskawa_gp25", "PL=0", read_inform),
-        ("val3", "staubli_tx200", "mEnd", read_val3),
+        ("val3", "staubli_tx200", "mPath.leave=0.0", read_val3),
     ],
 )
 def test_a_corner_has_a_smaller_zone_or_an_exact_stop_and_is_read_back(
@@ -260,7 +260,7 @@ def test_a_corner_has_a_smaller_zone_or_an_exact_stop_and_is_read_back(
     assert says in files["bound"] and files["bound"] != files["free"]
     main = next(file for file in sorted((tmp_path / "bound").iterdir()) if not file.stem[-1].isdigit())
     moves = [move for move in read(main) if move.kind != "act"]
-    assert len(moves) == 3 and moves[1].stops == (language in ("inform", "val3"))
+    assert len(moves) == 3 and moves[1].stops == (language == "inform")
 
 
 def test_the_page_says_which_written_moves_are_not_followed() -> None:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from known_campaigns import CAMPAIGNS, FILE, Run, answer_run, differences, run_known
-from page_contradictions import list_contradictions, tell
 
 TRUTH = json.loads(FILE.read_text())
+#: Campaigns of the weekly run: their causes are like those of others.
+WEEKLY = {
+    "a stiffer joint, noisier", "a zero near the noise", "play", "a gear", "a link", "the tool", "a scaled sensor",
+    "a biased sensor", "a coupled wrist", "a cause beside errors of no effect", "two zeros that are one length",
+    "met again, nothing stated",
+}  # fmt: skip
+NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in WEEKLY else name for name in CAMPAIGNS]
 
 
-@pytest.fixture(scope="module", params=CAMPAIGNS)
+@pytest.fixture(scope="module", params=NAMES)
 def run(request: pytest.FixtureRequest) -> tuple[str, Run]:
     """A known campaign, diagnosed once."""
     return request.param, run_known(request.param)
@@ -33,13 +38,6 @@ def test_a_known_campaign_is_diagnosed_as_it_is_and_as_before(run: tuple[str, Ru
         entry = next(e for e in named if (e["effect"], e["joint"]) == (effect.name, effect.joint))
         assert all(close(entry["parameters"][key], value) for key, value in effect.parameters.items()), entry
     assert answer["outliers"] == list(known.spoiled)
-
-
-def test_the_page_of_a_known_campaign_never_contradicts_itself(run: tuple[str, Run], tmp_path: Path) -> None:
-    _, told = run
-    if told.found is not None and told.split is not None:
-        assert list_contradictions(tell(told.found, told.split, told.assessment, told.table, tmp_path)) == []
-    assert told.known.mistake or told.found is not None
 
 
 def close(found: Any, true: Any) -> bool:

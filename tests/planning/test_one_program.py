@@ -84,6 +84,7 @@ def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
     assert "assumed" in describe_reversals(tuple(found.values()))
 
 
+@pytest.mark.slow
 def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judged(tmp_path: Path) -> None:
     u = np.linspace(0.0, 1.0, 120)
     rows = [f"{8.0 * np.sin(8.0 * np.pi * k):.6f},{500.0 * (k - 0.5):.6f},0,0,0,1,700" for k in u]

@@ -37,7 +37,10 @@ def stand(job: str, preset: str) -> tuple[PlanTask, float]:
     return task, float(time_run(task, task.q_start, options.feed)[1].time[-1])
 
 
-@pytest.mark.parametrize(("job", "presets"), [("rail", ["smooth"]), ("spin", ["accurate", "smooth"])])
+@pytest.mark.parametrize(
+    ("job", "presets"),
+    [("rail", ["smooth"]), pytest.param("spin", ["accurate", "smooth"], marks=pytest.mark.slow)],
+)
 def test_no_other_preset_is_faster_than_fast(job: str, presets: list[str]) -> None:
     task, fast = stand(job, "fast")
     others = {preset: stand(job, preset)[1] for preset in presets}

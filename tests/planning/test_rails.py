@@ -34,7 +34,7 @@ def make_job(strategy: str) -> Job:
     return check_job(table, Path("rail.toml"))
 
 
-@pytest.mark.parametrize("strategy", ["nlp", "iterated_mirror"])
+@pytest.mark.parametrize("strategy", [pytest.param("nlp", marks=pytest.mark.slow), "iterated_mirror"])
 def test_no_strategy_moves_the_rail_for_a_correction(strategy: str) -> None:
     task = build_task(*prepare_job(make_job(strategy)))
     command = command_path(task, strategy)

@@ -161,7 +161,8 @@ def measure_rms(real: Arm, q: Array, wanted: Array, wrench: Array, moved: pin.SE
     return float(np.sqrt(np.mean(np.sum((tips - path) ** 2, axis=1))))
 
 
-@pytest.mark.parametrize(("shop", "stated"), [(KUKA, False), (KUKA, True), (UR, False)],
+@pytest.mark.parametrize(("shop", "stated"),
+                         [pytest.param(KUKA, False, marks=pytest.mark.slow), (KUKA, True), (UR, False)],
                          ids=["weight of the tool", "stated points", "weight of arm and tool"])  # fmt: skip
 def test_a_touched_off_part_is_cut_better_with_the_correction(
     shop: Equipment, stated: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

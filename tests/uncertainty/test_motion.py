@@ -11,12 +11,13 @@ from arms import one_joint_arm
 from scipy.integrate import solve_ivp
 
 from compplan.job.job import check_job
+from compplan.job.noise import NoiseTable
 from compplan.planning.deflection import find_inside
 from compplan.planning.plan import plan_job
 from compplan.simulation.response import MODES, ring
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.inertia import build_moving_chain, load_motion
-from compplan.uncertainty.motion import shift_part
+from compplan.uncertainty.motion import read_placement, shift_part
 
 JOB: dict[str, Any] = {
     "schema": 1,
@@ -106,6 +107,11 @@ def test_the_place_of_a_part_counts_where_it_is_stated_and_is_listed_where_not()
     assert placed.promise.parts["placement"] == pytest.approx(2.795483 * 5e-4, rel=1e-4)
     assert placed.verdict.largest_cause == "place of the part"
     assert plain.promise.parts["placement"] == pytest.approx(0.0)
+
+
+def test_the_place_of_a_part_is_stated_in_mm_and_degrees() -> None:
+    assert read_placement(NoiseTable(part_frame_mm=0.5, part_frame_deg=2.0)) == (5e-4, pytest.approx(np.pi / 90))
+    assert read_placement(None) is None
 
 
 def test_a_part_that_is_turned_moves_by_the_angle_times_the_distance_from_its_frame() -> None:

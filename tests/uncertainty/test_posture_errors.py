@@ -102,6 +102,7 @@ def measure_choice(job: Job, robot: Robot) -> float:
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
 
 
+@pytest.mark.slow
 def test_a_plan_for_the_promise_says_what_it_counts() -> None:
     few = {**JOB["toolpath"], "waypoints": 12}
     plan = plan_job(check_job({**JOB, "toolpath": few, "posture": {"preset": "error_band"}}, "job.toml"))

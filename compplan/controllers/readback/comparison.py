@@ -236,12 +236,24 @@ class _Stand:
         if not self.fitted or not any(move.kind != "joint" for move in moves):
             return f"{len(moves)} moves, planned are {len(self.q)}"
         ends = np.full((len(moves), 4, 4), np.nan)
+        held: list[NDArray[np.bool_] | None] = []
         for k, move in enumerate(moves):
             if move.pose is not None and move.kind != "joint":
                 ends[k] = self.world @ np.asarray(move.base) @ move.pose
             if move.flange_turn:
                 ends[k, :3, :3] = np.nan
-        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3])
+            held.append(self._match_joints(move) if move.kind == "joint" and move.joints is not None else None)
+        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3], held)
+
+    def _match_joints(self, move: Move) -> NDArray[np.bool_]:
+        """Tell the rows whose joints are those of a move. Shape (m,)."""
+        outer, counting = int(self.counting.external.sum()), self.counting
+        shown = np.full((1, len(counting.zero)), np.nan)
+        if len(move.joints or ()) != shown.shape[1] - outer or len(move.external) < outer:
+            return np.zeros(len(self.q), bool)
+        shown[:, ~counting.external] = move.joints
+        shown[:, counting.external] = move.external[:outer]
+        return np.asarray((np.abs(counting.undo(shown) - self.q) <= JOINT).all(axis=1))
 
     def excuse_stops(self, moves: list[Move], held: NDArray[np.int_]) -> list[Move]:
         """Take exact stops at corners whose zone would lead too far, in a language without smaller ones, as zones."""
@@ -255,16 +267,9 @@ class _Stand:
         kept[:-1] |= wanted.feed[rows][1:] <= 0.0
         kept[-1] = True
         return PlannedRows(
-            self.position,
-            self.rotation,
-            wanted.time[rows],
-            kept,
-            wanted.free,
-            self.tolerance * wanted.coarser[rows],
-            self.cycle,
-            wanted.asked,
-            np.abs(wanted.corner).max(axis=1) > 0.0,
-        )
+            self.position, self.rotation, wanted.time[rows], kept, wanted.free, self.tolerance * wanted.coarser[rows],
+            self.cycle, wanted.asked, np.abs(wanted.corner).max(axis=1) > 0.0,
+        )  # fmt: skip
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
         """Say where the moves of a program, which end at some of the rows, are not those planned."""
@@ -358,13 +363,7 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> ReportedProgr
     seen = stand.tool @ np.linalg.inv(_millimetres(read_frame(tool))) @ np.r_[centre, 1.0]
     words = read_words(robot, joints.names, wanted.sent[rows])
     return ReportedProgram(
-        shown[:, ~counting.external],
-        words,
-        wanted.feed[rows] <= 0.0,
-        wanted.stands,
-        share,
-        mass,
-        seen[:3],
+        shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, share, mass, seen[:3]
     )
 
 

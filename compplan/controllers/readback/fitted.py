@@ -63,19 +63,26 @@ class PlannedRows:
     corners: NDArray[np.bool_] | None = None
 
 
-def find_rows(rows: PlannedRows, tips: Array, turns: Array) -> NDArray[np.int_] | str:
+def find_rows(
+    rows: PlannedRows, tips: Array, turns: Array, held: Sequence[NDArray[np.bool_] | None] | None = None
+) -> NDArray[np.int_] | str:
     """Return the row at which each move ends, or what speaks against it.
 
     Args:
         rows: What was planned.
         tips: Where moves end; nan where that is the next row that has to be kept. Shape (k, 3). [mm]
         turns: Orientation of the tool there; nan where a program does not say it. Shape (k, 3, 3).
+        held: Rows whose joints are those of a move that states joints, None of other moves; None: no move does.
+            Shape (m,) each.
 
     """
     found: list[int] = []
     at, n = -1, len(rows.position)
-    for number, (tip, turn) in enumerate(zip(tips, turns, strict=True)):
-        row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip, turn)
+    for number, (tip, turn, same) in enumerate(zip(tips, turns, held or [None] * len(tips), strict=True)):
+        if same is not None:
+            row = _find_joints(rows, at, same)
+        else:
+            row = _find_kept(rows, at) if np.isnan(tip[0]) else _find_row(rows, at, tip, turn)
         if row is None and _steps_back(rows, found, tips[number - 1], tip):
             found[-1], row = at - 1, at
         if row is None:
@@ -107,6 +114,17 @@ def _steps_back(rows: PlannedRows, found: list[int], before: Array, tip: Array) 
         return False
     pair = rows.position[[found[-1] - 1, found[-1]]]
     return bool((np.linalg.norm(pair - np.stack([before, tip]), axis=1) <= 2.0 * ROUNDING).all())
+
+
+def _find_joints(rows: PlannedRows, at: int, same: NDArray[np.bool_]) -> int | None:
+    """Return the first row with the joints of a move, of several in turn the one that has to be kept."""
+    after = np.flatnonzero(same[at + 1 :])
+    if not len(after):
+        return _find_kept(rows, at)  # its joints are compared there
+    row = at + 1 + int(after[0])
+    while row + 1 < len(same) and same[row + 1] and not rows.kept[row]:
+        row += 1
+    return row
 
 
 def _find_kept(rows: PlannedRows, at: int) -> int | None:

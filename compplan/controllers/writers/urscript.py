@@ -142,11 +142,13 @@ def _blend_radii(program: Program, linear: bool) -> Array:
     """Return how far before each waypoint its corner may be rounded; 0 where it is reached exactly. Shape (n,) [m]."""
     if program.tcp is None:
         return np.zeros(len(program))
-    if linear:
-        return find_zones(program, ZONES["urscript"])[0]
     step = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1)
     room = np.minimum(np.append(np.inf, step), np.append(step, np.inf))
-    return np.where(program.stops(linear=linear), 0.0, np.minimum(BLEND, BLEND_SHARE * room))
+    radius = np.minimum(BLEND, BLEND_SHARE * room)
+    if linear:
+        stated = find_zones(program, ZONES["urscript"])[1]
+        radius = np.where(program.corners, stated, np.minimum(radius, stated))
+    return np.where(program.stops(linear=linear), 0.0, radius)
 
 
 def _poses(poses: Array) -> list[str]:

@@ -348,3 +348,14 @@ def describe_finished(stance: PostureSummary) -> str:
         return f"{head}the {len(values)} postures that were {done} {said}; {tied}."
     listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in stance.compared.items())
     return f"{head}{best} of the postures that were {done} is driven ({listed})."
+
+
+def compare_postures(robot: Robot, start: Start, tool_x: Array) -> tuple[dict[str, float], dict[str, float]] | None:
+    """Return costs of the graph's way and of the plain posture; None where either is not known."""
+    stance, request = start.stance, start.request
+    if stance is None or request is None:
+        return None
+    if stance.plain is not None:
+        return stance.instead_of or stance.costs, stance.plain
+    plain = solve_default_posture(robot, start.nominal, tool_x, stance, request.axes, None)
+    return None if plain is None else (stance.costs, plain.costs)

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
-from scipy.spatial.transform import Rotation
+from dataclasses import dataclass
 
 from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 
@@ -67,12 +63,13 @@ class Frame:
         x, y, z = back.turn(self.origin)
         return Frame(back.rows, (-x, -y, -z))
 
-    def measure_scale(self) -> float | None:
-        """Return by what lengths grow, negative where it mirrors; None where not all directions grow alike."""
-        gram = np.array(self.rows) @ np.array(self.rows).T
-        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-9, atol=1e-12):
-            return None
-        return math.copysign(math.sqrt(gram[0, 0]), float(np.linalg.det(np.array(self.rows))))
+    @property
+    def similar(self) -> bool:
+        """Whether lengths grow alike in all directions."""
+        a, b, c = self.rows
+        size = dot(a, a)
+        apart = (dot(a, b), dot(b, c), dot(c, a), dot(b, b) - size, dot(c, c) - size)
+        return max(map(abs, apart)) <= 1e-9 * size
 
     @property
     def mirrored(self) -> bool:
@@ -129,32 +126,12 @@ def stand_on(first: Point, normal: Point) -> Frame:
     return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
 
 
-def as_point(numbers: Sequence[float] | np.ndarray) -> Point:
-    """Return three numbers as a point, without negative zeros."""
-    return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0, float(numbers[2]) + 0.0
-
-
-def turn_about(centre: Point, turn: Rotation) -> Frame:
-    """Return a rotation about a point [mm]."""
-    matrix = turn.as_matrix()
-    rows = as_point(matrix[0]), as_point(matrix[1]), as_point(matrix[2])
-    return Frame(rows, combine(1.0, centre, -1.0, as_point(matrix @ np.array(centre))))
-
-
 def scale_about(centre: Point, scales: Point) -> Frame:
     """Return a scaling of each axis about a point [mm]; negative scales mirror."""
-    rows = (scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])
-    return Frame(rows, as_point([centre[axis] * (1.0 - scales[axis]) for axis in range(3)]))
+    x, y, z = (centre[axis] * (1.0 - scales[axis]) for axis in range(3))
+    return Frame(((scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])), (x, y, z))
 
 
-def tilt_plane(origin: Point, turn: Rotation, zero: Point) -> Frame:
-    """Return a tilted work plane: its coordinates count from `origin`, which itself counts from the program's zero.
-
-    Args:
-        origin: Origin of the plane. [mm]
-        turn: Rotation of its axes, as seen from the part.
-        zero: Where the program's zero stands. [mm]
-
-    """
-    turned = turn_about(zero, turn)
-    return replace(turned, origin=combine(1.0, turned.origin, 1.0, origin))
+def turn_about(centre: Point, turn: Frame) -> Frame:
+    """Return a rotation about a point [mm]."""
+    return Frame(turn.rows, combine(1.0, centre, -1.0, turn.turn(centre)))

@@ -29,16 +29,8 @@ MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
 LONGEST_TEXT = 200
 #: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none, line.
 WIDTH = 10
-COUNTERS = (
-    "cutting_moves",
-    "rapid_moves",
-    "arcs",
-    "full_circles",
-    "helical_arcs",
-    "unmoved_blocks",
-    "rotary_only_moves",
-    "cycles",
-)
+COUNTERS = ("cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks",
+            "rotary_only_moves", "cycles")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -327,18 +319,8 @@ class MoveLog:
         told = tuple(f"{file.name}, {note}." for note in notes)
         arc, line = table[:, 8:].astype(int).T
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
-        return CamFile(
-            Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line),
-            CamFacts(
-                str(file),
-                kind,
-                unit,
-                lines,
-                cutting_length_mm=self.length,
-                box_mm=box,
-                arc_length_mm=self.arc_length,
-                waypoints=len(table),
-                notes=notes,
-                **facts,
-            ),
-        )
+        toolpath = Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line)
+        return CamFile(toolpath, CamFacts(
+            str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
+            waypoints=len(table), notes=notes, **facts,
+        ))  # fmt: skip

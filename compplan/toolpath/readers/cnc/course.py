@@ -264,7 +264,7 @@ class Course:
         if not self.knows:
             self.begin_cut()
         frame = self.frame
-        if frame.rows is not UNIT and frame.measure_scale() is None:
+        if frame.rows is not UNIT and not frame.similar:
             raise InputError("an arc under a scale that differs between axes would be an ellipse and is not read")
         start, end, unit = frame.apply(self.position), frame.apply(target), frame.turn(normal)
         size = math.hypot(*unit)

@@ -1,4 +1,4 @@
-"""Arithmetic in CNC programs: formulas of Heidenhain and expressions of Siemens controls, by precedence climbing."""
+"""Arithmetic in CNC programs: formulas of Klartext, expressions of Siemens controls, macros of G-code."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ TOKEN = re.compile(
     r"\s*(?:((?:\d+\.?\d*|\.\d+)(?:EX?[-+]?\d+(?![\w.]))?)|([$A-Z_][$\w]*)|(<<|<>|==|<=|>=|[-+*/()\[\],^<>]))", re.ASCII
 )
 #: How deep brackets may stand in one another.
-DEEPEST = 60
-Operator = Callable[[float, float], float]
-Lookup = Callable[[str, tuple[float, ...]], float]
+DEEPEST = 50
+#: Value of a variable; None: vacant, which counts as 0 in arithmetic (macros of G-code).
+Value = float | None
+Lookup = Callable[[str, tuple[float, ...]], Value]
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,16 @@ class Grammar:
         functions: Functions by name, and how many arguments each takes.
         operators: Operators by their sign or word: how tightly each binds (greater: tighter), and what it does.
         bare: Whether a function of one argument may go without brackets (SIN 30).
+        token: Numbers, words and signs.
+        brackets: What opens and closes an expression within an expression.
 
     """
 
     functions: Mapping[str, tuple[int, Callable[..., float]]]
-    operators: Mapping[str, tuple[int, Operator]]
+    operators: Mapping[str, tuple[int, Callable[..., float]]]
     bare: bool = False
+    token: re.Pattern[str] = TOKEN
+    brackets: str = "()"
 
 
 def evaluate(text: str, grammar: Grammar, lookup: Lookup) -> float:
@@ -46,38 +51,44 @@ def evaluate(text: str, grammar: Grammar, lookup: Lookup) -> float:
 
 
 def evaluate_at(text: str, place: int, grammar: Grammar, lookup: Lookup) -> tuple[float, int]:
-    """Return the value of the expression that begins at a place, and where it ends.
-
-    Args:
-        text: Text in capitals.
-        place: Where the expression begins.
-        grammar: What it may hold.
-        lookup: Gives the value of a variable by its name and indices; raises ValueError where it has none.
+    """Return the value of the expression that begins at a place of a text in capitals, and where it ends.
 
     Raises:
         ValueError: If no expression begins there, or it has no value.
 
     """
-    parser = _Parser(text, place, grammar, lookup)
-    try:
-        value = parser.parse(0)
-    except (ZeroDivisionError, OverflowError):
-        raise ValueError(f"expression {text[place:].strip()[:40]!r} has no value") from None
-    if not math.isfinite(value):
-        raise ValueError(f"expression {text[place:].strip()[:40]!r} has no value")
-    return value, parser.place
+    parser = Parser(text, place, grammar, lookup)
+    return need(parser.parse_all()), parser.place
 
 
-class _Parser:
+def need(value: Value) -> float:
+    """Return a value; a vacant one counts as 0."""
+    return 0.0 if value is None else value
+
+
+class Parser:
+    """Work out expressions of a text from a place on, by precedence climbing; `lookup` gives variables their values."""
+
     def __init__(self, text: str, place: int, grammar: Grammar, lookup: Lookup) -> None:
         self.text, self.place, self.grammar, self.lookup = text, place, grammar, lookup
         self.depth = 0
 
-    def parse(self, least: int) -> float:
-        """Read operands joined by operators that bind at least so tightly."""
-        value = self._operand()
+    def parse_all(self) -> Value:
+        """Return the value of the expression that begins here."""
+        first = self.place
+        try:
+            value = self.parse()
+        except (ZeroDivisionError, OverflowError):
+            value = math.nan
+        if value is not None and not math.isfinite(value):
+            raise ValueError(f"expression {self.text[first:].strip()[:40]!r} has no value")
+        return value
+
+    def parse(self, least: int = 0) -> Value:
+        """Return the value of operands joined by operators that bind at least so tightly."""
+        value = self.operand()
         while True:
-            found = TOKEN.match(self.text, self.place)
+            found = self.grammar.token.match(self.text, self.place)
             sign = (found.group(2) or found.group(3)) if found else None
             rule = self.grammar.operators.get(sign) if sign else None
             if found is None or rule is None or rule[0] < least:
@@ -85,8 +96,9 @@ class _Parser:
             self.place = found.end()
             value = rule[1](value, self.parse(rule[0] + 1))
 
-    def _operand(self) -> float:
-        found = TOKEN.match(self.text, self.place)
+    def operand(self) -> Value:
+        """Return the value of a number, a variable, a function or an expression in brackets."""
+        found = self.grammar.token.match(self.text, self.place)
         if found is None:
             raise ValueError(f"cannot read {self.text[self.place :].strip()[:30]!r}, expected a number or expression")
         number, word, sign = found.groups()
@@ -95,61 +107,85 @@ class _Parser:
             return float(number.replace("EX", "E"))
         self.depth += 1
         if self.depth > DEEPEST:
-            raise ValueError(f"expression {self.text[:40]!r} is too deep")
+            raise ValueError(f"more than {DEEPEST} brackets within brackets, in {self.text[:40]!r}")
         try:
             if word:
                 return self._named(word)
-            if sign == "-":
-                return -self._operand()
-            if sign == "+":
-                return self._operand()
-            if sign == "(":
-                value = self.parse(0)
-                self._expect(")")
-                return value
+            if sign in ("-", "+"):
+                value = need(self.operand())
+                return -value if sign == "-" else value
+            if sign == self.grammar.brackets[0]:
+                return self._close(self.parse())
+            if sign[0] == "#":
+                return self.lookup(self.read_name(sign), ())
         finally:
             self.depth -= 1
         raise ValueError(f"{sign!r} stands where a number is expected in {self.text.strip()[:40]!r}")
 
-    def _named(self, word: str) -> float:
+    def read_name(self, sign: str = "") -> str:
+        """Return the name of a macro variable: #<NAME>, or # and digits, another variable, or brackets."""
+        sign = sign or self._take()
+        if sign != "#":
+            return sign[2:-1].replace(" ", "")
+        number = need(self.operand())
+        if number != int(number) or not 0 <= number < 1e6:
+            raise ValueError(f"#{number:g} is no variable, expected a whole number")
+        return str(int(number))
+
+    def _named(self, word: str) -> Value:
         if word == "NOT":
-            return float(not self._operand())
+            return float(not self.operand())
         function = self.grammar.functions.get(word)
         if function is None:
             return self.lookup(word, self._indices())
         count, rule = function
-        if count == 0:
-            return rule()
+        values: list[float] = []
         if self.grammar.bare:
-            return rule(self._operand())
-        self._expect("(")
-        values = [self.parse(0)]
-        while self._accept(","):
-            values.append(self.parse(0))
-        self._expect(")")
-        if len(values) != count:
+            values = [need(self.operand())] if count else []
+        else:
+            self._expect(self.grammar.brackets[0])
+            values = [need(self.parse())]
+            while self._accept(","):
+                values.append(need(self.parse()))
+            self._expect(self.grammar.brackets[1])
+            if word == "ATAN" and len(values) < count and re.match(r"\s*/\s*\[", self.text[self.place :]):
+                self._take()  # ATAN[y]/[x]
+                values.append(need(self.operand()))
+        if len(values) != count and word != "ATAN":
             raise ValueError(f"{word} takes {count} numbers, {len(values)} are given")
-        return rule(*values)
+        try:
+            return float(rule(*values))
+        except ValueError:
+            raise ValueError(f"{word} of {', '.join(f'{value:g}' for value in values)} has no value") from None
 
     def _indices(self) -> tuple[float, ...]:
         if not self._accept("["):
             return ()
-        values = [self.parse(0)]
+        values = [need(self.parse())]
         while self._accept(","):
-            values.append(self.parse(0))
+            values.append(need(self.parse()))
         self._expect("]")
         return tuple(values)
 
+    def _close(self, value: Value) -> Value:
+        self._expect(self.grammar.brackets[1])
+        return value
+
+    def _take(self) -> str:
+        found = self.grammar.token.match(self.text, self.place)
+        self.place = found.end() if found else self.place
+        return (found.group(3) or "") if found else ""
+
     def _accept(self, sign: str) -> bool:
-        found = TOKEN.match(self.text, self.place)
-        if found is None or found.group(3) != sign:
-            return False
-        self.place = found.end()
-        return True
+        here = self.place
+        if self._take() == sign:
+            return True
+        self.place = here
+        return False
 
     def _expect(self, sign: str) -> None:
         if not self._accept(sign):
-            raise ValueError(f"{sign!r} is missing in {self.text.strip()[:40]!r}")
+            raise ValueError(f"expected {sign!r} in {self.text.strip()[:40]!r}")
 
 
 def sin_deg(angle: float) -> float:

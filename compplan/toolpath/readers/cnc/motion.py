@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle
-from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
-from compplan.toolpath.readers.cnc.course import Course
-from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
-from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.cnc.contour import Corner, Element, find_centre, find_tangent_arc
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, Block
 
+if TYPE_CHECKING:
+    from compplan.toolpath.readers.cnc.interpreter import Interpreter
+
+NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+))"
+#: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
+PLAIN = re.compile(
+    rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"
+    rf"(?:F{NUMBER}[ \t]*)?"
+)
 #: Greatest turn of the rotary axes between waypoints. [deg]
 TURN_STEP = 1.0
 #: Greatest number of turns of one helix.
@@ -33,24 +39,13 @@ class Motion:
     """Carry out the motion of blocks.
 
     Args:
-        state: Modal state.
-        course: Where the tool is.
-        contour: What waits for the next element.
-        rotary: How rotary axes stand.
-        options: What the program does not say by itself.
-        set_frame: Puts the frame in force anew after rotary axes have turned; carried: they took tool or part along.
-        square: Gives the tool axis where all rotary axes stand at 0.
-        turn_in_plane: Deals with rotary words where the axis of a tilted plane is the tool's: returns whether they are
-            the plane's, and the tool axis then.
-        tip_word: What the dialect calls control of the tip, where cuts that turn axes without it are not read.
+        it: The program that is read.
 
     """
 
-    def __init__(self, state: State, course: Course, contour: Contour, rotary: Rotary, options: CamTable,
-                 set_frame: Callable[..., None], square: Callable[[], Point],
-                 turn_in_plane: Callable[[Block], tuple[bool, Point | None]], tip_word: str) -> None:  # fmt: skip
-        self.state, self.course, self.contour, self.rotary, self.options = state, course, contour, rotary, options
-        self.set_frame, self.square, self.turn_in_plane, self.tip_word = set_frame, square, turn_in_plane, tip_word
+    def __init__(self, it: Interpreter) -> None:
+        self.it, self.state, self.course, self.contour = it, it.state, it.course, it.contour
+        self.rotary, self.options, self.dialect = it.rotary, it.options, it.dialect
         #: Corner at the end of the block at hand where another block states it.
         self.corner: Corner | None = None
         self.keeps_polar = True
@@ -73,7 +68,7 @@ class Motion:
 
     def cut_plain(self, found: re.Match[str]) -> bool:
         """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
-        x, y, z, feed = found.groups()
+        x, y, z, feed = found.group(1, 2, 3, 4)
         if (x is None and y is None and z is None) or (feed is not None and float(feed) <= 0.0):
             return False
         state, course = self.state, self.course
@@ -194,7 +189,7 @@ class Motion:
             return (x / size, y / size, z / size), False
         if rotary.ignored:
             return None, False
-        taken, axis = self.turn_in_plane(block)
+        taken, axis = self.dialect.turn_in_plane(block)
         if taken:
             return axis, False
         turned = rotary.turned
@@ -203,15 +198,15 @@ class Motion:
                 base = rotary.angles.get(letter, 0.0) if state.counts_on(block, letter) else 0.0
                 rotary.angles[letter] = values[letter] + base
         if rotary.spatial:
-            return self.square(), False
-        self.set_frame(carried=True)
+            return self.dialect.square(), False
+        self.it.set_frame(carried=True)
         if not turned and not rotary.turned:
-            return self.square(), False
+            return self.dialect.square(), False
         if rotary.unknown:
             return None, False
-        if not (rapid or state.tip_control or self.options.tip_control or not self.tip_word):
+        if not (rapid or state.tip_control or self.options.tip_control or not self.dialect.tip_word):
             raise InputError(
-                f"a cut on which rotary axes turn without control of the tip ({self.tip_word}) is not read"
+                f"a cut on which rotary axes turn without control of the tip ({self.dialect.tip_word}) is not read"
             )
         return rotary.point_tool(), True
 
@@ -233,11 +228,11 @@ class Motion:
             rotary.angles = {
                 letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()
             }
-            self.set_frame(carried=True)
+            self.it.set_frame(carried=True)
             point = target if piece == pieces else combine(1.0 - share, start, share, target)
             if not tip and seconds > 0.0:
                 feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
-            course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.square())
+            course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
         rotary.angles = after
         log.count_one(counts)
 

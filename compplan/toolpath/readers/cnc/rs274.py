@@ -7,6 +7,7 @@ modal state, or `Code(operation)` with a function operation(dialect, block, code
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.flow import END, Flow, Program
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, STRAIGHT
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
@@ -25,7 +26,6 @@ from compplan.toolpath.readers.cnc.rs274_words import PLACING, owns_words
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, Block, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_CODE
 from compplan.toolpath.readers.start import refuse_unit
 
 #: Words that a move may have, and those of them that say where it goes.
@@ -42,6 +42,8 @@ CONTRARY = (
 )  # fmt: skip
 LENGTH_NOTE = "tool length compensation (G43) is not applied: the path is that of the tool tip"
 TRAVEL = "moves of a printer after homing are travel until X Y Z are known: the path begins where they are"
+#: A block of X Y Z F alone, with the extruder of a printer.
+PRINTED = re.compile(PLAIN.pattern + r"(E[-+]?[\d.]+[ \t]*)?")
 #: Codes that act before all others of their block, and in this order; motion acts last.
 FIRST = (20.0, 21.0, 70.0, 71.0, 90.0, 91.0, 17.0, 18.0, 19.0, 93.0, 94.0, 95.0, 80.0, 98.0, 99.0)
 #: Work offsets of Haas: G110 is G154 P1.
@@ -68,6 +70,7 @@ class Rs274:
         self.origins = Origins(self.it)
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)
+        self.plain = PRINTED if state.printer else PLAIN
         self.lexer = Lexer(self.it, self.macros, self.origins)
 
     def run(self, lines: Sequence[str]) -> None:
@@ -102,7 +105,9 @@ class Rs274:
     def run_line(self, program: Program, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
-        if it.steady and (found := PLAIN_CODE.fullmatch(raw)) and it.motion.cut_plain(found):
+        if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
+            if it.state.printer and found.group(5):
+                it.note("axis E is not read")
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)
@@ -200,22 +205,15 @@ class Rs274:
             InputError: If codes contradict each other, or one is not known and may move the tool.
 
         """
-        takes, codes = "", block.codes
+        codes = block.codes
         for group in CONTRARY if len(codes) > 1 else ():
             if len(said := sorted(group & set(codes))) > 1:
                 names = " and ".join(f"G{code:g}" for code in said)
                 one = ", expected one motion" if said[0] in MOTIONS else ""
                 raise InputError(f"{names} stand in one block{one or ' and contradict each other'}")
-        found = [(entry.rank if (entry := find_code(code)) else 0, code, entry) for code in codes]
-        for _, code, entry in sorted(found, key=lambda item: item[:2]):
-            if entry is None:
-                self.pass_over(block, code)
-                continue
-            entry.run(self, block, code)
-            takes = entry.takes if entry.takes == "machine" else takes or entry.takes
-        return takes
+        return self.it.run_words(block, codes, find_code, self.pass_over)
 
-    def pass_over(self, block: Block, code: float) -> None:
+    def pass_over(self, block: Block, code: float | str) -> None:
         """Note a code that is not known.
 
         Raises:
@@ -424,7 +422,7 @@ G_CODES: dict[float, Code] = {
 G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in enumerate(FIRST)}
 
 
-def find_code(code: float) -> Code | None:
+def find_code(code: float | str) -> Code | None:
     """Return what a G code does, None where it is not known; G54.3 or G505 are work offsets."""
-    found = G_CODES.get(code)
-    return found or (OFFSET if 54.0 <= code < 60.0 or 500.0 <= code < 600.0 else None)
+    found = G_CODES.get(float(code))
+    return found or (OFFSET if 54.0 <= float(code) < 60.0 or 500.0 <= float(code) < 600.0 else None)

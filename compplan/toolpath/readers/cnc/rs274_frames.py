@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-from scipy.spatial.transform import Rotation
-
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, Block
-from compplan.toolpath.readers.frames import Frame, rotate, scale_about, shift, tilt_plane
+from compplan.toolpath.readers.frames import Frame, rotate, scale_about, shift, turn_about
 
 #: From this factor on, a scale P without a decimal point counts in thousandths.
 LEAST_THOUSANDTHS = 100.0
@@ -80,8 +78,7 @@ class Layers:
             raise InputError("G68 in G91 has two meanings, state it in G90")
         axis = DEEP_AXIS[plane]
         centre = self._find_centre(block, "".join(letter for letter in AXES if letter != AXES[axis]))
-        turn = rotate(axis, values["R"])
-        self.set(rotation=Frame(turn.rows, combine(1.0, centre, -1.0, turn.turn(centre))))
+        self.set(rotation=turn_about(centre, rotate(axis, values["R"])))
 
     def scale(self, block: Block) -> None:
         """Carry out G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
@@ -112,10 +109,11 @@ class Layers:
         values, form = block.values, block.values.get("P", 0.0)
         if form not in (0.0, 1.0) or (form == 1.0 and values.get("Q", 123.0) != 123.0) or self.it.state.incremental:
             raise InputError("G68.2 is read in G90, as Euler angles or with P1 and Q123; post-process it so")
-        angles = [values.get(letter, 0.0) for letter in "IJK"]
-        turn = Rotation.from_euler("xyz" if form == 1.0 else "ZXZ", angles, degrees=True)
+        i, j, k = (values.get(letter, 0.0) for letter in "IJK")
+        order = ((2, k), (1, j), (0, i)) if form == 1.0 else ((2, i), (0, j), (2, k))
+        turn = rotate(*order[0]).then(rotate(*order[1])).then(rotate(*order[2]))
         x, y, z = (values.get(letter, 0.0) * self.it.state.scale for letter in AXES)
-        self.set(plane=tilt_plane((x, y, z), turn, self.origins.zero), rotation=None)
+        self.set(plane=shift(x, y, z).then(turn_about(self.origins.zero, turn)), rotation=None)
         self.turned_to_plane = False
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:

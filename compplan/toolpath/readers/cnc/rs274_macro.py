@@ -7,35 +7,21 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-#: Greatest depth of brackets within brackets.
-DEEPEST_BRACKETS = 50
-#: Greatest number of variables.
-MOST_VARIABLES = 10_000
-#: Greatest distance of a result from 0.
-GREATEST = 1e15
-TOKEN = re.compile(
-    r"\s*(#<[A-Z0-9_ ]*>|#|\*\*|[-+*/\[\],]|\d+\.?\d*|\.\d+|"
-    r"(?:EQ|NE|GT|LT|GE|LE|AND|OR|XOR|MOD|SIN|COS|TAN|ASIN|ACOS|ATAN|SQRT|SQR|ABS|ROUND|RND|FIX|FUP|LN|EXP|POW)"
-    r"(?![A-Z]))"
+from compplan.toolpath.readers.cnc.expressions import (
+    Grammar,
+    Parser,
+    Value,
+    acos_deg,
+    asin_deg,
+    cos_deg,
+    need,
+    sin_deg,
+    tan_deg,
 )
-FUNCTIONS: dict[str, Callable[[float], float]] = {
-    "SIN": lambda x: math.sin(math.radians(x)), "COS": lambda x: math.cos(math.radians(x)),
-    "TAN": lambda x: math.tan(math.radians(x)), "ASIN": lambda x: math.degrees(math.asin(x)),
-    "ACOS": lambda x: math.degrees(math.acos(x)), "ATAN": lambda x: math.degrees(math.atan(x)),
-    "SQRT": math.sqrt, "SQR": math.sqrt, "ABS": abs, "LN": math.log, "EXP": math.exp,
-    "ROUND": lambda x: math.copysign(math.floor(abs(x) + 0.5), x), "RND": lambda x: math.floor(x + 0.5),
-    "FIX": lambda x: math.floor(x), "FUP": lambda x: math.ceil(x),
-}  # fmt: skip
-COMPARE: dict[str, Callable[[float, float], bool]] = {
-    "EQ": lambda a, b: a == b,
-    "NE": lambda a, b: a != b,
-    "GT": lambda a, b: a > b,
-    "LT": lambda a, b: a < b,
-    "GE": lambda a, b: a >= b,
-    "LE": lambda a, b: a <= b,
-}
-#: Operators from the weakest to the strongest.
-LEVELS = (("EQ", "NE", "GT", "LT", "GE", "LE"), ("+", "-", "OR", "XOR"), ("*", "/", "AND", "MOD"), ("**",))
+
+#: Greatest number of variables, and greatest distance of a result from 0.
+MOST_VARIABLES = 10_000
+GREATEST = 1e15
 #: Words of a block: a letter and a variable, a bracket, or a number.
 WORD_START = re.compile(r"([A-Z,])\s*=?\s*([-+]?)\s*(?=[#\[])")
 ASSIGNMENT = re.compile(r"\s*(#[^=]*?)\s*=\s*")
@@ -43,6 +29,75 @@ ASSIGNMENT = re.compile(r"\s*(#[^=]*?)\s*=\s*")
 
 class MacroError(ValueError):
     """Tell why an expression cannot be worked out."""
+
+
+def _finite(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
+    """Return an operator on values that may be vacant, whose result is bounded."""
+
+    def work(left: Value, right: Value) -> float:
+        value = rule(need(left), need(right))
+        if not abs(value) < GREATEST:
+            raise MacroError(f"an expression gives {value:g}, less than {GREATEST:g} is allowed")
+        return value
+
+    return work
+
+
+def _equal(left: Value, right: Value) -> bool:
+    """Return whether two values are equal; a vacant variable equals another vacant one alone."""
+    return left == right
+
+
+def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Value], float]:
+    def work(left: Value, right: Value) -> float:
+        one, other = need(left), need(right)
+        if {one, other} - {0.0, 1.0}:
+            raise MacroError(f"{name} of {one:g} and {other:g}, of conditions only it has one meaning")
+        return float(rule(bool(one), bool(other)))
+
+    return work
+
+
+def _divide(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
+    def work(left: float, right: float) -> float:
+        if right == 0.0:
+            raise MacroError("division by 0")
+        return rule(left, right)
+
+    return _finite(work)
+
+
+def _power(left: float, right: float) -> float:
+    try:
+        return math.pow(left, right)
+    except (ValueError, OverflowError):
+        raise MacroError(f"{left:g} ** {right:g} has no value") from None
+
+
+GRAMMAR = Grammar(
+    functions={
+        "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
+        "ATAN": (2, lambda y, x=None: math.degrees(math.atan(y) if x is None else math.atan2(y, x))),
+        "SQRT": (1, math.sqrt), "SQR": (1, math.sqrt), "ABS": (1, abs), "LN": (1, math.log), "EXP": (1, math.exp),
+        "ROUND": (1, lambda x: math.copysign(math.floor(abs(x) + 0.5), x)), "RND": (1, lambda x: math.floor(x + 0.5)),
+        "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, _power),
+    },
+    operators={
+        "EQ": (1, lambda a, b: float(_equal(a, b))), "NE": (1, lambda a, b: float(not _equal(a, b))),
+        "GT": (1, lambda a, b: float(need(a) > need(b))), "LT": (1, lambda a, b: float(need(a) < need(b))),
+        "GE": (1, lambda a, b: float(need(a) >= need(b))), "LE": (1, lambda a, b: float(need(a) <= need(b))),
+        "+": (2, _finite(lambda a, b: a + b)), "-": (2, _finite(lambda a, b: a - b)),
+        "OR": (2, _logic("OR", lambda a, b: a or b)), "XOR": (2, _logic("XOR", lambda a, b: a != b)),
+        "*": (3, _finite(lambda a, b: a * b)), "/": (3, _divide(lambda a, b: a / b)), "MOD": (3, _divide(math.fmod)),
+        "AND": (3, _logic("AND", lambda a, b: a and b)), "**": (4, _finite(_power)),
+    },
+    token=re.compile(
+        r"\s*(?:(\d+\.?\d*|\.\d+)|"
+        r"((?:EQ|NE|GT|LT|GE|LE|AND|OR|XOR|MOD|SIN|COS|TAN|ASIN|ACOS|ATAN|SQRT|SQR|ABS|ROUND|RND|FIX|FUP|LN|EXP|POW)"
+        r"(?![A-Z]))|(#<[A-Z0-9_ ]*>|#|\*\*|[-+*/\[\],]))"
+    ),
+    brackets="[]",
+)  # fmt: skip
 
 
 @dataclass
@@ -58,7 +113,7 @@ class Variables:
         private = (number is not None and number <= 33) or (number is None and not name.startswith("_"))
         return self.local[-1] if private else self.shared
 
-    def get(self, name: str) -> float | None:
+    def get(self, name: str, indices: tuple[float, ...] = ()) -> float | None:
         """Return a variable, None where it is vacant (#0, and locals of a called macro that no argument set).
 
         Raises:
@@ -89,146 +144,18 @@ class Variables:
             raise MacroError(f"more than {MOST_VARIABLES} variables are set")
 
 
-class Evaluator:
-    """Work out one expression from left to right."""
+def work_out(text: str, variables: Variables) -> tuple[Value, int]:
+    """Return the value of the expression at the beginning of a text, and where it ends.
 
-    def __init__(self, text: str, variables: Variables) -> None:
-        self.text, self.place, self.variables, self.depth = text, 0, variables, 0
+    Raises:
+        MacroError: If it cannot be worked out.
 
-    def _peek(self) -> str:
-        found = TOKEN.match(self.text, self.place)
-        return found.group(1) if found else ""
-
-    def _take(self) -> str:
-        found = TOKEN.match(self.text, self.place)
-        if not found:
-            return ""
-        self.place = found.end()
-        return found.group(1)
-
-    def _expect(self, token: str) -> None:
-        if self._take() != token:
-            raise MacroError(f"expected {token!r} in {self.text.strip()[:40]!r}")
-
-    def evaluate(self, level: int = 0) -> float | None:
-        """Return the value of the operators of a level and above, None where it is vacant."""
-        if level == len(LEVELS):
-            return self._evaluate_atom()
-        left = self.evaluate(level + 1)
-        while (operator := self._peek()) in LEVELS[level]:
-            self._take()
-            left = _apply(operator, left, self.evaluate(level + 1))
-        return left
-
-    def _evaluate_atom(self) -> float | None:
-        token = self._take()
-        if token in ("-", "+"):
-            value = _need(self._evaluate_atom())
-            return -value if token == "-" else value
-        if token == "[":
-            return self._evaluate_bracket()
-        if token == "#":
-            return self.variables.get(self._read_name())
-        if token.startswith("#<"):
-            return self.variables.get(token[2:-1].replace(" ", ""))
-        if token in FUNCTIONS or token == "POW":
-            return self._call(token)
-        if not token or not (token[0].isdigit() or token[0] == "."):
-            raise MacroError(
-                f"expression {self.text.strip()[:40]!r} cannot be read at {self.text[self.place :][:10]!r}"
-            )
-        return float(token)
-
-    def _evaluate_bracket(self) -> float | None:
-        self.depth += 1
-        if self.depth > DEEPEST_BRACKETS:
-            raise MacroError(f"more than {DEEPEST_BRACKETS} brackets within brackets")
-        value = self.evaluate()
-        self._expect("]")
-        self.depth -= 1
-        return value
-
-    def _read_name(self) -> str:
-        """Read the number of a variable after its #: digits, another variable, or brackets."""
-        token = self._take()
-        if token == "#":
-            number = _need(self.variables.get(self._read_name()))
-        elif token == "[":
-            number = _need(self._evaluate_bracket())
-        elif token and token[0].isdigit():
-            number = float(token)
-        else:
-            raise MacroError(f"# in {self.text.strip()[:40]!r} is followed by no number")
-        if number != int(number) or not 0 <= number < 1e6:
-            raise MacroError(f"#{number:g} is no variable, expected a whole number")
-        return str(int(number))
-
-    def _call(self, name: str) -> float:
-        """Work out a function; ATAN[y]/[x] and ATAN[y, x] give the angle of the point (x, y) from 0 to 360 degrees."""
-        self._expect("[")
-        first = _need(self.evaluate())
-        second: float | None = None
-        if self._peek() == ",":
-            self._take()
-            second = _need(self.evaluate())
-        self._expect("]")
-        if name == "ATAN" and second is None and re.match(r"\s*/\s*\[", self.text[self.place :]):
-            self._take()
-            self._take()
-            second = _need(self._evaluate_bracket())
-        try:
-            if name == "ATAN" and second is not None:
-                return math.degrees(math.atan2(first, second))
-            if name == "POW" and second is not None:
-                return _finite(math.pow(first, second))
-            return _finite(float(FUNCTIONS[name](first)))
-        except (ValueError, OverflowError, KeyError):
-            raise MacroError(f"{name}[{first:g}] has no value") from None
-
-
-def _need(value: float | None) -> float:
-    """Return a value that must not be vacant; vacant counts as 0 in arithmetic."""
-    return 0.0 if value is None else value
-
-
-def _finite(value: float) -> float:
-    if not abs(value) < GREATEST:
-        raise MacroError(f"an expression gives {value:g}, less than {GREATEST:g} is allowed")
-    return value
-
-
-def _apply(operator: str, left: float | None, right: float | None) -> float:
-    """Return the result of an operator; a vacant variable equals another vacant one alone."""
-    if operator in ("EQ", "NE") and (left is None or right is None):
-        same = left is None and right is None
-        return float(same == (operator == "EQ"))
-    one, other = _need(left), _need(right)
-    if operator in COMPARE:
-        return float(COMPARE[operator](one, other))
-    if operator in ("AND", "OR", "XOR"):
-        if {one, other} - {0.0, 1.0}:
-            raise MacroError(f"{operator} of {one:g} and {other:g}, of conditions only it has one meaning")
-        return float({"AND": one and other, "OR": one or other, "XOR": one != other}[operator])
-    if operator in ("/", "MOD") and other == 0.0:
-        raise MacroError("division by 0")
+    """
+    parser = Parser(text, 0, GRAMMAR, variables.get)
     try:
-        return _finite(
-            one + other if operator == "+" else one - other if operator == "-" else one * other if operator == "*"
-            else one / other if operator == "/" else math.fmod(one, other) if operator == "MOD"
-            else math.pow(one, other)
-        )  # fmt: skip
-    except (ValueError, OverflowError):
-        raise MacroError(f"{one:g} {operator} {other:g} has no value") from None
-
-
-def work_out(text: str, variables: Variables) -> tuple[float | None, int]:
-    """Return the value of the expression at the beginning of a text, and where it ends."""
-    reader = Evaluator(text, variables)
-    try:
-        value = reader.evaluate()
-    except RecursionError:
-        raise MacroError(f"more than {DEEPEST_BRACKETS} brackets within brackets") from None
-    return value, reader.place
+        return parser.parse_all(), parser.place
+    except ValueError as fault:
+        raise MacroError(str(fault)) from None
 
 
 def assign(line: str, variables: Variables) -> bool:
@@ -239,14 +166,15 @@ def assign(line: str, variables: Variables) -> bool:
 
     """
     place = 0
-    results: list[tuple[str, float | None]] = []
-    while found := ASSIGNMENT.match(line, place):
-        reader = Evaluator(found.group(1), variables)
-        token = reader._take()
-        name = token[2:-1].replace(" ", "") if token.startswith("#<") else reader._read_name()
-        value, used = work_out(line[found.end() :], variables)
-        place = found.end() + used
-        results.append((name, value))
+    results: list[tuple[str, Value]] = []
+    try:
+        while found := ASSIGNMENT.match(line, place):
+            name = Parser(found.group(1), 0, GRAMMAR, variables.get).read_name()
+            value, used = work_out(line[found.end() :], variables)
+            place = found.end() + used
+            results.append((name, value))
+    except ValueError as fault:
+        raise MacroError(str(fault)) from None
     if line[place:].strip():
         return False
     for name, value in results:  # those of one line count from before it
@@ -265,10 +193,12 @@ def spell_out(line: str, variables: Variables) -> str:
     place = 0
     while found := WORD_START.search(line, place):
         parts.append(line[place : found.start()])
-        reader = Evaluator(line[found.end() :], variables)
-        value = reader._evaluate_atom()
-        place = found.end() + reader.place
+        parser = Parser(line[found.end() :], 0, GRAMMAR, variables.get)
+        try:
+            value = parser.operand()
+        except (ValueError, OverflowError) as fault:
+            raise MacroError(str(fault)) from None
+        place = found.end() + parser.place
         if value is not None:
-            value = _finite(-value if found.group(2) == "-" else value)
-            parts.append(f"{found.group(1)}{value:.12f} ")
+            parts.append(f"{found.group(1)}{-value if found.group(2) == '-' else value:.12f} ")
     return "".join([*parts, line[place:]])

@@ -13,7 +13,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.flow import END, Flow, Program
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, MOVING, Code, Interpreter, ignore, refuse, set_mode
-from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, POLAR
+from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_words import HARMLESS, VALUES
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
@@ -32,7 +32,6 @@ from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, 
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.plain import PLAIN_CODE
 from compplan.toolpath.readers.start import refuse_unit
 
 #: Lengths of a motion block; addresses that say nothing of the path.
@@ -110,7 +109,7 @@ class Sinumerik:
     def run_line(self, program: Program, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
-        if it.steady and (found := PLAIN_CODE.fullmatch(raw)) and it.motion.cut_plain(found):
+        if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
             return index + 1
         if program.labels is None:
             self.flow.prepare(program)
@@ -165,7 +164,9 @@ class Sinumerik:
             it.call(name, values.pop("P", 1.0))
         if "L" in values:
             it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
-        takes = self._run_words(block) if block.codes or names else ""
+        if len(MOTIONS.intersection(block.codes)) > 1:
+            raise InputError("two motions stand in one block, expected one")
+        takes = it.run_words(block, (*block.codes, *names), find_word, self._pass_over)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
         if values and self._move(block, takes):
@@ -179,24 +180,13 @@ class Sinumerik:
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
-    def _run_words(self, block: Block) -> str:
-        """Carry out G codes and words without a number; return what takes the coordinates of the block."""
-        takes, words = "", list[float | str]((*block.codes, *block.names))
-        if len(MOTIONS.intersection(block.codes)) > 1:
-            raise InputError("two motions stand in one block, expected one")
-        found = [(entry.rank if (entry := find_word(word)) else 0, place, word, entry)
-                 for place, word in enumerate(words)]  # fmt: skip
-        for _, _, word, entry in sorted(found, key=lambda item: item[:2]):
-            if entry is not None:
-                entry.run(self, block, word)
-                takes = entry.takes or takes
-            elif isinstance(word, str):
-                raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
-            elif block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-                raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
-            else:
-                self.it.note(f"G{word:g} is not read")
-        return takes
+    def _pass_over(self, block: Block, word: float | str) -> None:
+        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
+        if isinstance(word, str):
+            raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
+        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
+            raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
+        self.it.note(f"G{word:g} is not read")
 
     def _move(self, block: Block, takes: str) -> bool:
         """Carry out the coordinates of a block; return whether it moves the tool."""
