@@ -175,7 +175,7 @@ def draw_curves(curves: Curves, axes: Axes) -> Axes:
     if curves.logarithmic:
         axes.set_yscale("log")
     elif not curves.square:
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(bottom=-0.03 * axes.get_ylim()[1])  # a corrected curve at zero stays apart from the axis
     if curves.square:
         axes.set_aspect("equal", adjustable="datalim")
     axes.set(title=curves.title, xlabel=curves.x, ylabel=curves.y)

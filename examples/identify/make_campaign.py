@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from tests.observation_log import write_campaign_log
-
 from benchmarks.round_trip import simulate_observations
 from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
+from tests.support.observation_log import write_campaign_log
 
 SEED = 7
 FACTORS = (1.4, 0.7, 1.2, 0.8, 1.3, 0.9)
