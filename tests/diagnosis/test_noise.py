@@ -71,8 +71,7 @@ def test_nothing_known_is_assumed_and_hardly_counts() -> None:
 
 
 def test_more_evidence_never_lowers_a_probability() -> None:
-    def rate(margin: float = 10.0, repeated: float = 0.8) -> float:
-        return calibrate_probability(Evidence(margin, margin, repeated, 3.0, 0.9, 0.1, 2.0, 1.0))
+    def rate(margin: float = 10.0) -> float:
+        return calibrate_probability(Evidence(margin, margin, 3.0, 0.9, 0.1, 0.5))
 
     assert rate(margin=5.0) < rate(margin=20.0) < rate(margin=500.0) < 1.0
-    assert rate(repeated=0.2) < rate(repeated=1.0)

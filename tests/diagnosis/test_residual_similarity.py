@@ -67,7 +67,7 @@ def test_rows_of_one_pose_count_as_one_and_rows_at_rest_not_at_all() -> None:
 
 def test_a_claim_whose_rest_moves_as_it_does_is_stated_less_surely() -> None:
     def rate(likeness: float) -> float:
-        return calibrate_probability(Evidence(10.0, 10.0, 1.0, 4.0, 0.9, 0.1, 0.02, likeness))
+        return calibrate_probability(Evidence(10.0, 10.0, 4.0, 0.9, 0.1, likeness))
 
     assert rate(0.9) < rate(0.4) < rate(0.1)
     assert rate(0.01) == rate(0.1)
