@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnosis.evidence.cholesky import (
+from compplan.diagnosis.evidence.likelihood import (
     factorize,
     invert_factor,
     invert_triangle,

@@ -15,14 +15,12 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 from compplan.diagnosis import Diagnosis, diagnose_campaign
 from compplan.diagnosis.evidence.evidence import _choose_solver, _loose, _value_and_slope, find_posterior
 from compplan.diagnosis.evidence.evidence_gain import find_gains
-from compplan.diagnosis.results.accuracy import _summarise, draw_learning, list_worst
-from compplan.diagnosis.results.assessment import assess_diagnosis
+from compplan.diagnosis.results.accuracy import _summarise, assess_diagnosis, draw_learning, list_worst
 from compplan.diagnosis.results.calibration import list_corrections
 from compplan.diagnosis.results.delivery import possible_claims, settle_play
 from compplan.diagnosis.results.verdict import reach_verdict
 from compplan.diagnosis.results.where import split_diagnosis
 from compplan.diagnosis.search.fit import fit_effects
-from compplan.diagnosis.search.restart import search_again_plainly
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import FitState, Problem, attain_state
 from compplan.diagnosis.validation import bounds
@@ -113,15 +111,6 @@ def test_a_state_is_solved_once_and_seen_through_other_frames_as_if_solved_anew(
         assert seen == pytest.approx(solved, abs=0.0)
     assert again.target == pytest.approx(afresh.target, abs=0.0)
     assert np.abs(again.position - attained.position).max() > 0.1
-
-
-def test_a_second_start_finds_what_a_poor_one_missed_and_leaves_what_is_as_good(diagnosis: Diagnosis) -> None:
-    search, found = replace(diagnosis.fit.search, cache={}), diagnosis.fit.model
-    empty = search.model([], search.start)
-    again = search_again_plainly(search, empty, 24)
-    assert {search.ledger.signatures[n].place for n in again.signatures} == {CAUSE.place, SECOND.place}
-    assert again.score > empty.score + 40.0
-    assert search_again_plainly(search, found, 24) is found
 
 
 def test_a_prediction_that_is_better_by_luck_is_told_from_one_that_is_better_everywhere() -> None:

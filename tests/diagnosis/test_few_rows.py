@@ -9,7 +9,14 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from compplan.diagnosis.campaign_diagnosis import _rms
-from compplan.diagnosis.evidence.few_rows import FewRows, gather_rows, row_covariance, row_mean, row_slopes, solve_rows
+from compplan.diagnosis.evidence.likelihood import (
+    FewRows,
+    gather_rows,
+    row_covariance,
+    row_mean,
+    row_slopes,
+    solve_rows,
+)
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, Products, turn_rows
 
 #: Rows of each stay; three values a row.

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
-from compplan.diagnosis.data.outliers import OUTLYING
+from compplan.diagnosis.data.noise import OUTLYING
 from compplan.diagnosis.evidence.evidence import Hyper, Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products
-from compplan.diagnosis.search.descent import descend
 from compplan.diagnosis.search.fit import fit_effects, is_rigid
+from compplan.diagnosis.search.polish import descend
 from compplan.diagnosis.search.search import Claim, Search
 from compplan.diagnosis.search.state import Fit, Problem, advance_state
-from compplan.diagnosis.validation.residual_similarity import rate_likenesses
+from compplan.diagnosis.validation.calibrated_probability import rate_likenesses
 from compplan.effects import Effect, gravity_sag
 from compplan.measurement.campaign import Campaign
 

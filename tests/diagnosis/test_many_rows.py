@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from compplan.diagnosis.data.channels import Channel
 from compplan.diagnosis.data.noise import Noise
-from compplan.diagnosis.evidence.many_rows import ManyRows, column_slopes, gather_products, solve_columns
+from compplan.diagnosis.evidence.likelihood import ManyRows, column_slopes, gather_products, solve_columns
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, _multiply
 
 NOISE, SHARED = np.log([1.7, 0.6]), np.log([0.8, 1.3])

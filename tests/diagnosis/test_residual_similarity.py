@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import f as fisher
 
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
-from compplan.diagnosis.validation.residual_similarity import measure_similarity
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, measure_similarity
 
 POSES = 40
 POSE = np.arange(POSES)

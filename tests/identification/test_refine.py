@@ -10,10 +10,10 @@ import pytest
 from benchmarks.round_trip import draw_candidates, simulate_observations
 from compplan.errors import InputError
 from compplan.identification import KNOWN_FRAMES, Rows, build_structure, estimate_parameters
+from compplan.identification.campaign import place_spring
 from compplan.identification.estimate import leave_poses_out
 from compplan.identification.forward import attain_fit, pose_residuals
 from compplan.identification.refine import GAIN_LIMIT, refine_structure
-from compplan.identification.spring_position import place_spring
 from compplan.identification.update import find_unexplained
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.fit.heldout import distance_rms, gain_score

@@ -13,7 +13,7 @@ from typing import Any
 from compplan.cli.commands.diagnose import describe_assessment, describe_diagnosis, describe_next
 from compplan.diagnosis import Diagnosis
 from compplan.diagnosis.evidence.unmodelled import names_alike
-from compplan.diagnosis.results.assessment import Assessment
+from compplan.diagnosis.results.accuracy import Assessment
 from compplan.diagnosis.results.verdict import CLAIMED, FLOORS_LEFT
 from compplan.diagnosis.results.where import Split
 from compplan.reporting.diagnosis_page import write_diagnosis_page

@@ -17,8 +17,7 @@ from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_plac
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
-from compplan.diagnosis.validation.residual_similarity import rate_likenesses
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_likenesses
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
@@ -61,7 +60,7 @@ class Finding:
         size: Size of its prior, in units of its scale.
         signature: Number of its signature in the fit's ledger.
         evidence: What its probability rests on.
-        beyond: Why no robot of this kind can have it at this size (`doubt.bounds`); empty where one can.
+        beyond: Why no robot of this kind can have it at this size (`validation.bounds`); empty where one can.
     """
 
     effect: Effect

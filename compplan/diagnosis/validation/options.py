@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS
-from compplan.diagnosis.evidence.background import CLASSES, in_background
-from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import Hyper, Posterior, Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.search import Claim

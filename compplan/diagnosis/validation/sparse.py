@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.evidence.cholesky import factorize, invert_factor, mirror_lower, solve_factor
 from compplan.diagnosis.evidence.evidence import FREE_VARIANCE, Posterior
+from compplan.diagnosis.evidence.likelihood import factorize, invert_factor, mirror_lower, solve_factor
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, turn_along
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit
