@@ -267,18 +267,6 @@ def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_row
     assert free_of_frames(replace(fit, problem=replace(problem, register=())), 16) == 1.0
 
 
-def test_a_choice_in_doubt_is_made_anew_from_every_part_of_the_poses(diagnosis: Diagnosis) -> None:
-    """The two true causes are chosen again, from nothing and beside each other, and nothing else."""
-    fit = diagnosis.fit
-    folds = Folds(fit, make_folds(fit.problem.campaign))
-    _, ledger = folds.ledgers[0]
-    for named in ([], [fit.model.claims[0]]):
-        chosen = folds.decide_again(named)(ledger)
-        assert {ledger.signatures[c.signature].place for c in chosen} == {CAUSE.place, SECOND.place}
-    held = folds.hold_out(fit.model.claims, decide=lambda _: [])
-    assert held.rms > 2 * folds.hold_out(fit.model.claims).rms
-
-
 def test_long_campaigns_are_dealt_in_longer_runs(robot: Robot) -> None:
     campaign = plan_rows(robot, 3, poses=120, loads=0)
     for poses, run in ((30, 3), (120, 6)):
