@@ -8,16 +8,11 @@ from __future__ import annotations
 
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
-    "Does the tip go where the plan says?": ("plan_check", "moving", "planted"),
-    "Is the posture a good one, and what does a plan cost?": ("posture", "planner", "nlp", "limits"),
-    "Is a program read, and written, as the controller would?": ("truth",),
-    "Is the force right?": (
-        "engagement", "milling", "force_logs", "drilling",
-    ),
-    "Is the cause found?": (
-        "outsider", "diagnosis_score", "rival", "ablation",
-    ),
+    "Does the tip go where the plan says?": ("coverage", "limits", "nlp", "planted"),
+    "Is a program read as the controller would read it?": ("reading",),
+    "Is the force right?": ("engagement",),
+    "Is the cause found?": ("outsider", "diagnosis", "rival", "ablation"),
     "Do measuring and learning make the next part better?": ("loop", "shop"),
     "Does it bear bad files?": ("bad_inputs", "bad_inputs.cam_mutants"),
-    "What is written from all this?": ("results", "freeform"),
-}  # fmt: skip
+    "What is written from all this?": ("results",),
+}

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from benchmarks.answer_scores import Score, score_answer, share
 from benchmarks.contestants import frames_of, read_truth
-from benchmarks.diagnosis_score import list_cases, name_of
+from benchmarks.diagnosis import list_cases, name_of
 from compplan.diagnosis.campaign_diagnosis import _register, find_conventions
 from compplan.diagnosis.results import verdict as judged
 from compplan.diagnosis.search.fit import fit_effects
@@ -37,9 +37,9 @@ from compplan.measurement.registration import fitted_parts
 from compplan.robot import read_robot_folder
 
 JUDGE, CAUSES, MAP = judged.__name__, unmodelled_causes.__name__, calibrated_probability.__name__
-#: Margin and likeness, as the map weighs them, that stand for a term that is off (assumed: below the means of named
-#: claims of labelled campaigns, 3.7 and 2.2, for claims in doubt are weighed, too).
-MEAN = (2.4, 2.0)
+#: Margin, likeness and motion, as the map weighs them, that stand for a term that is off (assumed: below the means of
+#: named claims of labelled campaigns, 3.7, 2.2 and 1.5, for claims in doubt are weighed, too).
+MEAN = (2.4, 2.0, 1.2)
 #: Weight of the squares of the standardised weights in a fit of the map (assumed).
 PENALTY = 0.3
 #: What replaces a name of a module where a mechanism is off.
@@ -66,6 +66,7 @@ MECHANISMS: dict[str, tuple[Switch, ...]] = {
     "everything on": (),
     "margin against the best other set": (_without_term(0),),
     "residual similarity": (_without_term(1),),
+    "motion in noise floors": (_without_term(2),),
     "margin without unmodelled causes": ((f"{MAP}.min", lambda margin, plain: margin),),
     "margin among unmodelled causes": ((f"{MAP}.min", lambda margin, plain: plain),),
     "bounds": ((f"{JUDGE}.find_breach", lambda *found: ""),),

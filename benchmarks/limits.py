@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.plan_check.cell import SimulatedRobot
-from benchmarks.plan_check.job import Array
-from benchmarks.plan_check.robot import Arm, mount_tool, read_arm
+from benchmarks.simulated_robot.cell import SimulatedRobot
+from benchmarks.simulated_robot.job import Array
+from benchmarks.simulated_robot.robot import Arm, mount_tool, read_arm
 
 CYCLE = 1e-3
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -35,9 +35,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.coverage.__main__ import read_band
 from benchmarks.loop_page import ROUNDS, Program, describe_shops, write_loop_page
 from benchmarks.loop_page import Equipment as ChunkResult
-from benchmarks.moving.__main__ import read_band
 from benchmarks.shop import (
     BAR,
     CLAMPED,

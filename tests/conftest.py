@@ -20,5 +20,5 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 def graph_alone() -> Iterator[None]:
     """Leave postures as the graph finds them (tests/planning/test_one_program.py asks what follows)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planning, "better_start", lambda start, asked: start)
+        patch.setattr(planning, "better_start", lambda start, asked, **named: start)
         yield

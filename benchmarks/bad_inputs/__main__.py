@@ -1,6 +1,7 @@
 """Run every bad input: `python -m benchmarks bad_inputs [--table NAME] [--only TEXT] [--part K/N] [--out FILE]`.
 
-With `--mutate N --seed S [--first K]` it runs N mutants of robots, logs and jobs instead, under the same watchdog.
+With `--mutate N --seed S [--first K] [--target NAME]` it runs N mutants of robots, logs, jobs and other files instead,
+under the same watchdog.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import time
 from pathlib import Path
 
 from benchmarks.bad_inputs.making import make_workspace
-from benchmarks.bad_inputs.mutating import draw_mutants
+from benchmarks.bad_inputs.mutating import TARGETS, draw_mutants
 from benchmarks.bad_inputs.running import Answer, load_commands, run_case
 from benchmarks.bad_inputs.tables import BadInput, read_tables
 
@@ -29,11 +30,13 @@ def main() -> None:
     parser.add_argument("--show", action="store_true", help="show the line of every case")
     parser.add_argument("--mutate", type=int, metavar="N", help="N mutants instead of the tables")
     parser.add_argument("--seed", type=int, default=0, help="seed of the mutants")
+    parser.add_argument("--target", action="append", default=[], choices=[*TARGETS], help="mutants of this target only")
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--keep", type=Path, help="folder that the workspaces of wrong answers are kept in")
     parser.add_argument("--list", action="store_true", help="count the cases and leave")
     given = parser.parse_args()
-    drawn = read_tables() if given.mutate is None else draw_mutants(given.mutate, given.seed, first=given.first)
+    mutants = draw_mutants(given.mutate or 0, given.seed, first=given.first, targets=given.target)
+    drawn = read_tables() if given.mutate is None else mutants
     cases = [case for case in drawn if given.table in (None, case.table) and given.only in case.name]
     part, parts = map(int, given.part.split("/"))
     cases = cases[part - 1 :: parts]

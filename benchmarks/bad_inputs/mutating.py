@@ -8,7 +8,7 @@ Mutant k of seed s is the same whatever other mutants are drawn.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -19,6 +19,8 @@ from benchmarks.bad_inputs.tables import COMMANDS, GOOD, BadInput
 from compplan.job.job import Job
 from compplan.robot.folder import robot_folders
 
+#: Forms of scans in the good workspace.
+SCANS = ("stl", "ply", "xyz", "csv")
 #: What each command reads, how often it is drawn, and the files of it that are worth a fault.
 TARGETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "plan": (6, ("job.toml", "job.toml", "path.csv", "robot/robot.urdf", "robot/elasticity.toml", "robot/effects.toml",
@@ -42,13 +44,45 @@ TARGETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "learn": (2, ("measured.csv", "job.toml")),
     "init robot": (3, ("robot/robot.urdf",)),
     "post": (1, ("part.gcode", "robot/controller.toml")),
+    "tools csv": (1, ("tools.csv", "tools.csv", "two_csv.toml")),
+    "tools toml": (1, ("tools.toml", "tools.toml", "two_toml.toml")),
+    "tools fusion": (1, ("tools.json", "tools.json", "two_json.toml")),
+    "trace": (1, ("executed.csv", "executed.csv", "program.csv")),
+    "trace rtde": (1, ("rtde.csv", "rtde.csv", "program.csv")),
+    "execute": (1, ("program.csv",)),
+    "scan stl": (1, ("scan.stl",)),
+    "scan ply": (1, ("scan.ply",)),
+    "scan xyz": (1, ("scan.xyz",)),
+    "scan csv": (1, ("scan.csv",)),
+    "instrument": (1, ("instrument.toml", "touched.csv")),
+    "instrument identify": (1, ("instrument.toml", "instrument.toml", "touched.csv")),
+    "calibration": (1, ("calibration.conf",)),
+    "learned force": (1, ("robot/process.toml",)),
+    "noise": (1, ("noise.toml", "robot/uncertainty.toml", "robot/registration.toml")),
+    "init xacro": (1, ("arm.xacro",)),
 }  # fmt: skip
-LINES = {**COMMANDS, "predict register": "predict log.csv --robot robot --register base,tool --out out.csv"}
+LINES = {
+    **COMMANDS,
+    "predict register": "predict log.csv --robot robot --register base,tool --out out.csv",
+    "tools csv": "plan two_csv.toml --out out", "tools toml": "plan two_toml.toml --out out",
+    "tools fusion": "plan two_json.toml --out out",
+    "trace": "trace executed.csv --program program.csv --robot ur10 --out out",
+    "trace rtde": "trace rtde.csv --program program.csv --robot ur10 --out out",
+    "execute": "execute program.csv --robot ur10 --out out.csv",
+    **{f"scan {form}": f"learn job.toml scan.{form} --robot robot --assume-ok --out out" for form in SCANS},
+    "instrument": "diagnose touched.csv --robot robot --instrument instrument.toml --out out",
+    "instrument identify": "identify touched.csv --robot robot --instrument instrument.toml --out out",
+    "calibration": "calibration read calibration.conf --robot ur10e --out out",
+    "learned force": "plan pushed.toml --out out",
+    "noise": "montecarlo noise.toml --samples 16 --workers 1 --no-sensitivity --out out",
+    "init xacro": "init robot arm.xacro --out new",
+}  # fmt: skip
 #: Commands that take any robot: some of their mutants are of a shipped one.
 ANY_ROBOT = ("doctor", "map", "init robot", "plan")
 #: Numbers and words that stand where a sound one was.
 EXTREMES = ("0", "-1", "1", "1e-30", "1e30", "-1e9", "1e308", "5e-324", "nan", "inf", "-inf", "", "1e-9", "1000000",
-            "x", "1,5", "0x10", "1_0", "3.14159", "90", "-0.0", "1e999", "\u0661", "true", "[]", "''")  # fmt: skip
+            "x", "1,5", "0x10", "1_0", "3.14159", "90", "-0.0", "1e999", "\u0661", "true", "[]", "''",
+            "1e-300", "1e13")  # fmt: skip
 FACTORS = (1e-3, 1e3, 25.4, -1.0, 57.29577951308232, 1e-12, 1e6)
 STRANGE = "\0\t\r\n\ufeff\u00e9\u200b\U0001f600\\'\"<&]{#;%"
 VALUES = ("0", "-1", "1", "0.5", "1e-12", "1e12", "nan", "inf", "true", "'x'", "''", "[]", "[0.0, 0.0, 0.0]",
@@ -57,23 +91,24 @@ ELEMENT = re.compile(r"<(\w+)\b[^>]*/>|<(inertial|collision|visual|limit|link|jo
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
 
-def draw_mutants(count: int, seed: int, *, first: int = 0) -> Iterator[BadInput]:
+def draw_mutants(count: int, seed: int, *, first: int = 0, targets: Sequence[str] = ()) -> Iterator[BadInput]:
     """Draw mutants.
 
     Args:
         count: How many.
         seed: Seed of the draw.
         first: Number of the first.
+        targets: Names of the targets that are drawn from; empty: all.
 
     """
     for number in range(first, first + count):
-        yield draw_mutant(seed, number)
+        yield draw_mutant(seed, number, targets)
 
 
-def draw_mutant(seed: int, number: int) -> BadInput:
+def draw_mutant(seed: int, number: int, targets: Sequence[str] = ()) -> BadInput:
     """Draw one mutant: a command, one to three faults in one or two of the files that it reads."""
     rng = np.random.default_rng([seed, number])
-    names = list(TARGETS)
+    names = list(targets or TARGETS)
     weights = np.array([TARGETS[name][0] for name in names], float)
     run = names[int(rng.choice(len(names), p=weights / weights.sum()))]
     contents: dict[str, str] = {}
@@ -100,9 +135,9 @@ def list_faults(file: str) -> list[Callable[[np.random.Generator, str], str]]:
     anywhere = [change_number, change_number, scale_number, drop_line, repeat_line, swap_words, insert_letter, cut_end]
     if file.endswith(".csv"):
         return [*anywhere, *2 * [change_column, repeat_rows, keep_rows, drop_column, swap_columns]]
-    if file.endswith(".urdf"):
+    if file.endswith((".urdf", ".xacro")):
         return [*anywhere, *2 * [change_attribute, drop_element, repeat_element, change_attribute]]
-    if file in ("job.toml", "mill.toml"):
+    if file in ("job.toml", "mill.toml") or file.startswith("two_"):
         return [*anywhere, *4 * [set_job_key]]
     return anywhere
 

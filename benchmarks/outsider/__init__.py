@@ -1,5 +1,6 @@
 """Labelled measurement campaigns drawn from the published formats alone.
 
-Imports nothing of compplan or of `benchmarks.campaigns`: robots, statics, effects and labels are its own, so that a
-misunderstanding which those two share shows. What is drawn, and how labels are made: CONVENTIONS.md.
+Robots are the shipped folders, read and brought to rest by `benchmarks.simulated_robot`; effects, everyday errors and
+labels are this package's own. Nothing of compplan or of `benchmarks.campaigns` is imported, so that a misunderstanding
+which those two share shows. What is drawn: CONVENTIONS.md.
 """

@@ -10,26 +10,10 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from benchmarks.results import (
-    bad_input,
-    diagnosis_drawn,
-    diagnosis_real,
-    executed,
-    forces,
-    instruments,
-    loop,
-    planning,
-    posture,
-    redundant,
-    speed,
-    verdict,
-)
+from benchmarks.results import bad_input, coverage, diagnosis_drawn, diagnosis_real, forces, loop, planning, redundant
 
 #: Every page by the name of its file.
 PAGES: dict[str, ModuleType] = {
     module.__name__.rpartition(".")[2]: module
-    for module in (
-        planning, verdict, posture, redundant, executed, forces, speed, diagnosis_drawn, diagnosis_real, loop,
-        instruments, bad_input,
-    )
-}  # fmt: skip
+    for module in (planning, coverage, redundant, forces, diagnosis_drawn, diagnosis_real, loop, bad_input)
+}

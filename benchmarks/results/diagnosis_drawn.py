@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 
-from benchmarks.diagnosis_score import write_table
+from benchmarks.diagnosis import write_table
 from benchmarks.results.findings import ROOT, Findings, Settings, run_benchmark
 
 TITLE = "Diagnosis: does it name the hidden effect?"
 QUESTION = "On drawn campaigns whose effects are withheld: how often is the right effect named at its place?"
 METHOD = (
     "`benchmarks.outsider` draws campaigns from the published file formats alone; its author had read neither the "
-    "product nor the other generator. `benchmarks.diagnosis_score` asks the product by its command line, a plain "
+    "product nor the other generator. `benchmarks.diagnosis` asks the product by its command line, a plain "
     "rival (least squares with the whole vocabulary, greedy, with BIC), a plain calibration (geometry: all lengths, "
     "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares stand with 95 % Wilson "
     "intervals."
@@ -33,7 +33,7 @@ def measure(settings: Settings) -> Findings:
     """Draw, ask and score."""
     run_benchmark("benchmarks.outsider", "--seeds", SEEDS, "--out", settings.work / "suite")
     peer = ["--figaroh-python", settings.figaroh] if settings.figaroh else []
-    run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT, "--geometry", *peer,
+    run_benchmark("benchmarks.diagnosis", settings.work / "suite", "--product-tree", ROOT, "--geometry", *peer,
                   "--out", settings.work / "scores")  # fmt: skip
     scores = json.loads((settings.work / "scores" / "scores.json").read_text("utf-8"))
     table = write_table({"compplan" if name == "product" else name: found for name, found in scores.items()}).strip()

@@ -46,7 +46,7 @@ def measure(settings: Settings) -> Findings:
         raise MissingError(f"no fresh.csv below {settings.real}")
     for source in sources:
         _cut_cases(source, settings.work / "suite")
-    run_benchmark("benchmarks.diagnosis_score", settings.work / "suite", "--product-tree", ROOT,
+    run_benchmark("benchmarks.diagnosis", settings.work / "suite", "--product-tree", ROOT,
                   "--name", "compplan", "--out", settings.work / "scores")  # fmt: skip
     missed = miss_figaroh(settings.figaroh)
     rows, ratio, stated, found, silent = [], [], [], [], [f"FIGAROH: not run: {missed}."] if missed else []

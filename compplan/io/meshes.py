@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from compplan.errors import InputError
+from compplan.io.parsing import GREATEST, guard_parser
 from compplan.io.tables import MOST_BYTES
 
 #: Metres of a unit.
@@ -26,22 +27,21 @@ def open_mesh(file: Path, **how: Any) -> Any:
         raise InputError("no mesh file", file=file)
     if file.stat().st_size > MOST_BYTES:
         raise InputError(f"holds more than {MOST_BYTES >> 20} MB, at most that is read", file=file)
-    try:
+    with guard_parser(file, f"cannot be read as {file.suffix[1:].upper() or 'a mesh'}"):
         return trimesh.load(file, **how)
-    except Exception as error:  # trimesh and its readers raise whatever a broken file leads to
-        message = f"cannot be read as {file.suffix[1:].upper() or 'a mesh'}: {type(error).__name__}: {error}"
-        raise InputError(message.replace("\n", " "), file=file) from None
 
 
 def load_mesh(file: Path, unit: str = "mm") -> Any:
     """Read the triangles of a file, in metres.
 
     Raises:
-        InputError: If the file is missing, cannot be read, holds no triangles or one that is not finite.
+        InputError: If the file is missing, cannot be read, holds no triangles, or one that is not finite or too large.
     """
     mesh = open_mesh(file, force="mesh")
     if not len(getattr(mesh, "faces", ())):
         raise InputError("holds no triangles", file=file)
     if not np.isfinite(mesh.vertices).all():
         raise InputError("has vertices that are not finite", file=file)
+    if np.abs(mesh.vertices).max() > GREATEST:
+        raise InputError(f"has vertices beyond {GREATEST:g} {unit}", file=file)
     return mesh.apply_scale(UNITS[unit])

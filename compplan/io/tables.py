@@ -22,14 +22,13 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError, ShapeError
 from compplan.io.columns import UNITS, FileColumn, match_columns
+from compplan.io.parsing import GREATEST, guard_parser
 from compplan.io.provenance import note_input
 from compplan.io.transaction import replace_file
 
 Array = NDArray[np.float64]
 #: Greatest size of a text file that is read. [bytes]
 MOST_BYTES = 512 * 2**20
-#: Greatest size of a number in a table, in the unit of its column.
-GREATEST = 1e12
 #: How Python holds a byte of a path that is no UTF-8.
 NO_LETTER = re.compile("[\ud800-\udfff]")
 
@@ -213,10 +212,8 @@ def _read_rows(path: Path, exported: bool) -> tuple[int, list[str], list[list[st
 
 def _split_rows(reader: Any, path: Path) -> Iterator[list[str]]:
     """Yield the rows of a CSV reader."""
-    try:
+    with guard_parser(path, "is not a table", lambda: int(reader.line_num) + 1):
         yield from reader
-    except csv.Error as error:
-        raise InputError(f"is not a table: {error}", file=path, where=reader.line_num + 1) from None
 
 
 def _parse_numbers(path: Path, title: str, fields: Sequence[str], lines: NDArray[np.int64]) -> Array:

@@ -22,6 +22,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 from pydantic_core.core_schema import no_info_after_validator_function
 
 from compplan.errors import InputError
+from compplan.io.parsing import GREATEST, guard_parser
 from compplan.io.tables import read_text
 
 
@@ -81,21 +82,20 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     long = next((n for n, words in enumerate(text.splitlines(), 1) if KEY_WITHOUT_END.match(words)), None)
     if long is not None:
         raise InputError("is not TOML: a key has too many dots", file=path, where=long)
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        sentence = str(error)
-        line = None
-        if "(at line " in sentence:
-            sentence, _, place = sentence.partition(" (at line ")
-            line = int(place.split(",")[0])
-        elif "(at end of document)" in sentence:
-            sentence = sentence.replace(" (at end of document)", "")
-            line = max(1, len(text.splitlines()))
-        raise InputError(f"is not TOML: {sentence}", file=path, where=line) from None
-    except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
-        fault = "nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise InputError(f"is not TOML: {fault}", file=path) from None
+    with guard_parser(path, "is not TOML"):
+        data = tomllib.loads(text)
+    _refuse_huge(data, path, [])
+    return data
+
+
+def _refuse_huge(value: Any, path: str | Path, keys: list[str | int]) -> None:
+    """Refuse numbers that no table of this package holds, before anything is computed from them."""
+    if isinstance(value, dict | list):
+        for key, entry in value.items() if isinstance(value, dict) else enumerate(value):
+            _refuse_huge(entry, path, [*keys, key])
+    elif isinstance(value, int | float) and GREATEST < abs(value) < float("inf"):
+        message = f"is {value:.3g} in size, at most {GREATEST:g} is read"
+        raise InputError(message, file=path, where=_join(keys, ""))
 
 
 def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path | None = None, key: str = "") -> Model:

@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from compplan.errors import InputError
+from compplan.io.parsing import guard_parser
 
 #: Greatest depth and number of elements of an XML file.
 DEEPEST, MOST_ELEMENTS = 64, 100_000
@@ -50,11 +51,7 @@ def parse_xml(text: str, file: Path) -> ElementTree.Element:
         InputError: If it is no XML, declares a document type, or is nested too deeply.
     """
     parser = ElementTree.XMLParser(target=_Builder(file))
-    try:
+    with guard_parser(file, "not valid XML"):
         parser.feed(text)
         root: ElementTree.Element = parser.close()
-    except ElementTree.ParseError as error:
-        raise InputError(f"not valid XML: {error.msg}", file=file, where=error.position[0]) from None
-    except ValueError as error:
-        raise InputError(f"not valid XML: {error}", file=file) from None
     return root

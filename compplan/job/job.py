@@ -19,6 +19,7 @@ from compplan.job.frames import LONGEST_PATH, PartTable, PositionerTable, ToolTa
 from compplan.job.names import STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.job.output import OutputTable
+from compplan.job.profile import apply_profile
 from compplan.job.removed import refuse_removed
 from compplan.job.tolerance import ToleranceTable
 from compplan.job.tools import NumberedTool, ToolsTable, check_tools, place_cutter
@@ -132,7 +133,6 @@ class PostureTable(StrictTable):
     lean_deg: float = Field(default=0.0, ge=0.0, le=90.0)
     limit_margin_deg: float = Field(default=10.0, gt=0.0, le=180.0)
     singularity_margin: float = Field(default=0.03, ge=0.0, lt=1.0)
-    energy: float = Field(default=0.0, ge=0.0, le=10.0)
     reconfigure: Literal["rapid", "never"] = "rapid"
 
 
@@ -182,6 +182,7 @@ class Job(StrictTable):
 
     schema_: SchemaOne = Field(alias="schema")
     name: str = Field(default="", max_length=LONGEST_NAME)
+    profile: str | None = None
     robot: str = Field(max_length=LONGEST_PATH)
     toolpath: Annotated[str, Field(max_length=LONGEST_PATH)] | CircleTable | SpiralTable | ConeTable
     part: PartTable = PartTable()
@@ -323,8 +324,9 @@ def check_job(
         InputError: With file and key.
 
     """
+    data = apply_profile(data, file)
     refuse_removed(data, file)
-    plain = data = dict(data)
+    plain = data
     tools: tuple[NumberedTool, ...] = ()
     if isinstance(data.get("tool"), list):
         if "tools" in data:

@@ -56,7 +56,7 @@ class NoiseTable(StrictTable):
     wrench_level: float = Field(default=0.15, ge=0.0, le=1.0)
     wrench_direction_deg: float = Field(default=3.0, ge=0.0, le=60.0)
     wrench_path: float = Field(default=0.05, ge=0.0, le=1.0)
-    correlation_mm: float = Field(default=20.0, gt=0.0, le=1000000.0)
+    correlation_mm: float = Field(default=20.0, ge=1e-3, le=1000000.0)
     motor_encoder_deg: float = Field(default=0.0003, ge=0.0, le=10.0)
     link_encoder_deg: float = Field(default=0.0008, ge=0.0, le=10.0)
     temperature_K: float = Field(default=3.0, ge=0.0, le=200.0)

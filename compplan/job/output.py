@@ -10,6 +10,10 @@ from compplan.controllers.writers import WRITERS
 from compplan.io.tomlfile import OneOf, StrictTable
 from compplan.job.signals import IoTable
 
+#: How far written moves may lie beside the tip where a job does not say: a share of the tolerance, at least the second
+#: (assumed). [1, m]
+FITTED, FINEST = 0.05, 2e-6
+
 
 class CellTable(StrictTable):
     """[output.cell]: the cell's own tool data, frame and positioner, and whether programs fill the first two."""
@@ -25,7 +29,7 @@ class OutputTable(StrictTable):
 
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     form: Literal["linear", "joint", "both"] = "linear"
-    fit_tolerance_mm: float = Field(default=0.002, ge=0.0, le=1.0)
+    fit_tolerance_mm: float | None = Field(default=None, ge=0.0, le=1.0)
     splines: bool = False
     max_points_per_file: int | None = Field(default=None, ge=2)
     any_brand: bool = False
@@ -35,3 +39,13 @@ class OutputTable(StrictTable):
     main: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")] | None = None
     cell: CellTable = CellTable()
     io: IoTable = IoTable()
+
+    def bound_fit(self, tolerance: float) -> float:
+        """Return how far written moves may lie beside the tip: as stated, else a share of the tolerance. [m].
+
+        Args:
+            tolerance: The strictest tolerance of the path. [m]
+
+        """
+        stated = self.fit_tolerance_mm
+        return max(FITTED * tolerance, FINEST) if stated is None else 1e-3 * stated

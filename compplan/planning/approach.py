@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compplan.planning.strategies.lost_motion import cross_first
+from compplan.planning.lost_motion import cross_first
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import ease, ease_duration
 from compplan.robot import Array

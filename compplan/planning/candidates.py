@@ -1,27 +1,46 @@
-"""Start of a redundant path: the posture search's, or one that the program shapes with the speed, whichever serves.
+"""Start of a redundant path: the best of the search's finished postures, or one that the program shapes with the speed.
 
-Candidates are timed by the fastest run and measured by their widest 95 % band, vibration included, nothing corrected.
-The best ones are also run slower where the arm would vibrate most, as long as they take no longer than the first.
+A preset that was asked for by name gets, of the postures that several presets find, the best by its own measure. The
+program shapes it, and the programmed one, further. Runs are timed by TOPP-RA and measured by their widest 95 % band,
+vibration included, nothing corrected. The best ones are also run slower where the arm vibrates most, as long as they
+take no longer than the first. With f_i a factor by which waypoint i is slower, what vibration adds to the band falls
+about with f_i^2; f follows a target B of the band, B lower every other round:
+
+    f_i <- max(1, f_i (v_i / sqrt(B^2 - s_i^2))^g),    v and s what vibration and all else have of the band.
 """
 
 from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from compplan.errors import ConvergenceError
+from compplan.errors import ConvergenceError, InfeasibleError
+from compplan.planning.deflection import DAMPING, measure_motion
 from compplan.planning.feed import time_run
-from compplan.planning.narrow import INERTIA_WINDOWS
-from compplan.planning.posture.initial_branches import Bettered, Start, find_plain, stand
+from compplan.planning.limits.band import BAND_ROWS, spread_tip
+from compplan.planning.motion_limits import difference_motion
+from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.initial_branches import Bettered, Easing, Start, find_plain, stand, state_margin
+from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
-from compplan.planning.run_meter import RunMeter, TimedStart
-from compplan.planning.run_timing import cutting_runs, time_rapids
+from compplan.planning.run_timing import cutting_runs, parameter_steps, time_rapids
 from compplan.planning.task import PlanTask
+from compplan.planning.timing import INERTIA_WINDOWS
+from compplan.robot import Array
+from compplan.simulation.vibration import Dynamics, build_dynamics
+from compplan.uncertainty.band import band_radius
+from compplan.uncertainty.sensitivities import pick_rows
 
 LOG = logging.getLogger(__name__)
 
+#: Presets whose finished postures are measured beside that of a preset, and which of a posture's costs it makes least.
+BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "promise": ("accurate", "smooth"),
+          "smooth": ("accurate", "fast")}  # fmt: skip
+LEAST = {"fast": "driven_s", "accurate": "band_mm", "promise": "band_mm", "smooth": "joint_travel_deg"}
 #: Windows of smoothing, as shares of those that plans have, and candidates whose speed is eased, the best ones.
 WINDOWS, EASED = (1.0, 0.7), 2
 #: Gain that a posture is changed for, and difference of time or band that counts as none.
@@ -30,10 +49,20 @@ LEAST_GAIN, SAME = 0.01, 1e-3
 ALIKE = 1e-4
 #: A run whose time is this near to the least that the programmed feed allows has nothing to gain.
 AT_FEED = 1.02
+#: Waypoints a run from rest to rest from which on its start and stop are a small part of it.
+MANY = 1000
 #: Share of the acceleration limits below which the arm's vibration is no matter of the posture (assumed).
 CALM = 0.5
 #: Most waypoints of a path whose starts are compared: the measures of a longer one cost more than they bring.
 LONGEST = 8000
+#: Eased runs that are tried at most, and waypoints times runs.
+ROUNDS, WORK = 14, 40_000
+#: Target of the band from one pair of rounds to the next, least share of it that is left to vibration.
+LOWER, LEAST_ROOM = 0.86, 0.2
+#: Exponent g, and the least and greatest change of a factor in one round.
+GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
+#: A run that takes longer than another by more is followed by runs half way back, so many.
+TOO_LONG, BISECTIONS = 1.02, 2
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
 PRICES = {
     "fast": Prices(most_band=np.inf),
@@ -43,11 +72,31 @@ PRICES = {
 }
 
 
-Candidate = tuple[TimedStart, str, Shaped | None]
+class TimedStart(NamedTuple):
+    """A run of a start, nothing corrected.
+
+    Attributes:
+        start: The start, with its pace.
+        time: The whole run. [s]
+        band: Widest 95 % band along the cut. [m]
+        still: The same, vibration left out. [m]
+        quiet: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
+        origin: Where it comes from: "search" or "programmed".
+        shaped: What the program did, None for nothing.
+
+    """
+
+    start: Start
+    time: float
+    band: float
+    still: float
+    quiet: Array
+    origin: str = "search"
+    shaped: Shaped | None = None
 
 
-def better_start(start: Start, asked: Asked) -> Start:
-    """Better a start by the program; the start itself where the feed sets the time, or nothing wins.
+def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
+    """Better a start; the start itself where the feed sets the time, or nothing wins.
 
     A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and `promise` by
     the band at no more time. Without a name the run gets shorter, and no band wider.
@@ -55,118 +104,207 @@ def better_start(start: Start, asked: Asked) -> Start:
     Args:
         start: The start of the posture search.
         asked: What is asked of the path.
+        shape: Whether the program shapes posture and speed; otherwise finished postures are compared alone.
 
     """
     stance = start.stance
-    if stance is None or start.request is None or stance.settings.weights or stance.settings.start is not None:
+    if stance is None or start.request is None or stance.settings.weights:
         return start
+    if stance.settings.compares:
+        start = _compare_presets(start, asked)
+        stance = start.stance or stance
     preset, settings = stance.settings.preset if stance.settings.compares else "", stance.settings
-    prices, energy = PRICES.get(preset), settings.energy
+    prices = PRICES.get(preset)
     free = settings.free_spin or settings.lead > 0 or settings.lean > 0 or stance.q.shape[1] > 6 or asked.tube > 0.0
-    if prices is None or not free or stance.missed.any():
+    if prices is None or not free or stance.missed.any() or not shape or settings.start is not None:
         return start
-    asked = replace(asked, meter=replace(asked.meter, energy=energy))
-    task = asked.meter.state(start)
-    gated = not preset or (preset == "fast" and len(task) > LONGEST)
-    if gated and not energy and _keeps_feed(task, asked.meter):
+    task = asked.state(start)
+    if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, asked):
         return start
-    measured = asked.meter.measure(start)
-    if not measured:
+    runs = measure_runs(start, asked)
+    if not runs:
         return start
-    first = measured[0]
-    runs: list[Candidate] = [(first, "search", None)]
-    origins = {"search": (task, start)}
+    first, origins = runs[0], {"search": (task, start)}
     plain = find_plain(asked.robot, asked.nominal, asked.tool_x, start) if len(task) <= LONGEST else None
     if plain is not None and not plain.missed.any() and not np.allclose(plain.q, start.q, atol=ALIKE):
-        for run in asked.meter.measure(plain):
-            runs.append((run, "programmed", None))
+        for run in measure_runs(plain, asked):
+            runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
-                origins["programmed"] = asked.meter.state(plain), plain
+                origins["programmed"] = asked.state(plain), plain
+    other = PRICES["accurate" if preset == "fast" else ""]
     for name, (state, origin) in origins.items():
-        for weights in (prices, PRICES["accurate"]) if preset == "fast" else (prices,):
+        for weights in dict.fromkeys((prices, other) if name == "search" else (other,)):
             if (found := shape_start(state, origin, asked, weights)) is not None:
-                runs += [(run, name, found[1]) for run in asked.meter.measure(found[0])]
-    if stance.compared_by == "band_mm":  # no posture that was compared has a narrower band
-        runs = [entry for entry in runs if 1e3 * entry[0].still <= min(stance.compared.values()) * (1.0 + 1e-9)]
-    taken = _choose_run(preset, first, runs, asked.meter)
+                runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
+    taken = _choose_run(preset, first, runs, asked)
     return start if taken is None else _take(start, first, taken, least_time(task))
 
 
-def _keeps_feed(task: PlanTask, meter: RunMeter) -> bool:
+def _compare_presets(start: Start, asked: Asked) -> Start:
+    """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
+    stance, request = start.stance, start.request
+    assert stance is not None and request is not None
+    settings, margin = stance.settings, state_margin(request)
+    found: dict[str, PostureSummary] = {settings.preset: stance}
+    for other in BESIDE[settings.preset]:
+        try:
+            given = asked.robot, asked.nominal, asked.tool_x, replace(settings, preset=other)
+            found[other] = choose_posture_path(*given, axes=request.axes, margin=margin)
+        except InfeasibleError:
+            continue
+    cost = LEAST[settings.preset]
+
+    def measure(one: PostureSummary) -> float:
+        if cost in one.costs:
+            return one.costs[cost]
+        stood = stand(one, asked.nominal, request)
+        if cost == "driven_s":
+            return asked.time(asked.state(stood))
+        return next((1e3 * run.band for run in measure_runs(stood, asked)), np.inf)
+
+    compared = {name: measure(one) for name, one in found.items()}
+    name = min(compared, key=lambda each: compared[each])
+    best = found[name]
+    return stand(replace(best, settings=settings, costs={**best.costs, cost: compared[name]}, compared=compared,
+                         compared_by=cost), asked.nominal, request)  # fmt: skip
+
+
+def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
     """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
+    rapid, rate, push = np.r_[False, task.nominal.rapid[1:]], 0.0, 0.0
+    runs = cutting_runs(rapid, task.rests)
+    if len(task) > MANY * len(runs):  # few starts and stops: rates at the programmed feed tell it without a run
+        for first, last in runs:
+            time = np.r_[0.0, np.cumsum(parameter_steps(task, task.q_start, first, last))]
+            mean, change = difference_motion(task.q_start[first : last + 1], time)
+            rate = max(rate, float((np.abs(mean) / task.velocity_limits).max()))
+            push = max(push, float((np.abs(change[1:-1]) / task.acceleration_limits).max(initial=0.0)))
+        if rate < 1.0 and push < CALM:
+            return True
     try:
-        timing = time_run(task, task.q_start, meter.wish)[1]
+        timing = time_run(task, task.q_start, asked.wish)[1]
     except ConvergenceError:
         return False
     return bool(timing.time[-1] <= AT_FEED * least_time(task) and timing.acceleration_ratio < CALM)
 
 
-def _take(start: Start, first: TimedStart, taken: Candidate, least: float) -> Start:
-    """Return the start of the candidate that was taken, with what it brings beside the first."""
-    run, name, how = taken
-    stance, stood_on, request = start.stance, run.start.stance, start.request
-    assert stance is not None and stood_on is not None and request is not None
-    energy = (first.energy, run.energy) if stance.settings.energy else None
-    shaped = Shaped(0, ()) if how is None else how
-    told = Bettered(start, (first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, name,
-                    shaped.iterations, shaped.names, energy)  # fmt: skip
-    costs = {**stood_on.costs, "driven_s": run.time, "band_mm": 1e3 * run.still}
-    compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
-    chosen = replace(stood_on, settings=stance.settings, costs=costs, compared=compared,
-                     compared_by=stance.compared_by)  # fmt: skip
-    stood = stand(chosen, run.start.nominal if run.start.upright is None else
-                  replace(run.start.nominal, axis=run.start.upright), request)  # fmt: skip
-    return replace(stood, bettered=told, aside=run.start.aside, pace=run.start.pace,
-                   notes=(*stood.notes, told.sentence(run.start.pace)))  # fmt: skip
-
-
-def _choose_run(preset: str, first: TimedStart, runs: list[Candidate], meter: RunMeter) -> Candidate | None:
-    """Choose the run that a preset is for, of all runs and of the best ones eased; None where none gains.
+def measure_runs(
+    start: Start, asked: Asked, *, window: float = 1.0, beside: TimedStart | None = None, quiet: Array | None = None
+) -> list[TimedStart]:
+    """Measure the fastest run of a start; beside another run, slower ones too, each with a narrower band.
 
     Args:
-        preset: The preset by name, "" for none.
-        first: The run of the posture search.
-        runs: The runs, where each comes from, and what the program did.
-        meter: How runs are measured.
+        start: The start, without a pace.
+        asked: What is asked of the path.
+        window: Windows of smoothing, share of those that plans have.
+        beside: A run whose time is not to be passed, or None.
+        quiet: Covariance of the tip without vibration, where it has been measured.
+
+    Returns:
+        The runs; none where no run keeps the limits.
 
     """
+    plain = Easing(window, np.zeros(1), np.ones(1))
+    task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
+    slower, target, rows = np.ones(len(task)), np.inf, pick_rows(task.cut, BAND_ROWS)
+    kept, beyond = slower, 0
+    dynamics, aside = build_dynamics(task.robot), task.position[rows] - task.programmed[rows]
+    try:
+        still = spread_tip(task, asked.force, rows) if quiet is None else quiet
+        calm = band_radius(still, mean=aside)
+        for count in range(1 if beside is None else max(min(ROUNDS, WORK // len(task)), 1)):
+            eased = start if count == 0 and window == 1.0 else replace(
+                start, pace=Easing(window, task.origin, slower))  # fmt: skip
+            run = replace(task, start=eased)
+            time = time_run(run, run.q_start, asked.wish)[1].time
+            rings = _spread_vibration(run, time, rows, dynamics)
+            band = band_radius(still + rings, mean=aside)
+            widest, least = (float(each.max(initial=0.0)) for each in (band, calm))
+            found.append(TimedStart(eased, float(time[-1]), widest, least, still))
+            if beside is None or not rings.any() or beyond == BISECTIONS:
+                break
+            if time[-1] > TOO_LONG * beside.time:
+                slower, beyond = np.sqrt(kept * slower), beyond + 1
+                continue
+            kept = slower if time[-1] <= (1.0 + SAME) * beside.time else kept
+            if count % 2 == 0:
+                target = LOWER * min(target, found[-1].band if count == 0 else np.inf, beside.band)
+            room = np.sqrt(np.maximum(target**2 - calm**2, (LEAST_ROOM * target) ** 2))
+            use = np.sqrt(np.maximum(band**2 - calm**2, 0.0)) / room
+            wide = _widen(np.interp(np.arange(len(task)), rows, use), time, task.smoothing)
+            slower = np.maximum(slower * np.clip(wide**GAIN, EASIER, SLOWER), 1.0)
+    except ConvergenceError:
+        pass
+    return found
 
-    def share(run: TimedStart) -> tuple[float, float, float]:
-        return run.time / first.time, run.band / first.band, run.still / first.still
 
-    def value_of(run: TimedStart) -> float:
-        own = judge_gain(preset, *share(run))
-        return (own + meter.energy * run.energy / first.energy) / (1.0 + meter.energy) if first.energy > 0.0 else own
+def _spread_vibration(task: PlanTask, time: Array, rows: NDArray[np.int_], dynamics: Dynamics) -> Array:
+    """Return the covariance of the tip by its vibration at some waypoints of a run. Shape (k, 3, 3). [m^2]"""
+    motion = measure_motion(task, time, dynamics, DAMPING)
+    if motion is None:
+        return np.zeros((len(rows), 3, 3))
+    away = motion.error[:, rows] - motion.error[:, rows].mean(axis=0)
+    return np.asarray(np.einsum("dni,dnj->nij", away, away) / max(len(away) - 1, 1))
 
-    runs = list(runs)
+
+def _widen(use: Array, time: Array, reach: float) -> Array:
+    """Return the greatest value within a reach of time [s] on either side, its steps smoothed. Shape (n,)."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    span = time[-1] - time[0]
+    if not (span > 0.0 and reach > 0.0):
+        return use
+    grid = np.linspace(time[0], time[-1], int(np.clip(8.0 * span / reach, 16, 20_000)))
+    size = max(int(reach / (grid[1] - grid[0])), 1)
+    wide = maximum_filter1d(np.interp(grid, time, use), 2 * size + 1, mode="nearest")
+    smooth = uniform_filter1d(wide, size // 2 * 2 + 1, mode="nearest")  # a running sum: rounding may make it negative
+    return np.interp(time, grid, np.clip(smooth, use.min(), use.max()))
+
+
+def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
+    """Return the start of the candidate that was taken, with what it brings beside the first."""
+    stance, chosen, request = start.stance, run.start.stance, start.request
+    assert stance is not None and chosen is not None and request is not None
+    shaped = run.shaped or Shaped(0, ())
+    gained = Bettered((first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, run.origin,
+                      shaped.iterations, shaped.names)  # fmt: skip
+    costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.band}
+    compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
+    chosen = replace(chosen, settings=stance.settings, costs=costs, compared=compared, compared_by=stance.compared_by)
+    upright = run.start.upright
+    nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
+    stood = stand(chosen, nominal, request)
+    return replace(stood, bettered=gained, aside=run.start.aside, pace=run.start.pace,
+                   notes=(*stood.notes, gained.sentence(run.start.pace)))  # fmt: skip
+
+
+def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: Asked) -> TimedStart | None:
+    """Choose the run that a preset is for, of all runs and of the best ones eased; None where none gains."""
     beside = None if preset == "fast" else first
 
-    def promise(run: TimedStart) -> float:
+    def band_at_first(run: TimedStart) -> float:
         """Return the band at the time of the first run, where vibration falls with the square of the time. [m]"""
         ring = (run.band**2 - run.still**2) * (run.time / first.time) ** 4
         return float(np.sqrt(run.still**2 + max(ring, 0.0)))
 
-    order = sorted(runs, key=lambda entry: entry[0].time if preset == "fast" else promise(entry[0]))
-    for number, (run, name, how) in enumerate(order[:EASED]):
+    order = sorted(runs, key=lambda run: run.time if preset == "fast" else band_at_first(run))
+    alike = [any(abs(run.time / one.time - 1.0) + abs(run.band / one.band - 1.0) < SAME for one in order[:number])
+             for number, run in enumerate(order)]  # fmt: skip
+    order = [run for run, again in zip(order, alike, strict=True) if not again]
+    for number, run in enumerate(order[:EASED]):
         for window in WINDOWS if number == 0 else WINDOWS[:1]:
             if window < 1.0 or (beside is not None and run.time <= (1.0 + SAME) * first.time):
-                runs += [(eased, name, how) for eased in meter.measure(
-                    run.start, window=window, beside=beside, quiet=run.quiet)]  # fmt: skip
-    best, least = None, 1.0 - LEAST_GAIN
-    for run, name, how in runs:
-        value = value_of(run)
-        LOG.debug(
-            "%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm",
-            name,
-            "" if how is None else ", program",
-            first.time,
-            run.time,
-            1e3 * first.band,
-            1e3 * run.band,
-        )
-        if value < least:
-            best, least = (run, name, how), value
-    return best
+                eased = measure_runs(run.start, asked, window=window, beside=beside, quiet=run.quiet)
+                runs = runs + [each._replace(origin=run.origin, shaped=run.shaped) for each in eased]
+
+    def value(run: TimedStart) -> float:
+        return judge_gain(preset, run.time / first.time, run.band / first.band, run.still / first.still)
+
+    for run in runs:
+        LOG.debug("%s%s: time %.4f -> %.4f s, band %.4f -> %.4f mm", run.origin, ", program" if run.shaped else "",
+                  first.time, run.time, 1e3 * first.band, 1e3 * run.band)  # fmt: skip
+    best = min(runs, key=value)
+    return best if value(best) < 1.0 - LEAST_GAIN else None
 
 
 def judge_gain(preset: str, time: float, band: float, still: float) -> float:

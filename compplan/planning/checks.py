@@ -1,6 +1,8 @@
-"""Checks of a plan beside the loaded tip: tool axis, correction, limits, effort, feed, times, inertia.
+"""Checks of a plan: what it has to show before it says "solved", as one list with values, limits and sentences.
 
-Each is computed from the commanded joints by engines of its own. A plan is not confirmed where one fails.
+The independent check reads robot folder and tool by itself (`compplan.simulation.exact_model`) and brings the loaded
+tool to rest at and between waypoints. Tool axis, correction, limits, effort, feed, times and inertia are computed from
+the commanded joints by engines of their own. A plan is not confirmed where one check fails.
 """
 
 from __future__ import annotations
@@ -8,23 +10,53 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from compplan.controllers.readback.robot import JointTable, read_joints
 from compplan.job.job import Job
-from compplan.planning.deflection import Bending
-from compplan.planning.evaluate import Evaluation
+from compplan.planning.between import Between, divide_times, insert_between, judged_moves
+from compplan.planning.deflection import FOLLOWED, Bending, find_runs
+from compplan.planning.evaluate import Evaluation, Margins, find_part
+from compplan.planning.executed import ExecutedPath, bound_executed
+from compplan.planning.run_timing import Timing, find_slowdown
 from compplan.planning.strategies.limits import AT_CORRECTION
-from compplan.planning.task import PlanTask
+from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot
-from compplan.simulation.inertia import find_inside, fit_parabolas, load_springs, shift_tip, solve_rigid
+from compplan.simulation.exact_model import read_exact_robot
+from compplan.simulation.inertia import (
+    average_loads,
+    find_inside,
+    fit_parabolas,
+    load_springs,
+    shift_tip,
+    solve_rigid,
+)
+from compplan.simulation.simulated_robot import (
+    AS_MODELLED,
+    SimulatedRobot,
+    build_simulated_robot,
+    run_simulated_robot,
+    touch_cell,
+)
+from compplan.simulation.vibration import build_dynamics
+from compplan.uncertainty.shrinkage import has_faded
 
-#: Rounding that limits, times and feeds leave.
-ROUNDING = 1.002
+#: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
+ROUNDING, ROUNDED = 1.001, 1.002
+#: Moves that are checked between waypoints where there are more: the worst by the planner's model, even ones.
+WORST, EVEN = 1500, 1500
+#: Planner and check place the loaded tip within a micrometre and this share of the tolerance; waypoints compared.
+AGREED, AGREED_SHARE, COMPARED = 1e-6, 0.02, 400
+#: How readers note drilling cycles that they do not cut.
+LEFT_OUT = "left out: the tool moves rapidly above the holes"
+#: A joint that moves more than this in one move of a cut changes its branch. [rad, m]
+JUMP_TURN, JUMP_SLIDE = float(np.radians(20.0)), 0.2
 #: The tool may lean this much besides what loads bend. [rad]
 LEAN = float(np.radians(0.05))
 #: Time between samples in which jerks are looked for. [s]
@@ -33,80 +65,220 @@ SAMPLE = 1e-3
 LOOKED_AT, INERTIA_SHARE, INERTIA_LEAST = 2000, 0.1, 2e-6
 
 
-@dataclass(frozen=True)
-class Driven:
-    """What is driven, and what it is judged with.
+class Check(NamedTuple):
+    """One check of a plan.
 
     Attributes:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        time: Shape (n,). [s]
-        job: The job.
-        judge: The robot as the judge reads it.
-        moving: The same with all masses and no weight.
+        name: What is checked.
+        value: What was found, in the unit of the limit.
+        limit: Greatest value that passes.
+        sentence: What a failed check says.
+        severity: "stop" where a failed check keeps the plan from being confirmed, "note" otherwise.
 
     """
 
-    task: PlanTask
-    q: Array
-    time: Array
-    job: Job
-    judge: ExactRobot
-    moving: ExactRobot
+    name: str
+    value: float
+    limit: float
+    sentence: str
+    severity: str = "stop"
 
     @property
-    def cutting(self) -> NDArray[np.bool_]:
-        """Whether the move that ends at each row cuts or leads in. Shape (n,)."""
-        return np.r_[False, ~self.task.nominal.rapid[1:]]
+    def fails(self) -> bool:
+        """Tell whether the value is beyond the limit."""
+        return not self.value <= self.limit
+
+    def describe(self) -> dict[str, object]:
+        """Return what plan.json holds."""
+        return {"name": self.name, "value": self.value, "limit": self.limit, "fails": self.fails}
 
 
-def run_checks(driven: Driven, after: Evaluation, bending: Bending) -> tuple[str, ...]:
-    """Return what speaks against a plan besides the loaded tip.
+@dataclass(frozen=True)
+class Bench:
+    """What a plan is checked with, of its own reading.
 
-    Args:
-        driven: What is driven.
-        after: The command in the judge's cell.
-        bending: What the plan says bends the arm.
+    Attributes:
+        cell: The robot as modelled.
+        wrench: Wrench at every waypoint. Shape (n, 6). [N, N m]
+        bias: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
+        folder: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
+        moving: The robot as read, with all masses and no weight.
 
     """
-    assert driven.task.robot.folder is not None
-    joints = read_joints(Path(driven.task.robot.folder))
-    position, rotation = solve_rigid(driven.judge, driven.q)
-    return (
-        *_vote_on_axis(driven, after, rotation), *_vote_on_correction(driven, position),
-        *_vote_on_motion(driven, joints), *_vote_on_feed(driven), *_vote_on_inertia(driven, bending),
-    )  # fmt: skip
+
+    cell: SimulatedRobot
+    wrench: Array
+    bias: Array | None = None
+    folder: Path | None = None
+    moving: ExactRobot | None = None
 
 
-def _vote_on_axis(driven: Driven, after: Evaluation, stiff: Array) -> list[str]:
-    """The loaded tool's axis lies along the path's, but for what loads bend; its x too where it is not free."""
-    task, cut = driven.task, after.cut
+def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
+    """Read robot and tool a second time; a robot or a path in memory is taken as it is, and a faded robot."""
+    if job is None or task.robot.folder is None or job.mounted is not None:
+        bias = _load_springs(task, build_dynamics(task.robot).standing, timing.time) if task.inertia else None
+        return Bench(find_part(task, build_simulated_robot(task.robot)), task.wrench, bias)
+    tool = job.model_dump(by_alias=True, exclude_unset=True).get("tool")
+    if has_faded(task.robot):  # no file holds it
+        cell, moving = find_part(task, build_simulated_robot(task.robot)), build_dynamics(task.robot).standing
+    else:
+        cell = SimulatedRobot(AS_MODELLED, task.robot, read_exact_robot(Path(task.robot.folder), tool))
+        moving = read_exact_robot(Path(task.robot.folder), tool, moving=True)
+        if task.touched is not None:
+            believed = read_exact_robot(Path(task.robot.folder), tool, geometry="controller.urdf")
+            cell = touch_cell(cell, task.touched.q, solve_rigid(believed, task.touched.q)[0])
+    bias = _load_springs(task, moving, timing.time) if task.inertia else None
+    return Bench(cell, task.wrench, bias, Path(task.robot.folder), moving)
+
+
+def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
+    """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
+    rests = np.zeros(len(task), bool) if task.rests is None else task.rests
+    loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
+    return average_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
+
+
+def run_checks(
+    task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, margins: Margins,
+    bench: Bench, *, job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
+) -> tuple[Check, ...]:  # fmt: skip
+    """Run all checks.
+
+    Args:
+        task: The task.
+        command: The command.
+        timing: Its run.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
+        after: The command in the cell of the bench.
+        margins: Distance of the command from its limits.
+        bench: What the plan is checked with.
+        job: The job, None without.
+        bending: What the plan says bends the arm.
+        executed: Where the controller takes the tip.
+
+    """
+    q, time = command.q, timing.time
+    checks = [
+        _check_tip(task, after), _check_models(task, q, after), *_check_between(task, q, between, bench),
+        _check_rates(task, q, timing), _check_range(task, margins), _check_correction(task, margins.max_correction),
+        *([] if executed is None else [_check_executed(task, executed)]), _check_holes(task),
+    ]  # fmt: skip
+    if bench.folder is None or job is None:
+        return tuple(checks)
+    joints = read_joints(bench.folder)
+    position, rotation = solve_rigid(bench.cell.judge, q)
+    size = np.where(task.compensated, np.linalg.norm(position - task.position, axis=1), 0.0)
+    checks += [_check_axis(task, after, rotation), _check_spin(task, q, after, rotation, job)]
+    checks.append(_check_correction(task, float(size.max()), int(size.argmax())))
+    checks += [*_check_joints(task, q, time, joints, job), _check_feed(task, time)]
+    if bending is not None and bench.moving is not None:
+        checks.append(_check_inertia(task, time, bending, bench.moving))
+    return tuple(checks)
+
+
+def _check_tip(task: PlanTask, after: Evaluation) -> Check:
+    """The loaded tip of the independent check is within its tolerance."""
+    use = np.where(after.cut, task.use_tolerance(after.deviation), 0.0)
+    worst = int(use.argmax())
+    sentence = (
+        f"the independent check finds the loaded tip {_mm(after.distance[worst])} off the path at waypoint {worst}"
+    )
+    return Check("tip at waypoints, share of the tolerance", float(use[worst]), 1.0, sentence)
+
+
+def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
+    """Planner and independent check place the loaded tip alike, at some waypoints of the cut."""
+    rows, apart, worst = np.flatnonzero(after.cut), 0.0, 0
+    if len(rows):
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, COMPARED).astype(int))]
+        away = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)
+        apart, worst = float(away.max()), int(rows[away.argmax()])
+    sentence = (f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
+                f"at waypoint {worst}: one of them misreads the robot, the tool or the load")  # fmt: skip
+    return Check("planner and independent check apart, m", apart, AGREED + AGREED_SHARE * task.tolerance, sentence)
+
+
+def _check_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[Check, ...]:
+    """The loaded tip stays within the tolerance of each move."""
+    found, move = evaluate_between(task, q, between, bench)
+    use = found / float(task.move_tolerance[move]) if move >= 0 else 0.0
+    sentence = f"the independent check finds the loaded tip {_mm(found)} off the path after waypoint {move}"
+    own = between.driven / task.move_tolerance
+    worst = int(own.argmax())
+    stray = f"between waypoints the tip strays by {_mm(between.driven[worst])}, after waypoint {worst}"
+    first = Check("tip between waypoints, share of the tolerance", use, 1.0, sentence)
+    value = 0.0 if first.fails else float(own[worst])
+    return first, Check("tip between waypoints by the planner, share of the tolerance", value, 1.0, stray)
+
+
+def _check_rates(task: PlanTask, q: Array, timing: Timing) -> Check:
+    slower = float(find_slowdown(task, q, timing.time).max())
+    ratio = max(slower, timing.velocity_ratio, timing.acceleration_ratio**0.5)
+    sentence = f"a joint's velocity, acceleration or jerk passes its limit by a factor of {ratio:.3g} in time"
+    return Check("joint rates, share of their limits", ratio, ROUNDING, sentence)
+
+
+def _check_range(task: PlanTask, margins: Margins) -> Check:
+    name = task.robot.joint_names[margins.joint]
+    sentence = f"the position limit of {name} is passed by {-margins.position:.3g} rad or m"
+    return Check("joint range passed, rad or m", -margins.position, 1e-9, sentence)
+
+
+def _check_correction(task: PlanTask, size: float, waypoint: int | None = None) -> Check:
+    """The unloaded tip stays within the correction that the job allows; by the independent check at a waypoint."""
+    most, limit = f"allowed are {_mm(task.max_correction)}", task.max_correction + 2 * AT_CORRECTION
+    if waypoint is None:
+        return Check("correction, m", size, limit, f"the correction is {_mm(size)}, {most}")
+    sentence = f"the independent check finds a correction of {_mm(size)} at waypoint {waypoint}, {most}"
+    return Check("correction by the independent check, m", size, limit, sentence)
+
+
+def _check_executed(task: PlanTask, executed: ExecutedPath) -> Check:
+    """The executed path stays within the tolerance."""
+    use = executed.near / bound_executed(task)
+    worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
+    sentence = (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
+                f"waypoint {worst}")  # fmt: skip
+    return Check("executed path, share of the tolerance", float(use[worst]), 1.0, sentence)
+
+
+def _check_holes(task: PlanTask) -> Check:
+    """All cuts of the file are in the path: a plan without them is not the plan of the file."""
+    count = sum(LEFT_OUT in note for note in task.nominal.notes)
+    sentence = 'holes of the file are not cut, [cam] cycles = "skip" leaves them out; write cycles = "expand"'
+    return Check("cycles left out", float(count), 0.0, sentence)
+
+
+def _check_axis(task: PlanTask, after: Evaluation, stiff: Array) -> Check:
+    """The loaded tool's axis lies along the path's, but for what loads bend."""
     bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
-    beyond = np.where(cut, after.tilt - np.maximum(1.5 * bent, 0.0), -1.0)
+    beyond = np.where(after.cut, after.tilt - 1.5 * bent, -1.0)
     worst = int(beyond.argmax())
-    if beyond[worst] > LEAN:
-        return [
-            f"the independent check finds the tool axis "
-            f"{np.degrees(after.tilt[worst]):.3g} deg aside at waypoint {worst}"
-        ]
-    if task.spin_free or driven.q.shape[1] < 6:
-        return []
-    towards = driven.job.T_base_part[:3, :3] @ np.asarray(driven.job.plan.tool_x, float)
+    sentence = (f"the independent check finds the tool axis {np.degrees(after.tilt[worst]):.3g} deg aside at waypoint "
+                f"{worst}")  # fmt: skip
+    return Check("tool axis, rad", float(beyond[worst]), LEAN, sentence)
+
+
+def _check_spin(task: PlanTask, q: Array, after: Evaluation, stiff: Array, job: Job) -> Check:
+    """The loaded tool's x points where the job has it, where the spin is not free, but for what loads bend."""
+    name = "rotation about the tool axis, rad"
+    if task.spin_free or q.shape[1] < 6:
+        return Check(name, 0.0, LEAN, "")
+    bent = _angle(after.rotation[:, :, 2], stiff[:, :, 2])
+    towards = job.T_base_part[:3, :3] @ np.asarray(job.plan.tool_x, float)
     upright, axis = task.upright, task.nominal.axis
     flat = towards - (upright @ towards)[:, None] * upright
     size = np.linalg.norm(flat, axis=1)
     middle = upright + axis  # a lean takes x along: half a turn about the programmed axis, half one about the middle
     for about in (upright, middle / np.linalg.norm(middle, axis=1, keepdims=True)):
         flat = 2.0 * np.einsum("ni,ni->n", flat, about)[:, None] * about - flat
-    sure = cut & (size > 0.05 * np.linalg.norm(towards))
+    sure = after.cut & (size > 0.05 * np.linalg.norm(towards))
     turned = np.where(sure, _angle(after.rotation[:, :, 0], flat / np.maximum(size, 1e-12)[:, None]) - 1.5 * bent, -1.0)
     worst = int(turned.argmax())
-    if turned[worst] > LEAN + 1.5 * _angle(after.rotation[worst : worst + 1, :, 0], stiff[worst : worst + 1, :, 0])[0]:
-        return [
-            f"the independent check finds the tool turned "
-            f"{np.degrees(turned[worst]):.3g} deg about its axis, waypoint {worst}"
-        ]
-    return []
+    room = LEAN + 1.5 * _angle(after.rotation[worst : worst + 1, :, 0], stiff[worst : worst + 1, :, 0])[0]
+    sentence = (f"the independent check finds the tool turned {np.degrees(turned[worst]):.3g} deg about its axis, "
+                f"waypoint {worst}")  # fmt: skip
+    return Check(name, float(turned[worst]), float(room), sentence)
 
 
 def _angle(a: Array, b: Array) -> Array:
@@ -114,98 +286,170 @@ def _angle(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)))
 
 
-def _vote_on_correction(driven: Driven, stiff: Array) -> list[str]:
-    """The unloaded tip stays within the correction that the job allows."""
-    task = driven.task
-    most = task.max_correction
-    size = np.where(task.compensated, np.linalg.norm(stiff - task.position, axis=1), 0.0)
-    if size.max() <= most + 2 * AT_CORRECTION:
-        return []
-    found = f"{1e3 * size.max():.3g} mm at waypoint {size.argmax()}"
-    return [f"the independent check finds a correction of {found}, allowed are {1e3 * most:g} mm"]
-
-
-def _vote_on_motion(driven: Driven, joints: JointTable) -> list[str]:
+def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
     """Joints stay within the limits that the robot folder states, in place and in time."""
-    q, time, found = driven.q, driven.time, []
-    limits, cutting = driven.job.limits, driven.cutting
+    limits, step = job.limits, np.diff(time)
     if len(joints.names) != q.shape[1]:
-        return [f"the robot folder has {len(joints.names)} joints, the program commands {q.shape[1]}"]
+        sentence = f"the robot folder has {len(joints.names)} joints, the program commands {q.shape[1]}"
+        return [Check("number of joints", np.inf, 0.0, sentence)]
     over = np.maximum(joints.lower - q, q - joints.upper).max(axis=0)
-    for j in np.flatnonzero(over > 1e-9).tolist():
-        found.append(f"{joints.names[j]} passes its limits in robot.urdf by {_state(over[j], joints.slides[j])}")
-    step = np.diff(time)
-    if (step < 0.0).any():
-        return [*found, f"time runs backwards at waypoint {int((step < 0.0).argmax()) + 1}"]
+    checks = [
+        Check("joint range, rad or m", float(over[j]), 1e-9, f"{name} passes its limits in robot.urdf by "
+              + (f"{1e3 * over[j]:.3g} mm" if joints.slides[j] else f"{np.degrees(over[j]):.3g} deg"))
+        for j, name in enumerate(joints.names)
+    ]  # fmt: skip
+    back = int(step.argmin()) + 1
+    checks.append(Check("time runs on, s", -float(step.min()), 0.0, f"time runs backwards at waypoint {back}"))
+    if checks[-1].fails:
+        return checks
     moved = np.abs(np.diff(q, axis=0))
     use = (moved / np.maximum(step, 1e-12)[:, None] / joints.velocity / limits.velocity_scale).max(axis=0)
-    for j in np.flatnonzero(use > ROUNDING).tolist():
-        found.append(f"{joints.names[j]} moves {use[j]:.3g} times as fast as robot.urdf allows")
-    rests = np.zeros(len(q), bool) if driven.task.rests is None else driven.task.rests
-    rows = find_inside(time, cutting)
-    rows = rows[~rests[rows]]
+    checks += [Check("joint velocity, share of robot.urdf", float(use[j]), ROUNDED,
+                     f"{name} moves {use[j]:.3g} times as fast as robot.urdf allows")
+               for j, name in enumerate(joints.names)]  # fmt: skip
+    rows = _find_moving(task, time)
     if len(rows):
-        push = np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale
-        most = push.max(axis=0)
-        for j in np.flatnonzero(most > ROUNDING * 1.01).tolist():
-            found.append(f"{joints.names[j]} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
-    return [*found, *_vote_on_jerk(driven, joints)]
+        most = (np.abs(fit_parabolas(q, time, rows)[1]) / joints.acceleration / limits.acceleration_scale).max(axis=0)
+        checks += [Check("joint acceleration, share of elasticity.toml", float(most[j]), ROUNDED * 1.01,
+                         f"{name} accelerates {most[j]:.3g} times as much as elasticity.toml allows")
+                   for j, name in enumerate(joints.names)]  # fmt: skip
+    return [*checks, *_check_jerk(task, q, time, joints, job)]
 
 
-def _vote_on_jerk(driven: Driven, joints: JointTable) -> list[str]:
+def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
+    """Return waypoints in motion, rests left out."""
+    rows = find_inside(time, np.r_[False, ~task.nominal.rapid[1:]])
+    return rows if task.rests is None else rows[~task.rests[rows]]
+
+
+def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
     """Sampled every millisecond, as a cubic spline over time through each run, no joint passes a limit of the jerk."""
-    limits, task = driven.job.limits, driven.task
+    limits, cutting = job.limits, np.r_[False, ~task.nominal.rapid[1:]]
     after = np.inf if limits.full_acceleration_after_s is None else limits.full_acceleration_after_s
     assumed = joints.acceleration * limits.acceleration_scale / after if after < np.inf else joints.jerk
     allowed = joints.jerk if np.isfinite(joints.jerk).any() else assumed
     if not np.isfinite(allowed).any():
         return []
-    rests = np.zeros(len(driven.q), bool) if task.rests is None else task.rests
-    ends = np.flatnonzero(rests | ~driven.cutting | np.r_[~driven.cutting[1:], True])
+    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
+    ends = np.flatnonzero(rests | ~cutting | np.r_[~cutting[1:], True])
     use = np.zeros(len(allowed))
     for first, last in pairwise(ends):
         rows = np.arange(first, last + 1)
-        rows = rows[np.r_[True, np.diff(driven.time[rows]) > 1e-9]]
-        samples = np.arange(driven.time[rows[0]], driven.time[rows[-1]], SAMPLE)
+        rows = rows[np.r_[True, np.diff(time[rows]) > 1e-9]]
+        samples = np.arange(time[rows[0]], time[rows[-1]], SAMPLE)
         if len(rows) > 2 and len(samples) > 3:
-            curve = CubicSpline(driven.time[rows], driven.q[rows], bc_type="clamped")
+            curve = CubicSpline(time[rows], q[rows], bc_type="clamped")
             use = np.maximum(use, np.abs(np.diff(curve(samples), 3, axis=0)).max(axis=0) / SAMPLE**3 / allowed)
-    return [f"{joints.names[j]} jerks {use[j]:.3g} times as much as is allowed" for j in np.flatnonzero(use > ROUNDING)]
+    return [Check("joint jerk, share of its limit", float(use[j]), ROUNDED,
+                  f"{name} jerks {use[j]:.3g} times as much as is allowed")
+            for j, name in enumerate(joints.names)]  # fmt: skip
 
 
-def _state(over: float, slides: bool) -> str:
-    return f"{1e3 * over:.3g} mm" if slides else f"{np.degrees(over):.3g} deg"
-
-
-def _vote_on_feed(driven: Driven) -> list[str]:
+def _check_feed(task: PlanTask, time: Array) -> Check:
     """The wanted tip never runs faster than the feed programmed."""
-    task, step = driven.task, np.diff(driven.time)
-    cut = driven.cutting[1:] & ~task.lead[1:] & (task.nominal.feed[1:] > 0.0)
+    step, cutting = np.diff(time), ~task.nominal.rapid[1:]
+    cut = cutting & ~task.lead[1:] & (task.nominal.feed[1:] > 0.0)
     length = np.linalg.norm(np.diff(task.position, axis=0), axis=1)
-    faster = np.where(cut, length - ROUNDING * step * task.nominal.feed[1:], -1.0)
-    if faster.max(initial=-1.0) <= 1e-7:
-        return []
+    faster = np.where(cut, length - ROUNDED * step * task.nominal.feed[1:], -1.0)
     k = int(faster.argmax())
-    driven_at, programmed = 60e3 * length[k] / max(float(step[k]), 1e-12), 60e3 * task.nominal.feed[k + 1]
-    return [f"the tool runs at {driven_at:.4g} mm/min to waypoint {k + 1}, programmed are {programmed:.4g}"]
+    driven, programmed = 60e3 * length[k] / max(float(step[k]), 1e-12), 60e3 * task.nominal.feed[k + 1]
+    sentence = f"the tool runs at {driven:.4g} mm/min to waypoint {k + 1}, programmed are {programmed:.4g}"
+    return Check("way beyond the programmed feed, m", float(faster[k]), 1e-7, sentence)
 
 
-def _vote_on_inertia(driven: Driven, bending: Bending) -> list[str]:
+def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactRobot) -> Check:
     """What the plan says that inertia moves the tip is what Pinocchio's inverse dynamics says."""
-    if not np.isfinite(bending.at_once):
-        return []
-    task, cutting = driven.task, driven.cutting
-    q = task.q_links
-    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
-    rows = find_inside(driven.time, cutting)
-    rows = rows[~rests[rows]]
-    if not len(rows):
-        return []
-    push = np.linalg.norm(fit_parabolas(q, driven.time, rows)[1], axis=1)
-    rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
-    loads = load_springs(driven.moving, q, driven.time, cutting, rests, rows)
-    most = float(np.linalg.norm(shift_tip(driven.moving, q[rows], loads[rows]), axis=1).max())
-    if abs(most - bending.at_once) <= INERTIA_LEAST + INERTIA_SHARE * max(most, bending.at_once):
-        return []
-    told, found = 1e3 * bending.at_once, 1e3 * most
-    return [f"inertia moves the tip by {told:.3g} mm in the plan, by {found:.3g} mm in Pinocchio's inverse dynamics"]
+    rows, most = _find_moving(task, time), 0.0
+    known = bool(np.isfinite(bending.at_once)) and len(rows) > 0
+    if known:
+        q, cutting = task.q_links, np.r_[False, ~task.nominal.rapid[1:]]
+        push = np.linalg.norm(fit_parabolas(q, time, rows)[1], axis=1)
+        rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
+        rests = np.zeros(len(q), bool) if task.rests is None else task.rests
+        loads = load_springs(moving, q, time, cutting, rests, rows)
+        most = float(np.linalg.norm(shift_tip(moving, q[rows], loads[rows]), axis=1).max())
+    own = bending.at_once if known else 0.0
+    sentence = (f"inertia moves the tip by {1e3 * own:.3g} mm in the plan, by {1e3 * most:.3g} mm in Pinocchio's "
+                "inverse dynamics")  # fmt: skip
+    limit = INERTIA_LEAST + INERTIA_SHARE * max(most, own)
+    return Check("displacement by inertia apart, m", abs(most - own), limit, sentence)
+
+
+def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
+    """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
+
+    Returns:
+        Greatest distance from the moves [m], against the tolerance of each, and the waypoint that the move starts at.
+
+    """
+    moves = judged_moves(task)
+    if len(moves) > WORST + EVEN:
+        worst = moves[np.argsort((between.most / task.move_tolerance)[moves])[-WORST:]]
+        moves = np.union1d(worst, moves[np.linspace(0, len(moves) - 1, EVEN).astype(int)])
+    if not len(moves):
+        return 0.0, -1
+    half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, bench.wrench)]
+    bias = None if bench.bias is None else 0.5 * (bench.bias[moves] + bench.bias[moves + 1])
+    if task.robot.effects:  # they see the whole path in order
+        path, load = insert_between(q, half[0], moves, 0.5), insert_between(bench.wrench, half[1], moves, 0.5)
+        more = None if bench.bias is None or bias is None else insert_between(bench.bias, bias, moves, 0.5)
+        tip = run_simulated_robot(bench.cell, path, load, divide_times(task.step_time, 0.5), more).position[
+            2 * moves + 1
+        ]
+    else:
+        tip = run_simulated_robot(bench.cell, half[0], half[1], bias=bias).position
+    path = task.programmed
+    start, along = path[moves], path[moves + 1] - path[moves]
+    square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
+    share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)
+    distance = np.linalg.norm(tip - start - share[:, None] * along, axis=1)
+    worst_of = int((distance / task.move_tolerance[moves]).argmax())
+    return float(distance[worst_of]), int(moves[worst_of])
+
+
+def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
+    """Find waypoints whose static load is beyond the effort of a joint, and name the joint and both torques."""
+    efforts = np.where(task.robot.carriers, np.inf, task.robot.effort_limits)  # nobody states what lies on a positioner
+    if not np.isfinite(efforts).any():
+        return {}
+    rows = np.flatnonzero(task.compensated)
+    if len(rows) > WORST + EVEN:
+        heavy = rows[np.argsort(np.linalg.norm(bench.wrench[rows, :3], axis=1))[-WORST:]]
+        rows = np.union1d(heavy, rows[np.linspace(0, len(rows) - 1, EVEN).astype(int)])
+    share = np.abs(hold_load(bench.cell.judge, q[rows], bench.wrench[rows])) / np.maximum(efforts, 1e-9)
+    found = {}
+    for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():
+        waypoint, j = int(rows[k]), int(share[k].argmax())
+        unit = "N" if task.robot.prismatic[j] else "N m"
+        name = task.robot.joint_names[j]
+        found[waypoint] = f"effort limit of {name} ({efforts[j]:.4g} {unit})"
+    return found
+
+
+def hold_load(judge: ExactRobot, q: Array, wrench: Array) -> Array:
+    """Return the torque that each commanded joint needs to hold wrench and weight, springs stiff. Shape (n, nq)."""
+    data, model = judge.model.createData(), judge.model
+    rigid = q @ judge.commanded.T + judge.shift
+    torque = np.empty((len(q), model.nv))
+    for i in range(len(q)):
+        columns = pin.computeFrameJacobian(model, data, rigid[i], judge.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        torque[i] = -columns.T @ wrench[i]
+        if judge.weighs:
+            judge.turn_gravity(data, rigid[i])
+            torque[i] += judge.weigh(data, rigid[i])
+    return torque @ judge.commanded
+
+
+def find_jumps(task: PlanTask, q: Array) -> dict[int, str]:
+    """Find moves of the cut in which a joint jumps: the arm would change its branch in the material."""
+    most = np.where(task.robot.prismatic, JUMP_SLIDE, JUMP_TURN)
+    step = np.abs(np.diff(q, axis=0)) / most
+    jumps = (step.max(axis=1) > 1.0) & ~task.nominal.rapid[1:] & ~task.lead[1:]
+    return {
+        int(move) + 1: f"jump of {task.robot.joint_names[int(step[move].argmax())]} (change of branch in the cut)"
+        for move in np.flatnonzero(jumps)
+    }
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.3g} mm"

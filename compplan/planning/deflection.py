@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.planning.posture.initial_branches import PostureRequest
 from compplan.planning.run_timing import Timing, cutting_runs
-from compplan.planning.strategies.equations import differentiate_equations, pose_equations
-from compplan.planning.task import PlanTask
+from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
@@ -179,8 +178,8 @@ def follow_links(task: PlanTask, q: Array) -> Array:
         q: Commanded joint positions. Shape (n, nq). [rad or m]
 
     """
-    problem, links = task.problem, task.q_start.copy()
-    if not problem.redundant:
+    links = task.q_start.copy()
+    if not task.redundant:
         return links
     rows = np.flatnonzero(task.compensated & ~task.missed)
     for part in chunk_rows(len(rows), task.chain):
@@ -189,9 +188,9 @@ def follow_links(task: PlanTask, q: Array) -> Array:
         for _ in range(LINK_STEPS):
             frames = locate_frames(task.chain, here)
             stiff = AttainedPose(frames.tcp_position, frames.tcp_rotation, joint_jacobian(task.chain, frames))
-            columns = differentiate_equations(problem, stiff, some) * ~problem.stays
+            columns = differentiate_equations(task, stiff, some) * ~task.stays
             normal = columns @ np.swapaxes(columns, 1, 2) + 1e-14 * np.eye(columns.shape[1])
-            missed = pose_equations(problem, stiff, some)[..., None]
+            missed = pose_equations(task, stiff, some)[..., None]
             here = here - (np.swapaxes(columns, 1, 2) @ np.linalg.solve(normal, missed))[..., 0]
         links[some] = here
     return links

@@ -21,12 +21,11 @@ from scipy.interpolate import PchipInterpolator
 
 from compplan.planning.costs import Cost, Departure, MissedPose, Time
 from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
-from compplan.planning.nlp import Solution, solve_problem
+from compplan.planning.nlp import Solution, explain_conflict, solve_problem
 from compplan.planning.problem import PlanningProblem
 from compplan.planning.run_timing import cutting_runs
-from compplan.planning.strategies.equations import differentiate_equations, pose_equations
 from compplan.planning.strategies.limits import AT_CORRECTION, measure_correction
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, differentiate_equations, pose_equations
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 
@@ -56,6 +55,7 @@ class PathSolution:
         solves: How often the program was solved.
         iterations: Iterations of the solver in all.
         cpu: CPU time of the program in all. [s]
+        conflict: Which limits conflict and where, "" where none do.
 
     """
 
@@ -64,13 +64,15 @@ class PathSolution:
     solves: int
     iterations: int
     cpu: float
+    conflict: str = ""
 
     def describe(self) -> dict[str, object]:
         """Return what plan.json holds."""
         found = self.stations
         active = {name: float(np.mean(rows)) for name, rows in found.active.items()}
         return {"solver": "ipopt", "status": found.status, "stations": len(found.problem),
-                "iterations": self.iterations, "cpu_s": self.cpu, "solves": self.solves, "active": active}  # fmt: skip
+                "iterations": self.iterations, "cpu_s": self.cpu, "solves": self.solves, "active": active,
+                **({"conflict": self.conflict} if self.conflict else {})}  # fmt: skip
 
 
 def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
@@ -81,30 +83,30 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
         near: Joint positions to begin at, those of the task if left out. Shape (n, nq). [rad or m]
 
     """
-    most = REDUNDANT_STATIONS if task.problem.redundant else STATIONS
+    most = REDUNDANT_STATIONS if task.redundant else STATIONS
     stations, released = pick_stations(task, most), task.missed.copy()
     q = correct_pose(task, task.q_start if near is None else near, np.flatnonzero(released))
     leaving = _find_leaving(task, q, np.flatnonzero(released))
     stations = np.union1d(stations, np.r_[leaving, _thin(np.flatnonzero(released))])
     q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
-    if released.any() or (len(leaving) and not task.problem.redundant):  # Newton steps found the only solution there is
+    if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution there is
         released[stations] = True
     solves, iterations, cpu, memory = 0, 0, 0.0, bool(task.robot.effects)
     for last in range(1, SOLVES + 1):
         solution = solve_problem(state_problem(task, stations, q, released))
         solves, iterations, cpu = solves + 1, iterations + solution.iterations, cpu + solution.cpu
         if not solution.success and not released[stations].all():
-            LOG.debug("the limits leave no way: all stations are released")
+            LOG.debug("%s: all stations are released", explain_conflict(solution))
             released[stations] = True
             continue
         q = fill_waypoints(task, solution, q)
         if len(leaving := _find_leaving(task, q, stations)) and last < SOLVES:
             stations = np.union1d(stations, leaving)
             q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
-            released[stations] = not task.problem.redundant or released.any()
+            released[stations] = not task.redundant or released.any()
         elif not memory or np.abs(q[stations] - solution.q).max(initial=0.0) < ALIKE_MEMORY:
             break
-    return PathSolution(q, solution, solves, iterations, cpu)
+    return PathSolution(q, solution, solves, iterations, cpu, explain_conflict(solution))
 
 
 def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released: NDArray[np.bool_]) -> PlanningProblem:
@@ -117,17 +119,17 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         released: Waypoints whose pose may be missed. Shape (n,).
 
     """
-    path, robot, k = task.problem, task.robot, len(stations)
+    robot, k = task.robot, len(stations)
     attained = attain_rows(task, q, stations, slope=False)
     lower, upper = np.tile(robot.lower, (k, 1)), np.tile(robot.upper, (k, 1))
-    held = path.stays & ~task.missed[stations, None]  # where the arm alone does not reach, a rail helps
+    held = task.stays & ~task.missed[stations, None]  # where the arm alone does not reach, a rail helps
     lower, upper = (np.where(held, task.q_start[stations], side) for side in (lower, upper))
     limits: list[Limit] = [PoseEquation(), JointRange()]
     if np.isfinite(task.max_correction):
         limits.append(CorrectionLimit(task.max_correction))
     free = released[stations]
-    costs: list[Cost] = [Departure(1e-3 * path.worth), MissedPose()] if free.any() else [Departure(path.worth)]
-    runs = _find_hurried(task, q, stations) if path.redundant and not free.any() else ()
+    costs: list[Cost] = [Departure(1e-3 * task.worth), MissedPose()] if free.any() else [Departure(task.worth)]
+    runs = _find_hurried(task, q, stations) if task.redundant and not free.any() else ()
     if runs:
         limits.append(VelocityLimit(task.velocity_limits))
         costs.append(Time(1.0, float(task.step_time.sum())))
@@ -147,7 +149,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         programmed=task.position[stations], wrench=task.wrench[stations], theta=task.theta[stations],
         bias=np.zeros((k, task.chain.n_springs)) if task.bias is None else task.bias[stations],
         loaded=task.compensated[stations], q_start=task.q_start[stations], guess=q[stations], lower=lower, upper=upper,
-        spin_free=path.spin_free, axis_free=path.axis_free, limits=tuple(limits), along=length[stations],
+        spin_free=task.spin_free, axis_free=task.axis_free, limits=tuple(limits), along=length[stations],
         costs=tuple(costs), runs=runs, shift=shift, turn=turn, released=free if free.any() else None,
     )  # fmt: skip
 
@@ -199,7 +201,7 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
     q[held] = solution.q[missing]
     q = correct_pose(task, q, held)
     away = solution.q - q[rows]
-    if not task.problem.redundant or np.abs(away).max() < ALIKE:
+    if not task.redundant or np.abs(away).max() < ALIKE:
         return q
     length = np.r_[0.0, np.cumsum(np.maximum(task.step_time, 1e-9))]
     moved = PchipInterpolator(length[rows], away)(np.clip(length, length[rows[0]], length[rows[-1]]))
@@ -217,22 +219,21 @@ def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
         held: Waypoints that keep theirs.
 
     """
-    problem = task.problem
-    busy, ease = np.setdiff1d(np.arange(len(q)), held), 1.0 / problem.worth
+    robot, busy, ease = task.robot, np.setdiff1d(np.arange(len(q)), held), 1.0 / task.worth
     missed = miss_pose(task, q, busy)
     for _ in range(STEPS):
         busy = busy[size_of(missed) > EXACT]
         if not len(busy):
             break
         attained = attain_rows(task, q, busy)
-        missed = pose_equations(problem, attained, busy)
-        free = (q[busy] > problem.lower + 1e-7) & (q[busy] < problem.upper - 1e-7) & ~problem.stays
-        columns = differentiate_equations(problem, attained, busy) * free[:, None, :]
+        missed = pose_equations(task, attained, busy)
+        free = (q[busy] > robot.lower + 1e-7) & (q[busy] < robot.upper - 1e-7) & ~task.stays
+        columns = differentiate_equations(task, attained, busy) * free[:, None, :]
         eased = np.swapaxes(columns, 1, 2) * ease[:, None]
         normal = columns @ eased + 1e-14 * np.eye(columns.shape[1])
         step = eased @ np.linalg.solve(normal, missed[..., None])
         trial = q.copy()
-        trial[busy] = np.clip(q[busy] - step[..., 0], problem.lower, problem.upper)
+        trial[busy] = np.clip(q[busy] - step[..., 0], robot.lower, robot.upper)
         left = miss_pose(task, trial, busy)
         worse = size_of(left) >= size_of(missed)
         trial[busy[worse]] = q[busy[worse]]
@@ -245,7 +246,7 @@ def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
 def miss_pose(task: PlanTask, q: Array, rows: NDArray[np.int_] | None = None) -> Array:
     """Return by how much joint positions miss the pose equations. Shape (k, rows). [m, rad]"""
     rows = np.arange(len(q)) if rows is None else rows
-    return pose_equations(task.problem, attain_rows(task, q, rows, slope=False), rows)
+    return pose_equations(task, attain_rows(task, q, rows, slope=False), rows)
 
 
 def size_of(rows: Array) -> Array:

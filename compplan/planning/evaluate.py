@@ -125,12 +125,12 @@ class Mismatch:
 
     @property
     def rms_deviation(self) -> float:
-        """Root mean square distance over the judged waypoints. [m]."""
+        """Root mean square distance. [m]."""
         return float(np.sqrt(np.mean(self.distance**2)))
 
     @property
     def max_deviation(self) -> float:
-        """Greatest distance over them. [m]."""
+        """Greatest distance. [m]."""
         return float(self.distance.max())
 
     @property

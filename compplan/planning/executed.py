@@ -5,7 +5,7 @@ the zones of their language, at the speed that the controller gives them, follow
 Where a job asks for no moves of the tool, the drives follow the waypoints at their times.
 
 It decides what is written: zones are made smaller where they would leave the path by more than `ROUNDED` of the
-tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_down`).
+tolerance, and where identified drives would leave the tolerance, the run is made slower (`slow_around`).
 
 Drives follow a command as F (q_cmd - T2 q_cmd''), F = 1 / (1 + T1 s) for each joint, less half the lost motion
 (`compplan.controllers.motion.drives`). To second order the inverse of it, a delay T of the whole path aside, is
@@ -41,22 +41,20 @@ from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
-from compplan.planning.agreement import Agreement, agree
-from compplan.planning.feed import FeedRequest
-from compplan.planning.posture.initial_branches import Easing
 from compplan.planning.run_timing import Timing, cutting_runs
 from compplan.planning.task import PlanTask, attain_rows
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
 #: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
-SIDE, BLOCK = 40, 100_000
-#: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`, in so many turns. It reaches so
+SIDE, BLOCK = 20, 100_000
+#: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
 #: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
-FURTHER, SLOWEST, TURNS, REACH, FARTHER = 1.15, 5.0, 4, 2.0, 3.0
+FURTHER, SLOWEST, REACH, FARTHER = 1.15, 5.0, 2.0, 3.0
 #: Places of the executed path that are looked at, at most: of longer ones every second, third .. cycle.
 MOST_PLACES = 200_000
 
@@ -171,38 +169,31 @@ def bound_executed(task: PlanTask) -> Array:
     return np.full(len(task), task.tolerance) if task.allowed is None else task.allowed.normal
 
 
-def check_executed(task: PlanTask, executed: ExecutedPath | None) -> tuple[str, ...]:
-    """Say in a sentence where the executed path leaves the tolerance."""
-    if executed is None or (use := executed.near / bound_executed(task)).max(initial=0.0) <= 1.0:
-        return ()
-    worst, basis = int(use.argmax()), "drives as identified" if executed.known else "its blends as assumed"
-    return (f"the controller, {basis}, takes the loaded tip {1e3 * executed.near[worst]:.3g} mm off the path at "
-            f"waypoint {worst}",)  # fmt: skip
+def excess_executed(task: PlanTask, executed: ExecutedPath | None) -> Array | None:
+    """Return the share of its tolerance that each waypoint uses behind identified drives; None where all keep it."""
+    if executed is None or not executed.known:
+        return None
+    use = executed.near / bound_executed(task)
+    return use if use.max(initial=0.0) > 1.0 else None
 
 
-def slow_down(task: PlanTask, timing: Timing, executed: ExecutedPath | None, turn: int = 0) -> PlanTask | None:
-    """Return a task whose run is slower where drives take the tip out of its tolerance; None where nothing asks for it.
+def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: int) -> Array:
+    """Return factors that make a run slower around waypoints whose drives leave the tolerance. Shape (n,).
 
     Args:
         task: The task as it was commanded.
         timing: Its run.
-        executed: Where the controller takes it.
-        turn: How often it was made slower before.
+        use: Share of the tolerance that each waypoint uses. Shape (n,).
+        slow: Factors so far. Shape (n,).
+        turn: Which time the run is made slower, from 1.
 
     """
-    if executed is None or not executed.known or task.start is None:
-        return None
-    use = executed.near / bound_executed(task)
-    if use.max(initial=0.0) <= 1.0 or (task.pace >= SLOWEST)[use > 1.0].all():
-        return None
-    slower, reach = np.ones(len(task)), REACH * FARTHER**turn * task.smoothing
+    slower, reach = np.ones(len(task)), REACH * FARTHER ** (turn - 1) * task.smoothing
     far = np.flatnonzero(use > 1.0)
     ends = (np.searchsorted(timing.time, timing.time[far] + side * reach).tolist() for side in (-1.0, 1.0))
     for k, begin, end in zip(far, *ends, strict=True):
         np.maximum(slower[begin:end], FURTHER * use[k], out=slower[begin:end])
-    window = 1.0 if task.start.pace is None else task.start.pace.window
-    pace = Easing(window, task.origin, np.minimum(slower * task.pace, SLOWEST))
-    return replace(task, start=replace(task.start, pace=pace))
+    return np.minimum(slower * slow, SLOWEST)
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
@@ -248,48 +239,6 @@ def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable
             more = ahead.duration, ahead.smaller, ahead.pieces
             return ExecutedPath(*left, plain[1:], led, True, source, zone, *more)
     return ExecutedPath(*plain, plain[1:], q, False, source, zone, found.duration, found.smaller, found.pieces)
-
-
-def drive_within(
-    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None, progress: Callable[[str], None]
-) -> tuple[Agreement, str, ExecutedPath | None]:
-    """Command a task; judge where the controller takes the tip, and drive slower where identified drives go too far.
-
-    One feed for the whole cut stays, and a run that no slower one brings within the tolerance. A correction that lies
-    below what the robot can move is not made.
-
-    Args:
-        task: The task.
-        strategy: Name of the strategy.
-        wish: What the process asks of the feed.
-        output: What programs are asked for, if it is known.
-        progress: Told what is being done.
-
-    Returns:
-        Command and run, the strategy in the end, the executed path.
-
-    """
-    found = agree(task, strategy, wish, progress)
-    if floor := describe_floor(found.task, found.command.q):
-        strategy = "none"
-        found = agree(task, strategy, wish, progress)
-        found = replace(found, notes=(*found.notes, floor))
-    executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
-    trial, after = found, executed
-    for turn in range(0 if wish.constant or found.command.status != "solved" else TURNS):
-        slower = slow_down(trial.task, trial.timing, after, turn)
-        if slower is None or executed is None:
-            break
-        progress("slower where the drives leave the tolerance")
-        trial = agree(replace(task, start=slower.start), strategy, wish, progress)
-        after = evaluate_executed(trial.task, trial.command.q, trial.timing.time, output)
-        if trial.command.status == "solved" and after is not None and not check_executed(trial.task, after):
-            note = (
-                f"The run is up to {slower.pace.max():.3g} times slower where the drives as identified would take "
-                f"the tip beyond the tolerance ({1e3 * executed.most:.3g} mm, now {1e3 * after.most:.3g})."
-            )
-            return replace(trial, notes=(*trial.notes, note)), strategy, after
-    return found, strategy, executed
 
 
 def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Array:
@@ -351,10 +300,13 @@ def _write_follower(
         exact[0] |= not nominal.rapid[0]  # an approach ends there
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip
-        tolerance = 1e-3 * output.fit_tolerance_mm
+        tolerance = output.bound_fit(task.tolerance)
         program = replace(program, tolerance=tolerance, coarser=task.coarser, cycle=motion.cycle, free=task.lead,
-                          form=output.form, arc_of=nominal.arc, **bound_zones(task, motion))  # fmt: skip
-        fitted = fit_moves(program)
+                          form=output.form, arc_of=nominal.arc, asked=1e3 * nominal.feed,
+                          **bound_zones(task, motion))  # fmt: skip
+        assert program.tcp is not None and program.corner is not None
+        shift = find_corner_shifts(nominal, program.tcp[:, :3, 3], program.corner)
+        fitted = fit_moves(replace(program, corner_shift=shift))
         arm = build_arm(believed)
         zones, stated, _ = find_zones(fitted.program, zone)
         nodes, rows = build_moves(fitted, q, arm, zones)

@@ -34,6 +34,8 @@ SOLVER = "ipopt"
 STEPS = 3
 #: A row counts as active where it is this near to its bound, or its multiplier is larger. [row, 1]
 ACTIVE = 1e-6
+#: A released station misses its pose by more. [m and rad]
+MISSED = 1e-7
 #: Programs that are kept, so that one with other loads is not built again.
 KEPT = 4
 OPTIONS: dict[str, Any] = {
@@ -136,14 +138,14 @@ def _build(problem: PlanningProblem) -> PathProgram:
     objective = ca.sum2(ca.Function("cost", inputs, [term]).map(k)(local, data))
     # constraints
     parts = [limit.rows(station) for limit in problem.limits]
-    rows = ca.cse(ca.vertcat(*parts))
+    rows = ca.vertcat(*parts)
     g = ca.vec(ca.Function("limits", inputs, [rows]).map(k)(local, data))
     # exact derivatives, station by station: J = diag(J_i) L, H = L^T diag(H_i) L
     p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
     weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
-    slope = ca.Function("slope", inputs, [ca.cse(ca.jacobian(rows, inputs[0]))]).map(k)(local, data)
+    slope = ca.Function("slope", inputs, [ca.jacobian(rows, inputs[0])]).map(k)(local, data)
     bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
-    bends = ca.Function("bend", [*inputs, weight, pulls], [ca.cse(bend)]).map(k)(
+    bends = ca.Function("bend", [*inputs, weight, pulls], [bend]).map(k)(
         local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
     sight = ca.MX(ca.DM(seen))
     jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
@@ -180,7 +182,8 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
         half = sparse.diags(np.divide(0.5, problem.steps, where=problem.steps > 0.0, out=np.zeros(k)))
         first, second = (sparse.csr_matrix(matrix) for matrix in problem.rates)
         parts += [(see(first, 0, nq), nq), (see(second, 0, nq), nq)]
-        parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, half @ (ahead - own))]
+        push, before = half @ (ahead - own), sparse.diags(np.ones(k - 1), -1)
+        parts += [(see(matrix, 1, 1), 1) for matrix in (own, ahead, push, before @ push)]
     none = sparse.csr_matrix((k * rows, offsets[-1]))
     parts.append((see(own, 2, rows) if problem.released is not None else none, rows))
     if problem.counts_band:
@@ -265,20 +268,39 @@ def solve_problem(problem: PlanningProblem, guess: Solution | None = None) -> So
 
 
 def explain_conflict(solution: Solution) -> str:
-    """Say which limits conflict and where, "" where the program was solved."""
-    if solution.success:
+    """Say which limits conflict and where, "" where the program was solved and no released station misses its pose.
+
+    Of a failed solve these are the limits with the greatest multipliers, at the station where their sum is greatest; of
+    a compromise those that hold the station which misses its pose the most.
+    """
+    missed = np.abs(solution.slack).max(axis=1)
+    if solution.success and missed.max(initial=0.0) < MISSED:
         return ""
-    size = {name: np.abs(pull).max(axis=1) for name, pull in solution.multipliers.items() if pull.size}
-    station = int(np.argmax(sum(size.values())))
-    names = [name for name, pull in size.items() if pull[station] > 0.1 * max(each[station] for each in size.values())]
-    return f"{' and '.join(names)} conflict at waypoint {int(solution.problem.waypoint[station])} ({solution.status})"
+    size = {name: np.abs(pull) for name, pull in solution.multipliers.items() if pull.size}
+    total = np.sum([pull.max(axis=1) for pull in size.values()], axis=0)
+    station = int(np.argmax(missed if solution.success else total))
+    largest = max(float(pull[station].max()) for pull in size.values())
+    joints, names = solution.problem.joints, []
+    for limit in solution.problem.limits:
+        pull = size.get(limit.name)
+        if pull is not None and pull[station].max() > 0.1 * largest:
+            own = f" of {joints[int(pull[station].argmax()) % len(joints)]}" if limit.of_joints else ""
+            names.append(f"{limit.name.replace('_', ' ')}{own}")
+    names = names if "pose" in names else ["pose", *names]
+    waypoint = int(solution.problem.waypoint[station])
+    status = "" if solution.success else f" ({solution.status})"
+    return f"{' and '.join(names)} conflict at waypoint {waypoint}{status}"
 
 
 def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     """Write out one station; returns it and the inputs of its functions: what it sees of the variables, its data."""
     chain, nq, rows = problem.chain, problem.chain.nq, problem.pose_rows
     q, ahead = ca.SX.sym("q", nq), ca.SX.sym("q_next", nq)
-    names = [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("push", 1)] if problem.timed else []
+    names = (
+        [("rate", nq), ("change", nq), ("square", 1), ("square_next", 1), ("push", 1), ("push_before", 1)]
+        if problem.timed
+        else []
+    )
     speed = {name: ca.SX.sym(name, size) for name, size in names}
     slack, excess = ca.SX.sym("slack", rows), ca.SX.sym("excess")
     band = ca.SX.sym("band", 1 if problem.counts_band else 0)
@@ -301,11 +323,10 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
         missed.append(ca.dot(wanted[:, 1], rotation[:, 0]))
     none = ca.SX(0, 1)
     station = Station(
-        q=q, q_next=ahead, departure=q - data["q_start"], rate=speed.get("rate", none),
-        change=speed.get("change", none), square=speed.get("square", none), square_next=speed.get("square_next", none),
-        push=speed.get("push", none), step=data["step"], pace=data["pace"], band=band, slack=slack, excess=excess,
-        missed=ca.vertcat(*missed), position=position, rotation=rotation, programmed=data["programmed"],
-        deflection=deflection, wrench=data["wrench"], frames=locate_symbolic(chain, q),
+        q=q, q_next=ahead, departure=q - data["q_start"], step=data["step"], pace=data["pace"], band=band, slack=slack,
+        **{name: speed.get(name, none) for name in ("rate", "change", "square", "square_next", "push", "push_before")},
+        excess=excess, missed=ca.vertcat(*missed), position=position, rotation=rotation, wrench=data["wrench"],
+        programmed=data["programmed"], deflection=deflection, frames=locate_symbolic(chain, q),
         numbers={limit.name: data[limit.name] for limit in problem.limits if limit.numbers is not None},
     )  # fmt: skip
     return station, [ca.vertcat(q, ahead, *speed.values(), slack, excess, band), ca.vertcat(*data.values())]

@@ -10,46 +10,40 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers import check_languages
+from compplan.effects import robot_effects
 from compplan.errors import ConvergenceError, InputError, UnknownNameError
 from compplan.job.job import Job
 from compplan.job.loading import load_path, refuse_unsettled
 from compplan.job.output import OutputTable
 from compplan.planning.approach import plan_approach, plan_retract
-from compplan.planning.buckling import explain_buckling, find_buckling
 from compplan.planning.candidates import better_start
-from compplan.planning.chatter_limit import describe_depth_limit
-from compplan.planning.checks import run_checks
-from compplan.planning.deflection import DAMPING, choose_smoothing, follow_links, measure_bending, state_frequency
+from compplan.planning.checks import find_jumps, find_overloads, run_checks, set_up_bench
+from compplan.planning.deflection import choose_smoothing, follow_links, measure_bending, state_frequency
 from compplan.planning.evaluate import (
     evaluate_model,
     evaluate_run,
     measure_margins,
 )
-from compplan.planning.executed import check_executed, drive_within
-from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.feed import FeedRequest
+from compplan.planning.fixed_point import compensate
+from compplan.planning.lost_motion import state_sides
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
-from compplan.planning.notes import describe_left_out, describe_shrinkage, list_notes
-from compplan.planning.path_problem import count_equations
+from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
-from compplan.planning.posture.finished import RobotMeasure
-from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request, stand
+from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
-from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
-from compplan.planning.run_meter import BAND_ROWS, RunMeter, spread_tip
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
-from compplan.planning.strategies.lost_motion import state_sides
-from compplan.planning.task import SMOOTHING, PlanTask
-from compplan.planning.verdict import find_breaches, find_jumps, find_overloads, set_up_bench
+from compplan.planning.stability import describe_depth_limit, explain_buckling, find_buckling
+from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x, tool_axes
 from compplan.toolpath.toolpath import Toolpath, check_toolpath
-from compplan.uncertainty.band import band_radius
 from compplan.uncertainty.posture_errors import posture_errors
-from compplan.uncertainty.sensitivities import ForceSpread, pick_rows, read_force_spread
+from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 from compplan.uncertainty.shrinkage import shrink_robot
 from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
@@ -118,19 +112,7 @@ def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -
     progress("posture")
     task = build_task(robot, nominal, options, file=job.file)
     name = job.name or job.file.stem
-    return _plan_either(task, options, name=name, job=job, progress=progress)
-
-
-def _plan_either(
-    task: PlanTask, options: PlanOptions, *, name: str, job: Job | None, progress: Callable[[str], None]
-) -> Plan:
-    """Plan a task; where its bettered posture cannot be confirmed and the graph's can, the graph's."""
-    plan = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
-    if plan.status == "solved" or task.start is None or task.start.bettered is None:
-        return plan
-    task = _state_task(task.robot, task.chain, options, task.start.bettered.graph)
-    graph = plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
-    return graph if graph.status == "solved" else plan
+    return plan_task(task, options.strategy, name=name, feed=options.feed, job=job, progress=progress)
 
 
 def prepare_job(job: Job) -> tuple[Robot, Toolpath, PlanOptions]:
@@ -175,7 +157,7 @@ def plan_compensation(
     options = options or PlanOptions()
     progress("posture")
     task = build_task(robot, nominal, options)
-    return _plan_either(task, options, name=name, job=None, progress=progress)
+    return plan_task(task, options.strategy, name=name, feed=options.feed, progress=progress)
 
 
 def plan_task(
@@ -192,14 +174,14 @@ def plan_task(
     """
     output = output if job is None else job.output
     try:
-        found, strategy, executed = drive_within(task, strategy, feed or FeedRequest(), output, progress)
+        found = compensate(task, strategy, feed or FeedRequest(), output, progress)
     except ConvergenceError as error:
         raise explain_buckling(task) or error from None
-    command, timing, feed_notes = found.command, found.timing, found.notes
+    command, timing, executed = found.command, found.timing, found.executed
     task = replace(found.task, links=follow_links(found.task, command.q))
     progress("virtual cell")
     clearance, near = check_clearance(task.start, command.q)
-    bench = set_up_bench(task, command.q, timing, job)
+    bench = set_up_bench(task, timing, job)
     lost = task.missed | np.r_[False, task.missed[:-1]]  # what is out of reach stands where it can
     jumps = {waypoint: limit for waypoint, limit in find_jumps(task, command.q).items() if not lost[waypoint]}
     stopped = {**jumps, **find_overloads(task, command.q, bench), **near}
@@ -213,19 +195,22 @@ def plan_task(
     progress("margins, approach and retract")
     margins = measure_margins(task, command.q, timing)
     bending = measure_bending(task, command.q, timing)
-    breaches = find_breaches(task, command, timing, found.between, after, margins, bench)
-    votes = () if bench.driven is None else run_checks(bench.driven, after, bending)
-    breaches += (*check_executed(task, executed), *votes, *describe_left_out(task.nominal.notes))
+    checks = run_checks(
+        task, command, timing, found.between, after, margins, bench, job=job, bending=bending, executed=executed
+    )
+    breaches = tuple(check.sentence for check in checks if check.fails)
     told = list_notes(task, timing, bending, job)
+    if conflict := command.facts.get("nlp", {}).get("conflict"):
+        told += (f"The nonlinear program has no solution: {conflict}. The command is the best compromise.",)
     if limit := describe_depth_limit(task, command.q):
         told += (limit,)
     if jerk := describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s):
         told += (jerk,)
     plan = Plan(
-        name=name, task=task, strategy=strategy, command=command, timing=timing, before=before, after=after,
-        margins=margins, breaches=breaches, job=job, approach=plan_approach(task, command.q),
+        name=name, task=task, strategy=found.strategy, command=command, timing=timing, before=before, after=after,
+        margins=margins, checks=checks, breaches=breaches, job=job, approach=plan_approach(task, command.q),
         retract=plan_retract(task, command.q), between=found.between, bending=bending, clearance=clearance,
-        notes=(*(task.start.notes if task.start else ()), *feed_notes, *told),
+        notes=(*(task.start.notes if task.start else ()), *found.notes, *told),
     )  # fmt: skip
     plan.__dict__["executed"] = executed
     return plan
@@ -245,6 +230,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
 
     """
     nominal = check_toolpath(nominal, file=file)
+    robot_effects(robot)  # refuses tables that are no effects of this robot
     if not options.spin_free:
         check_tool_x(nominal, np.asarray(options.tool_x, float), file)
     rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
@@ -254,13 +240,6 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         message = f"robot {robot.name!r} has {chain.nq} joints, the path needs {equations}"
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
-    if request is not None:
-        given = (options, nominal, request)
-        measures: dict[str, RobotMeasure] = {"driven_s": partial(_time_stance, *given)}
-        if request.settings.compares:
-            measures["band_mm"] = partial(_measure_band, *given)
-            measures["joint_travel_deg"] = _read_travel
-        request = replace(request, measures=measures)
     try:
         check_start(robot, options.wish.start)
         start = find_kept_start(
@@ -268,45 +247,18 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
-    if options.strategy == "nlp" and options.lock is None and request is not None:
-        force = options.force or read_force_spread(None)
-        meter = RunMeter(options.feed, force, partial(_state_task, robot, chain, options), DAMPING)
-        tool_x = np.asarray(options.tool_x, float)
-        start = better_start(start, Asked(robot, nominal, tool_x, meter, options.tube))
+    if options.lock is None and request is not None:
+        asked = Asked(
+            robot, nominal, np.asarray(options.tool_x, float), options.feed, options.force or read_force_spread(None),
+            partial(_state_task, robot, chain, options), options.tube,
+        )  # fmt: skip
+        start = better_start(start, asked, shape=options.strategy == "nlp")
     task = _state_task(robot, chain, options, start)
     faded, share = shrink_robot(robot, start.q, task.wrench)
     if faded is robot:
         return task
     start = replace(start, notes=(*start.notes, describe_shrinkage(robot, share)))
     return _state_task(faded, build_chain(faded), options, start)
-
-
-def _time_stance(
-    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
-) -> float:
-    """Time the run along a posture before anything is corrected. [s]."""
-    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
-    try:
-        return float(time_run(task, task.q_start, options.feed)[1].time[-1])
-    except ConvergenceError:
-        return np.inf
-
-
-def _read_travel(robot: Robot, stance: PostureSummary) -> float:
-    """Return the joint travel of a posture. [deg]."""
-    return float(stance.costs["joint_travel_deg"])
-
-
-def _measure_band(
-    options: PlanOptions, nominal: Toolpath, asked: PostureRequest, robot: Robot, stance: PostureSummary
-) -> float:
-    """Measure the widest 95 % band along a posture before anything is corrected, vibration left out. [mm]."""
-    task = _state_task(robot, build_chain(robot), options, stand(stance, nominal, asked))
-    try:
-        spread = spread_tip(task, options.force or read_force_spread(None), pick_rows(task.cut, BAND_ROWS))
-    except ConvergenceError:
-        return np.inf
-    return float(1e3 * band_radius(spread).max(initial=0.0))
 
 
 def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) -> PlanTask:

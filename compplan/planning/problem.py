@@ -141,6 +141,7 @@ class Station:
         square: Square of the speed as a share of the programmed feed.
         square_next: That of the next station.
         push: Half the derivative of the square along the programmed time. [1/s]
+        push_before: The same of the way from the station before, 0 at the start of a run. [1/s]
         step: Programmed time to the next station, 0 at the end of a run. [s]
         pace: Its inverse, 0 at the end of a run. [1/s]
         band: Widest 95 % band as a share of that at the start.
@@ -165,6 +166,7 @@ class Station:
     square: ca.SX
     square_next: ca.SX
     push: ca.SX
+    push_before: ca.SX
     step: ca.SX
     pace: ca.SX
     band: ca.SX

@@ -8,6 +8,7 @@ interpolated to every waypoint.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,8 +17,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from compplan.errors import ConvergenceError
 from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
+from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.limits import (
     AccelerationLimit,
     BandLimit,
@@ -26,6 +29,8 @@ from compplan.planning.limits import (
     PoseEquation,
     VelocityLimit,
     linearise_clearance,
+    read_band,
+    read_torques,
 )
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
@@ -34,7 +39,6 @@ from compplan.planning.posture.initial_branches import PostureRequest, Start, st
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.planning.problem import PlanningProblem
-from compplan.planning.run_meter import RunMeter, spread_tip
 from compplan.planning.run_timing import cutting_runs
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
@@ -42,8 +46,7 @@ from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath, divide_toolpath, interpolate
-from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.sensitivities import pick_rows
+from compplan.uncertainty.sensitivities import ForceSpread
 
 LOG = logging.getLogger(__name__)
 
@@ -58,8 +61,6 @@ SMOOTH = 0.3
 #: Solves of the program at most where something is in the way, clearance that is added between stations, and least
 #: share of a step after which distances are linearised anew. [1, m, 1]
 CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
-#: Rows at which what the columns of the band do not hold is measured, and its least share of the variance.
-REST_ROWS, LEAST_REST = 40, 1e-4
 
 
 class Prices(NamedTuple):
@@ -111,7 +112,9 @@ class Asked:
         robot: The robot.
         nominal: The toolpath, its tool axis as programmed.
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        meter: How runs are measured.
+        wish: What the process asks of the feed.
+        force: How surely the force is known.
+        state: States the task that begins with a start.
         tube: Share of the tolerance by which the program may leave the path.
 
     """
@@ -119,8 +122,17 @@ class Asked:
     robot: Robot
     nominal: Toolpath
     tool_x: Array
-    meter: RunMeter
+    wish: FeedRequest
+    force: ForceSpread
+    state: Callable[[Start], PlanTask]
     tube: float = 0.0
+
+    def time(self, task: PlanTask) -> float:
+        """Time the fastest run of a task; infinite where none keeps the limits. [s]"""
+        try:
+            return float(time_run(task, task.q_start, self.wish)[1].time[-1])
+        except ConvergenceError:
+            return np.inf
 
 
 def find_free(task: PlanTask, stance: PostureSummary, asked: Asked) -> Free | None:
@@ -137,7 +149,9 @@ def find_free(task: PlanTask, stance: PostureSummary, asked: Asked) -> Free | No
     return Free(rows, tuple(names), path_axes(divide_toolpath(asked.nominal, task.origin[rows])), room)
 
 
-def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float) -> PlanningProblem:
+def state_problem(
+    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, *, torque: bool = False
+) -> PlanningProblem:
     """State the program of posture and speed.
 
     Args:
@@ -146,6 +160,7 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
         prices: What is weighed.
         band: The band as a function of the posture, None where it does not count.
         time: Time of the start's run. [s]
+        torque: Whether joint torques have to stay within the robot's efforts.
 
     """
     rows, robot = free.rows, task.robot
@@ -175,6 +190,8 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
         JointTravel(prices.motion, unit),
         Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), most),
     ]
+    if torque and (efforts := read_torques(task)) is not None:
+        limits.append(efforts)
     if band is not None:
         limits.append(replace(band, most=prices.most_band))
         costs.append(Band(max(prices.band, 1e-3), k))
@@ -186,45 +203,6 @@ def state_problem(task: PlanTask, free: Free, prices: Prices, band: BandLimit | 
         lower=np.tile(robot.lower + room, (k, 1)), upper=np.tile(robot.upper - room, (k, 1)), spin_free=True,
         axis_free=False, limits=tuple(limits), costs=tuple(costs), along=along, runs=runs,
     )  # fmt: skip
-
-
-def read_band(task: PlanTask, meter: RunMeter, rows: NDArray[np.int_]) -> BandLimit:
-    """Read how the 95 % band depends on the posture; what the columns do not hold stays as it is at the start.
-
-    Args:
-        task: The task at its start.
-        meter: Knows how surely the force is known.
-        rows: Stations. Shape (k,).
-
-    """
-    chain, robot, known = task.chain, task.robot, robot_uncertainty(task.robot)
-    zeros, turns, springs = np.zeros(len(chain.names)), np.zeros(len(chain.names)), np.zeros(chain.n_springs)
-    element, at = dict(zip(robot.joint_names, chain.joint_elements.tolist(), strict=True)), 0
-    for unknown in known.unknowns:
-        square = known.width[at : at + len(unknown.keys)] ** 2
-        at += len(unknown.keys)
-        joint = element.get(str(unknown.joint), -1)
-        if joint >= 0 and unknown.effect in ("joint_offset", "transmission_error"):
-            zeros[joint] += square.mean()
-        elif joint >= 0 and unknown.effect == "backlash":
-            zeros[joint] += 0.25 * square.sum()
-        elif joint >= 0 and unknown.effect == "link_geometry" and str(unknown.axis).startswith("r"):
-            turns[joint] += square.sum()
-        elif unknown.effect in ("joint_stiffness", "link_compliance"):
-            axis = unknown.axis or "own"
-            for s, name in enumerate(chain.spring_names):
-                if name == f"{unknown.joint}.{axis}" and chain.compliance[s, s] > 0.0:
-                    springs[s] += square.sum() / chain.compliance[s, s] ** 2
-    level = float(np.hypot(meter.force.level, meter.force.path))
-    band = BandLimit(chain, np.sqrt(zeros), np.sqrt(turns / 3.0), np.sqrt(springs), level, meter.force.direction,
-                     np.zeros((3, 3)), 1.0, task.cut[rows])  # fmt: skip
-    some = pick_rows(task.cut, REST_ROWS)
-    exact = spread_tip(task, meter.force, some)
-    own = _evaluate(band, task, some)[0]
-    value, vector = np.linalg.eigh((exact - own @ np.swapaxes(own, 1, 2)).mean(axis=0))
-    least = LEAST_REST * float(np.trace(exact.mean(axis=0)))
-    band = replace(band, rest=vector @ np.diag(np.maximum(value, least)) @ vector.T)
-    return replace(band, reference=float(_evaluate(band, task, rows)[1][task.cut[rows]].max()))
 
 
 def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
@@ -240,8 +218,8 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
     stance, request = start.stance, start.request
     if stance is None or request is None or task.missed.any() or (free := find_free(task, stance, asked)) is None:
         return None
-    band = read_band(task, asked.meter, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, asked.meter.time(task))
+    band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
+    problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.wish.torque)
     scene, clear = request.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
@@ -370,10 +348,3 @@ def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[st
     if allowed is not None and allowed.apart.any():
         along = np.where(allowed.apart, share * inside * np.nan_to_num(allowed.tangential, posinf=0.0), 0.0)
     return dict(zip(names, (along[rows], across[rows], across[rows]), strict=True))
-
-
-def _evaluate(band: BandLimit, task: PlanTask, rows: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Evaluate columns and radius of the band at some waypoints of the start."""
-    loaded = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
-    theta = np.zeros((len(rows), task.chain.n_springs)) if loaded.theta is None else loaded.theta
-    return band.evaluate(task.q_start[rows], task.wrench[rows], theta)

@@ -16,12 +16,13 @@ from compplan.io.quantities import format_length, format_number, format_set_leng
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
 from compplan.planning.between import Between
+from compplan.planning.checks import Check
 from compplan.planning.citations import list_citations
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath, evaluate_executed
+from compplan.planning.lost_motion import list_reversals
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.planning.reversals import list_reversals
 from compplan.planning.run_timing import Timing
 from compplan.planning.slow import group_waypoints
 from compplan.planning.task import Command, PlanTask
@@ -57,6 +58,7 @@ class Plan(Shown):
         between: Where the loaded tip goes between waypoints, by the planner's model.
         bending: What bends the arm along the path, cause by cause.
         judge: Who computed `before` and `after`.
+        checks: What was checked, with values and limits.
         breaches: What keeps the judge from confirming the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
@@ -78,6 +80,7 @@ class Plan(Shown):
     between: Between
     bending: Bending
     judge: str = JUDGE
+    checks: tuple[Check, ...] = ()
     breaches: tuple[str, ...] = ()
     clearance: ClearanceProfile | None = None
     notes: tuple[str, ...] = ()
@@ -146,9 +149,10 @@ class Plan(Shown):
             left = np.maximum(left, self.executed.near)
         if task.nominal.rounded is not None:
             left = left + task.nominal.rounded
-        if output is not None and output.programs and output.form != "joint":
-            bow += 1e-3 * output.fit_tolerance_mm
-            left = left + 1e-3 * output.fit_tolerance_mm * (task.coarser - 1.0)
+        followed = self.executed is not None and self.executed.zone is not None  # as written: that counts already
+        if output is not None and output.programs and output.form != "joint" and not followed:
+            bow += output.bound_fit(task.tolerance)
+            left = left + output.bound_fit(task.tolerance) * (task.coarser - 1.0)
         placed, part = read_placement(noise), None
         if placed is not None and self.job is not None:
             part = shift_part(task.position, self.job.T_base_part[:3, 3], placed)
@@ -330,6 +334,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "duration_s": float(plan.timing.time[-1]),
         "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
         "judge": plan.judge,
+        "checks": [check.describe() for check in plan.checks],
         "notes": [*plan.reasons, *plan.notes],
         "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),

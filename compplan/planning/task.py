@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.planning.allowed import Allowed, find_allowed
-from compplan.planning.joint_weights import weigh_joints
-from compplan.planning.path_problem import PathProblem
 from compplan.planning.posture.initial_branches import Start
+from compplan.planning.posture.motion import MotionFigures
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
@@ -32,6 +31,8 @@ from compplan.uncertainty.touch_off import TouchedPart
 SMOOTHING = 0.05
 #: Such times that a move takes at least which loads the tool where it stands.
 PERIODS = 2.0
+#: Postures whose levers are looked at; least and greatest weight of a joint against the mean one.
+LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
 
 
 @dataclass(frozen=True)
@@ -221,26 +222,54 @@ class PlanTask:
             return np.asarray(np.linalg.norm(away, axis=1) / self.tolerance)
         return self.allowed.use(away)
 
+    @property
+    def stays(self) -> NDArray[np.bool_]:
+        """Joints that keep q_start: rails and what carries the part, whose small motions are lost. Shape (nq,)."""
+        return (self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6)
+
     @cached_property
-    def problem(self) -> PathProblem:
-        """The pose equations of the task, and what its joints may do."""
-        return PathProblem(
-            chain=self.chain,
-            position=self.position,
-            rotation=self.rotation,
-            wrench=self.wrench,
-            compensated=self.compensated,
-            q_start=self.q_start,
-            step_time=self.step_time,
-            lower=self.robot.lower,
-            upper=self.robot.upper,
-            velocity_limits=self.velocity_limits,
-            acceleration_limits=self.acceleration_limits,
-            max_correction=self.max_correction,
-            spin_free=self.spin_free,
-            still=(self.robot.prismatic | self.robot.carriers) & (np.arange(self.robot.nq) < self.robot.nq - 6),
-            weight=weigh_joints(self.chain, self.q_start, self.robot),
-        )
+    def worth(self) -> Array:
+        """What motion of each joint is worth. Shape (nq,)."""
+        return weigh_joints(self.chain, self.q_start, self.robot)
+
+    @property
+    def axis_free(self) -> bool:
+        """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
+        return self.chain.nq < 5
+
+    @property
+    def redundant(self) -> bool:
+        """Tell whether a waypoint leaves the joints any freedom."""
+        return self.chain.nq - int(self.stays.sum()) > count_equations(self.chain, spin_free=self.spin_free)
+
+
+def count_equations(chain: Chain, *, spin_free: bool) -> int:
+    """Count the pose equations of a waypoint: tip, tool axis where the arm chooses it, spin where it is not free."""
+    return (3 if chain.nq < 5 else 5) + (not spin_free)
+
+
+def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
+    """Weigh joints by the error that their motion makes at the tip.
+
+    A joint of lever r turns with a gear error of amplitude a and n periods a turn, and with lost motion b. Over a
+    period of the gear the tip is off by r a / sqrt(2) and r b / 2, so that a radian costs
+
+        w = r^2 [ (a n)^2 / 2 + (b n / (4 pi))^2 ]
+
+    with the lost motion of the folder where it states one, else the assumed one; in shares of the mean. Shape (nq,).
+    """
+    some = q[np.unique(np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int))]
+    columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
+    lever = np.einsum("nij,nij->j", columns, columns) / len(some)
+    gear, periods, lost, *_ = MotionFigures()
+    width = np.full(robot.nq, lost)
+    for entry in robot.effects:
+        if entry.get("effect") == "backlash" and entry.get("joint") in robot.joint_names:
+            values = entry["parameters"]
+            stated = abs(float(values.get("width_rad", values.get("width_m", 0.0))))
+            width[robot.joint_names.index(entry["joint"])] = stated
+    cost = lever * (0.5 * (gear * periods) ** 2 + (width * periods / (4.0 * np.pi)) ** 2)
+    return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)
 
 
 @dataclass(frozen=True)
@@ -309,3 +338,33 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
         position[rapid[part]], rotation[rapid[part]] = frames.tcp_position, frames.tcp_rotation
         columns[rapid[part]] = joint_jacobian(task.chain, frames)
     return AttainedPose(position, rotation, columns)
+
+
+def pose_equations(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
+    """Return by how much some waypoints miss the pose equations: tip, tool axis (and spin). Shape (k, rows). [m, rad]
+
+    Args:
+        task: The task.
+        attained: The loaded tool, or the unloaded one in rapid moves; k poses.
+        rows: The waypoints. Shape (k,).
+
+    """
+    missed = [attained.position - task.position[rows]]
+    missed += [np.einsum("ni,ni->n", a, b)[:, None] for a, b in _crossings(task, attained, rows)]
+    return np.hstack(missed)
+
+
+def differentiate_equations(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
+    """Differentiate the pose equations with respect to the commanded joints. Shape (k, equations, nq)."""
+    turns = [
+        np.einsum("ni,nij->nj", np.cross(b, a), attained.jacobian[:, 3:])[:, None]
+        for a, b in _crossings(task, attained, rows)
+    ]
+    return np.concatenate([attained.jacobian[:, :3], *turns], axis=1)
+
+
+def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> list[tuple[Array, Array]]:
+    """Pair the directions that have to be normal to each other: wanted with attained. Shapes (k, 3)."""
+    x, y = task.rotation[rows, :, 0], task.rotation[rows, :, 1]
+    pairs = [] if task.axis_free else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
+    return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]

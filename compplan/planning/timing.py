@@ -15,14 +15,16 @@ frequency unexcited.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
@@ -34,6 +36,8 @@ NO_LIMIT = 1e4
 TorqueParts = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 #: Halvings that bring the time of a waypoint near enough for Newton's steps, and those steps.
 HALVINGS, NEWTON_STEPS = 18, 3
+#: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
+INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 #: Share of the limits by which TOPP-RA's answer may pass them, its solver's tolerance; what it leaves of a limit.
 ROUNDING = 1e-6
 
@@ -102,12 +106,32 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
     return square
 
 
+class _Pyplot(ModuleType):
+    """Stands for matplotlib.pyplot until something is drawn."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(import_module("matplotlib.pyplot"), name)
+
+
 @cache
 def _toppra() -> tuple[Any, Any, Any]:
     """Load toppra where it is used: its path, a limit of given rows, its algorithm."""
     import logging
 
-    import toppra
+    # toppra imports matplotlib for its plots alone: here that waits until something is drawn
+    package, plots = ModuleType("matplotlib"), _Pyplot("matplotlib.pyplot")
+    vars(package)["pyplot"] = plots
+    waits = {} if "matplotlib.pyplot" in sys.modules else {"matplotlib": package, "matplotlib.pyplot": plots}
+    known = {name: sys.modules[name] for name in waits if name in sys.modules}
+    sys.modules.update(waits)
+    try:
+        import toppra
+    finally:
+        for name in waits:
+            del sys.modules[name]
+        sys.modules.update(known)
     from toppra.algorithm import TOPPRA
     from toppra.constraint import DiscretizationType
     from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate
@@ -184,21 +208,21 @@ def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
     rate = np.diff(speed) / step
     if window <= 0:
         return Profile(time, speed, np.r_[rate, rate[-1]])
-    area = np.r_[0.0, np.cumsum(step * (along[:-1] + step * (speed[:-1] / 2 + step * rate / 6)))]
-    law = _Law(time, along, speed, rate, area)
+    rest = np.zeros((2, 1))  # before and behind the run
+    law = PPoly(np.hstack([rest, [rate, speed[:-1]], rest]), np.r_[-window, time, time[-1] + window])
+    place, area = law.antiderivative(), law.antiderivative(2)
     low, high = time, time + window  # the average runs behind by up to the window
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        place = (law.area_at(middle) - law.area_at(middle - window)) / window
-        low, high = np.where(place < along, middle, low), np.where(place < along, high, middle)
+        short = (area(middle) - area(middle - window)) / window < along
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
     when = 0.5 * (low + high)
     for _ in range(NEWTON_STEPS):
-        place = (law.area_at(when) - law.area_at(when - window)) / window
-        slope = (law.at(when)[0] - law.at(when - window)[0]) / window
-        when = np.clip(when - (place - along) / np.maximum(slope, 1e-12), low, high)
+        missed = (area(when) - area(when - window)) / window - along
+        slope = (place(when) - place(when - window)) / window
+        when = np.clip(when - missed / np.maximum(slope, 1e-12), low, high)
     when[0], when[-1] = 0.0, time[-1] + window
-    there, before = law.at(when), law.at(when - window)
-    share, push = (there[0] - before[0]) / window, (there[1] - before[1]) / window
+    share, push = ((each(when) - each(when - window)) / window for each in (place, law))
     share[[0, -1]] = push[[0, -1]] = 0.0
     return Profile(np.maximum.accumulate(when), np.maximum(share, 0.0), push)
 
@@ -226,38 +250,6 @@ def ease_duration(distance: Array, velocity_limits: Array, acceleration_limits: 
         by_speed = np.nan_to_num(1.875 * distance / velocity_limits).max(initial=0.0)
         by_push = np.sqrt(np.nan_to_num(5.774 * distance / acceleration_limits).max(initial=0.0))
     return float(max(by_speed, by_push))
-
-
-@dataclass(frozen=True)
-class _Law:
-    """A profile of piecewise constant acceleration; at rest before and after."""
-
-    time: Array
-    along: Array
-    speed: Array
-    rate: Array
-    area: Array
-
-    def at(self, when: Array) -> tuple[Array, Array]:
-        """Return place and speed."""
-        piece, past = self._find(when)
-        place = self.along[piece] + past * (self.speed[piece] + 0.5 * past * self.rate[piece])
-        speed = self.speed[piece] + past * self.rate[piece]
-        over, under = when >= self.time[-1], when <= 0
-        place = np.where(over, self.along[-1], np.where(under, self.along[0], place))
-        return place, np.where(over | under, 0.0, speed)
-
-    def area_at(self, when: Array) -> Array:
-        """Return the integral of the place from time 0 on."""
-        piece, past = self._find(when)
-        grown = self.along[piece] + past * (0.5 * self.speed[piece] + past * self.rate[piece] / 6)
-        area = self.area[piece] + past * grown
-        beyond = self.area[-1] + self.along[-1] * (when - self.time[-1])
-        return np.asarray(np.where(when >= self.time[-1], beyond, np.where(when <= 0, self.along[0] * when, area)))
-
-    def _find(self, when: Array) -> tuple[NDArray[np.int_], Array]:
-        piece = np.clip(np.searchsorted(self.time, when, side="right") - 1, 0, len(self.rate) - 1).astype(int)
-        return piece, when - self.time[piece]
 
 
 def subdivide(along: Array, q: Array) -> tuple[Array, Array]:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.notes import list_remarks
-from compplan.planning.posture.alternatives import compare_postures
-from compplan.planning.reversals import describe_reversals, list_reversals
+from compplan.planning.lost_motion import describe_reversals, list_reversals
+from compplan.planning.posture.initial_branches import compare_postures
 from compplan.planning.slow import describe_causes, mark_slow
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
@@ -95,7 +95,7 @@ def _weigh_postures(plan: Plan) -> tuple[dict[str, float], dict[str, float]] | N
     """Measure the posture beside the plain one."""
     if plan.job is None or plan.task.start is None or plan.robot.nq < 6:
         return None
-    return compare_postures(plan.robot, plan.task.chain, plan.task.start, plan.job.tool_x_base)
+    return compare_postures(plan.robot, plan.task.start, plan.job.tool_x_base)
 
 
 def _list_facts(plan: Plan) -> list[tuple[str, str]]:

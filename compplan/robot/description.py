@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from compplan.errors import InputError
+from compplan.io.parsing import guard_parser
 from compplan.io.tables import read_text
 from compplan.io.xmlfile import parse_xml
 
@@ -108,17 +109,12 @@ def expand_xacro(file: Path) -> str:
     """
     import xacro
 
-    try:
-        with _guard_xacro(file), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            document = xacro.process_file(str(file))
-            for node in [node for node in document.childNodes if node.nodeType == node.COMMENT_NODE]:
-                document.removeChild(node)  # the banner of xacro
-            text = str(document.toprettyxml(indent="  "))
-    except InputError:
-        raise
-    except (Exception, RecursionError) as error:  # xacro raises whatever a broken file leads to
-        message = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"cannot be expanded by xacro: {message}", file=file) from None
+    silent = redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO())
+    with guard_parser(file, "cannot be expanded by xacro"), _guard_xacro(file), silent[0], silent[1]:
+        document = xacro.process_file(str(file))
+        for node in [node for node in document.childNodes if node.nodeType == node.COMMENT_NODE]:
+            document.removeChild(node)  # the banner of xacro
+        text = str(document.toprettyxml(indent="  "))
     if not any(element.tag == "link" for element in parse_xml(text, file)):
         hint = "name the file that calls its macro" if "macro" in file.name else "expected a robot"
         raise InputError(f"expands to a robot without links; {hint}", file=file)

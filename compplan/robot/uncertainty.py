@@ -51,6 +51,8 @@ Array = NDArray[np.float64]
 FILE = "uncertainty.toml"
 #: Most parameters of a folder; the factor holds at most half the square of it.
 MOST_UNKNOWN = 1000
+#: Least length over which an error may forget itself: a micrometre. [mm]
+LEAST_LENGTH_MM = 1e-3
 #: Rows of the factor have length one up to rounding; shares of it below the second number are not written.
 ROUNDING, NOTHING = 1e-3, 1e-5
 
@@ -221,7 +223,7 @@ class UnexplainedTable(StrictTable):
     """[unexplained]: what no parameter explains."""
 
     rms_mm: float = Field(ge=0.0, le=100.0)
-    scale_mm: float = Field(default=300.0, gt=0.0, le=1e5)
+    scale_mm: float = Field(default=300.0, ge=LEAST_LENGTH_MM, le=1e5)
 
 
 class CalibrationTable(StrictTable):

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from compplan.controllers.readback.frames import read_frame, read_mounting
+from compplan.io.parsing import guard_parser
 from compplan.io.tables import read_text
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, ExactRobotBuilder
@@ -109,7 +110,8 @@ class _Tree:
 
     def __init__(self, urdf: str) -> None:
         text = ElementTree.fromstring(urdf)
-        self.model = pin.buildModelFromXML(_write_skeleton(text))
+        with guard_parser(text.get("name") or "robot.urdf", "cannot be read as URDF by Pinocchio"):
+            self.model = pin.buildModelFromXML(_write_skeleton(text))
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
         where = {f.name: data.oMf[k] for k, f in enumerate(self.model.frames) if f.type == pin.FrameType.BODY}

@@ -37,11 +37,12 @@ def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int],
         scheduler: Address, such as "tcp://127.0.0.1:8786".
 
     Raises:
-        InputError: If the scheduler does not answer, or Dask is not installed.
+        InputError: If the scheduler does not answer, Dask is not installed, or a worker has other versions.
 
     """
     client = _connect(scheduler)
     try:
+        _check_versions(client)
         yield from _collect(client, study, numbers, points)
     finally:
         client.close()
@@ -75,6 +76,35 @@ def _connect(scheduler: str) -> Any:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         message = f"no Dask scheduler answers at {scheduler}: {reason}; start one with `dask scheduler`"
         raise InputError(message) from None
+
+
+def _check_versions(client: Any) -> None:
+    """Compare the versions that results depend on with those of every worker that is there."""
+    here = _list_versions()
+    for worker, there in client.run(_list_versions).items():
+        other = [
+            f"{name} {there.get(name)} (here {version})" for name, version in here.items() if there.get(name) != version
+        ]
+        if other:
+            raise InputError(
+                f"worker {worker} has {', '.join(other)}: results would depend on who computes them; "
+                "give all workers the same environment"
+            )
+
+
+def _list_versions() -> dict[str, str]:
+    from importlib.metadata import PackageNotFoundError, version
+    from platform import python_version
+
+    from compplan.version import VERSION
+
+    found = {"compplan": VERSION, "Python": python_version()}
+    for name in ("numpy", "pin", "casadi"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
 
 
 def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[int], Array]) -> Chunks:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.strategies.answer import answer_reading
+from compplan.planning.strategies.online import answer_reading
 from compplan.robot import Array
 from compplan.statics.encoders import feedback_scale
 from compplan.studies.kernel import settle_tips

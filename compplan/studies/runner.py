@@ -21,8 +21,9 @@ from compplan.studies.storage import ChunkFolder, fingerprint_study
 from compplan.studies.study import Study
 from compplan.studies.workers import Workers, compute_chunks
 
-#: Poses a chunk comes to, about; and the bounds of its number of samples.
-CHUNK_POSES, LEAST_SAMPLES, MOST_SAMPLES = 600_000, 8, 1024
+#: Poses a chunk comes to, about; and the bounds of its number of samples. At most 20 leave four chunks and more to each
+#: of 100 workers from 8,000 samples on; on one machine small chunks cost about a quarter of the time.
+CHUNK_POSES, LEAST_SAMPLES, MOST_SAMPLES = 600_000, 8, 20
 #: Samples whose distances along the path are kept.
 MOST_ALONG = 2000
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InputError
 from compplan.job.noise import NoiseTable
-from compplan.planning.strategies.answer import Answer
-from compplan.planning.strategies.online import ONLINE, list_strategies, prepare_answers
+from compplan.planning.strategies.online import ONLINE, Answer, list_strategies, prepare_answers
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.encoders import actuator_selection, control_equilibrium

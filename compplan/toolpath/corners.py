@@ -30,6 +30,11 @@ KEPT, SLOWED = 2, 4
 ROUND_POINTS, SHARE = {KEPT: 7, SLOWED: 17}, 0.45
 #: Share of the tolerance that is taken beside an arc, and the turn of one. [1, rad]
 BESIDE_ARC, BEND = 0.95, 1e-4
+#: How far a leg of a corner may bulge from a line, as a share of what a zone may lead beside the corner.
+ON_LINE = 0.1
+#: How far the commanded tip may lie beside the legs of a corner, in what zones may lead beside it:
+#: what it makes up for as the tool slows down there is not as planned where a zone leads around the corner (assumed).
+STRAYS = 2.0
 
 
 def round_corners(toolpath: Toolpath, tolerance: float, power: int = KEPT) -> Toolpath:
@@ -126,6 +131,51 @@ def find_roundings(toolpath: Toolpath) -> list[tuple[int, int]]:
         return []
     edges = np.diff(np.r_[0, (toolpath.rounded > 0.0).astype(int), 0])
     return list(zip((np.flatnonzero(edges == 1) - 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True))
+
+
+def find_corner_shifts(toolpath: Toolpath, tip: Array, beside: Array) -> Array | None:
+    """Return the vector from the middle waypoint of each rounding to the corner that it rounds, which programs state.
+
+    Between straight moves the middle of a rounding lies on the line from the middle of its ends to the corner. A
+    rounding stays as it is where a leg of it is no line, or the commanded tip lies too far beside the legs.
+
+    Args:
+        toolpath: The toolpath.
+        tip: Commanded tip. Shape (n, 3). [m]
+        beside: How far zones of a program may lead beside the path. Shape (n,). [m]
+
+    Returns:
+        0 at all other waypoints, nan at those of a rounding, which programs leave out; None where there is no corner.
+        Shape (n, 3). [m]
+
+    """
+    x = toolpath.position
+    shift, found = np.zeros_like(toolpath.position), False
+    for first, last in find_roundings(toolpath):
+        assert toolpath.rounded is not None
+        middle = first + 1 + int(np.argmax(toolpath.rounded[first + 1 : last]))
+        away = x[middle] - 0.5 * (x[first] + x[last])
+        away *= toolpath.rounded[middle] / max(float(np.linalg.norm(away)), 1e-12)
+        legs = x[middle] + away - x[[first, last]]
+        steps = x[[first + 1, last - 1]] - x[[first, last]]
+        reach, step = (np.linalg.norm(vectors, axis=1) for vectors in (legs, steps))
+        cosine = (legs * steps).sum(axis=1) / np.maximum(reach * step, 1e-24)
+        bulge = 0.25 * reach * np.arccos(np.clip(cosine, -1.0, 1.0))
+        most = max(float(toolpath.rounded[middle]), float(beside[middle]))
+        off = _measure_beside(tip[first : last + 1], tip[middle] + away)
+        if (bulge <= ON_LINE * most).all() and off <= STRAYS * most:
+            shift[first + 1 : last], shift[middle], found = np.nan, away, True
+    return shift if found else None
+
+
+def _measure_beside(x: Array, corner: Array) -> float:
+    """Return how far places lie beside the lines from the first to a corner and on to the last. Shape (k, 3). [m]."""
+    arms = x - corner
+    off = []
+    for leg in (arms[0], arms[-1]):
+        share = np.clip(arms @ leg / max(float(leg @ leg), 1e-24), 0.0, 1.0)
+        off.append(np.linalg.norm(arms - share[:, None] * leg, axis=1))
+    return float(np.min(off, axis=0).max())
 
 
 def find_shares(position: Array) -> tuple[Array, float]:

@@ -78,7 +78,8 @@ class TouchedPart:
         """
         fit = linear_displacement(self.shown)
         value, vector = np.linalg.eigh(fit @ fit.T)
-        return self._carry(self.repeatability * vector * np.sqrt(np.maximum(value, 0.0)), position)
+        root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # the symmetric one: no sign is free
+        return self._carry(self.repeatability * root, position)
 
     def follow(self, moved: Array, position: Array) -> Array:
         """Return how the fitted part moves with the touched points.
@@ -91,7 +92,7 @@ class TouchedPart:
             Shape (n, 3, p). [m]
 
         """
-        return self._carry(linear_displacement(self.shown) @ moved.reshape(-1, moved.shape[2]), position)
+        return self._carry(linear_displacement(self.shown) @ moved.reshape(3 * len(moved), moved.shape[2]), position)
 
     def _carry(self, twist: Array, position: Array) -> Array:
         lever = position - self.shown.mean(axis=0)

@@ -47,15 +47,6 @@ def test_an_engine_that_answers_wrongly_or_not_at_all_is_odd(monkeypatch):
     assert "no ipopt" in said and "a wrong answer" in said
 
 
-def test_a_sourced_robot_has_nothing_odd():
-    assert not odd(examine_robot(load_robot("staubli_tx200")))
-
-
-def test_a_rigid_placeholder_is_said_to_correct_nothing():
-    said = odd(examine_robot(load_robot("ur10")))
-    assert "placeholder" in said and "corrects nothing" in said
-
-
 def test_compliances_without_their_exponent_bend_the_arm_by_metres(tmp_path):
     robot = spoilt(tmp_path, "elasticity.toml", r"(compliance\s*=\s*)([\d.]+e-\d)", r"\g<1>2\2")
     assert "forgot e-6" in "\n".join(f.advice for f in examine_robot(robot) if f.state == "odd")
@@ -97,11 +88,6 @@ def test_a_joint_that_never_moves_and_few_poses_are_odd(tmp_path):
     said = odd(examine_log(write_log(tmp_path, poses=9, hold=3), load_robot("ur10")))
     assert "wrist_1_joint moves over 0.0 deg only" in said or "joint_4 moves over 0.0 deg only" in said
     assert "9 different poses" in said
-
-
-def test_a_log_alone_is_looked_at_without_its_robot(tmp_path):
-    findings = examine_log(write_log(tmp_path))
-    assert any(finding.about == "robot" for finding in findings)
 
 
 def test_the_command_prints_json_and_refuses_what_it_cannot_read(tmp_path, monkeypatch, capsys):

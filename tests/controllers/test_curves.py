@@ -71,21 +71,6 @@ def test_an_arc_that_the_correction_bends_is_divided(tmp_path: Path) -> None:
     assert len(fitted.rows) <= len(unmarked.rows) + 4
 
 
-def test_starts_from_rest_and_stops_are_left_to_the_controller() -> None:
-    way = np.r_[0.0, np.cumsum(np.r_[0.02, 0.05, 0.1, 0.3, 0.6, np.full(40, 1.0), 0.6, 0.3, 0.1, 0.05, 0.02])]
-    speed = np.r_[1.0, 3.0, 6.0, 12.0, 17.0, np.full(40, 20.0), 17.0, 12.0, 6.0, 3.0, 1.0]
-    time = np.r_[0.0, np.cumsum(np.diff(way) / speed)]
-    position = np.column_stack([way, 0 * way, 0 * way])
-    fitted = fit_moves(make_program(position, time))
-    assert fitted.rows.tolist() == [0, 50] and fitted.program.feed[1] == pytest.approx(20.0)
-    slow = fit_moves(make_program(position, 10.0 * time))  # the plan takes a second to get up: that it means
-    assert len(slow.rows) > 5
-    corner = np.r_[np.full(20, 20.0), 10.0, 5.0, 2.0, 5.0, 10.0, np.full(20, 20.0)]  # nor is a slow corner a rest
-    way = np.arange(46.0)
-    kept = fit_moves(make_program(np.column_stack([way, 0 * way, 0 * way]), np.r_[0.0, np.cumsum(1.0 / corner)]))
-    assert kept.program.feed[1:] == pytest.approx([20.0, 10.0, 5.0, 2.0, 5.0, 10.0, 20.0])
-
-
 def make_curve() -> Program:
     s = np.linspace(0.0, 3.0, 1501)
     place = np.column_stack([30 * np.cos(s) + 3 * np.sin(2 * s), 30 * np.sin(s), 4 * np.cos(3 * s)])
@@ -153,21 +138,6 @@ def test_moves_name_the_line_of_the_cam_file_at_which_they_end(tmp_path: Path) -
     lines = [line.strip() for line in text.splitlines()]
     assert lines.count("! CAM line 4") == 1 and lines.count("! CAM line 7") == 1  # on lines of their own
     assert lines[lines.index("! CAM line 5") + 1].startswith("MoveC [[")
-
-
-def test_no_arc_is_flatter_or_shorter_than_rapid_takes() -> None:
-    # through CirPoint and ToPoint the start sees at least 1 degree, and CirPoint lies 0.1 mm from it
-    along = np.linspace(0.0, 10.0, 401)
-    for radius, arcs in ((20.0, True), (400.0, False), (0.15, False)):
-        place = circle(np.minimum(along / radius, 2.0), radius) if radius > 1.0 else circle(along[:13] / radius, radius)
-        fitted = fit_moves(make_program(place, 0.1 * np.arange(len(place))))
-        some = fitted.program
-        assert some.via is not None and some.arcs.any() == arcs
-        for k in np.flatnonzero(some.arcs):
-            start, end = place[fitted.rows[k - 1]], place[fitted.rows[k]]
-            first, second = 1e3 * some.via[k, :3, 3] - start, end - start
-            angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
-            assert np.degrees(angle) >= 1.0 and np.linalg.norm(first) >= 0.1
 
 
 def _write(file: Path, text: str) -> Path:

@@ -32,16 +32,6 @@ def circle(angles: np.ndarray, radius: float = 20.0) -> np.ndarray:
     return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), 5.0)])
 
 
-def test_a_circle_through_three_places_has_their_centre() -> None:
-    found = find_circle(*circle(np.array([0.2, 0.7, 2.0])))
-    assert found is not None
-    centre, u, v, normal = found
-    assert centre == pytest.approx([0.0, 0.0, 5.0], abs=1e-12)
-    assert normal == pytest.approx([0.0, 0.0, 1.0]) and u == pytest.approx([np.cos(0.2), np.sin(0.2), 0.0])
-    assert v == pytest.approx([-np.sin(0.2), np.cos(0.2), 0.0])
-    assert find_circle(*np.array([[0.0, 0, 0], [1, 1, 0], [2, 2, 0]])) is None
-
-
 def test_three_quarters_of_a_circle_at_one_speed_are_two_arcs() -> None:
     angles = np.linspace(0.0, 1.5 * np.pi, 501)
     program = make_program(circle(angles), np.linspace(0.0, 10.0, 501), turn=0.5)
@@ -49,14 +39,6 @@ def test_three_quarters_of_a_circle_at_one_speed_are_two_arcs() -> None:
     assert len(fitted.program) <= 4 and fitted.program.arcs[1:].all()
     assert fitted.program.feed[1:] == pytest.approx(1.5 * np.pi * 20.0 / 10.0, rel=1e-4)
     assert fitted.rows[-1] == 500
-
-
-def test_a_line_is_one_move_and_a_bulge_beyond_the_tolerance_is_not() -> None:
-    along, time = np.linspace(0.0, 50.0, 101), np.linspace(0.0, 5.0, 101)
-    for bulge, most in ((1.9e-3, 2), (2.1e-3, 9)):  # a sine [mm]: lines through its rows leave all of it, or none
-        position = np.column_stack([along, bulge * np.sin(np.pi * along / 50.0), 0 * along])
-        count = len(fit_moves(make_program(position, time), arcs=False).program)
-        assert (count == 2) == (most == 2) and count <= most
 
 
 def test_every_row_lies_within_the_tolerance_and_every_move_has_its_time() -> None:
@@ -96,13 +78,6 @@ def test_rows_nearer_than_a_cycle_are_joined_where_the_path_is_straight_and_slow
     assert fitted.program.feed[1:] == pytest.approx(np.hypot(0.1, 1.0) / 0.004)
 
 
-def test_a_short_move_is_not_joined_to_a_long_one_of_another_speed() -> None:
-    line = np.column_stack([np.array([0.0, 1.0, 1.2, 2.2]), np.zeros(4), np.zeros(4)])
-    fitted = fit_moves(make_program(line, np.array([0.0, 0.02, 0.022, 0.042])))  # 50, 100 and 50 mm/s
-    assert fitted.rows.tolist() == [0, 1, 2, 3] and fitted.slowed == 1
-    assert fitted.program.feed[1:] == pytest.approx([50.0, 50.0, 50.0])  # the short one takes a cycle
-
-
 def test_rows_that_bring_in_a_correction_at_rest_are_one_move_with_a_speed_that_no_language_writes_as_zero() -> None:
     """Nine rows go 1e-8 mm and turn by 3e-7 rad, then a line begins: 0.000000 m/s would stand in a program."""
     line = np.column_stack([np.linspace(0.0, 10.0, 41), np.zeros(41), np.zeros(41)])
@@ -113,7 +88,7 @@ def test_rows_that_bring_in_a_correction_at_rest_are_one_move_with_a_speed_that_
     stays = np.arange(49) <= 8
     fitted = fit_moves(replace(program, free=stays & (np.arange(49) > 0), exact=np.arange(49) == 8))
     assert fitted.rows.tolist() == [0, 8, 48]
-    assert fitted.program.feed[1] == pytest.approx(1e-3)
+    assert fitted.program.feed[1] == pytest.approx(1.0 / 6.0)  # 1 cm/min
     assert float(f"{1e-3 * fitted.program.feed[1]:.6f}") > 0.0  # as KRL writes it
 
 

@@ -244,15 +244,6 @@ def make_program(folder: Path, language: str, sixth: float = 60.0) -> Program:
     return replace(program, post=Post(overwrite=True))
 
 
-def test_a_table_is_read_back_whatever_the_axes_are_called(tmp_path: Path) -> None:
-    program = make_program(tmp_path / "cell", "csv")
-    names = ("slide x", *(f"axis {k}" for k in range(1, 7)))[-len(program.joint_names) :]
-    write_program(replace(program, joint_names=names), "csv", tmp_path / "out")
-    (file,) = (tmp_path / "out").glob("*.csv")
-    again = [move.joints for move in read_csv(file, names, program.outer)]
-    assert np.array(again) == pytest.approx(program.joints[:, -6:], abs=1e-6)
-
-
 @pytest.mark.parametrize("language", ["fanuc_ls", "inform"])
 def test_frames_that_a_program_asks_of_the_cell_are_read_back(language: str, tmp_path: Path) -> None:
     program = replace(make_program(tmp_path / "cell", language), post=Post())
@@ -341,17 +332,6 @@ def test_rapid_moves_of_a_sinumerik_carry_stat_and_tu_as_krl_positions_do(tmp_pa
     assert (first.configuration, second.configuration) == (CONFIGURATION["krl"], ())
 
 
-def test_turns_beyond_half_a_turn_are_counted(tmp_path: Path) -> None:
-    """FANUC: J6 = 180 + .5 * 50 + 60 = 265 deg with joint 6 at -60; RAPID: 90 - 190 = -100 deg, quadrant -2."""
-    sixth = {"fanuc_ls": -60.0, "rapid": -190.0}
-    found = {}
-    for language, angle in sixth.items():
-        program = make_program(tmp_path / language / "cell", language, sixth=angle)
-        write_program(program, language, tmp_path / language)
-        found[language] = read_form(f"{language} linear", tmp_path / language, "two")[0].configuration
-    assert found == {"fanuc_ls": ("F", "U", "T", "0", "0", "1"), "rapid": (0, 0, -2, 1)}
-
-
 def test_a_fanuc_counts_turns_of_its_first_fourth_and_sixth_joint(tmp_path: Path) -> None:
     program = make_program(tmp_path / "cell", "fanuc_ls")
     joints = np.array([[0.0, -190, 0, 0, 200, 185, 545], [0.0, -179, 0, 0, -181, 0, 179]])
@@ -393,12 +373,6 @@ def test_where_the_wrist_flips_a_linear_program_swings_over_in_a_joint_move(form
     assert any("the configuration changes" in text for text in texts)
     joint = [] if language == "sinumerik" else read_form(f"{language} joint", tmp_path / "out", "flip")
     assert not joint or [move.stops for move in joint] == [False, False, False, False, True]
-
-
-def test_joint_tables_name_units_and_time(tmp_path: Path) -> None:
-    (file,) = write_program(make_program(tmp_path / "cell", "csv"), "csv", tmp_path / "out")
-    header = file.read_text().splitlines()[0]
-    assert header == "time_s,E1_mm,A1_deg,A2_deg,A3_deg,A4_deg,A5_deg,A6_deg,feed_mm_s,rapid"
 
 
 @pytest.mark.parametrize("form", [form for form in FORMS if not form.startswith("csv")])

@@ -49,12 +49,6 @@ def test_the_kuka_counts_against_the_urdf_and_from_the_horizontal() -> None:
     assert counted == pytest.approx(np.array([[-10, -70, -30, -40, 50, -60]]))
 
 
-def test_the_fanuc_counts_its_third_joint_from_the_horizontal() -> None:
-    controller = load_controller(load_robot("fanuc_m10ia"))
-    step = to_controller(controller, np.radians([[0, 10, 0, 0, 0, 0]])) - to_controller(controller, np.zeros((1, 6)))
-    assert step == pytest.approx(np.array([[0, 10, -10, 0, 0, 0]]))
-
-
 def test_a_rail_counts_in_millimetres() -> None:
     robot = load_robot("kuka_kr240_rail")
     controller = load_controller(robot)
@@ -87,15 +81,6 @@ def test_the_status_of_a_kuka_tells_its_three_words_apart() -> None:
     shoulder = locate_link(robot, q, "link_5")[:, :2, 3]
     behind = np.cos(q[:, 0]) * shoulder[:, 0] + np.sin(q[:, 0]) * shoulder[:, 1] < 0
     assert np.array_equal(status & 1 > 0, behind)
-
-
-def test_a_joint_beyond_half_a_turn_from_its_threshold_has_the_word_of_the_other_side() -> None:
-    """The elbow of the Fanuc is straight at 72.646 deg: 170 deg down the other way round it is folded up again."""
-    robot = load_robot("fanuc_m10ia")
-    q = np.zeros((5, 6))
-    q[:, 2] = np.radians([72.0, 73.0, -100.0, -110.0, 252.0])
-    words = name_words(load_controller(robot), robot, q)
-    assert words["elbow"].tolist() == ["up", "down", "up", "down", "down"]
 
 
 def test_without_a_controller_file_the_urdf_counts(folder: Path) -> None:

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 import tomli_w
 from commandline import run_command
-from executed_emulator import STEP, SimulatedRobot, drive
+from executed_emulator import STEP, SimulatedRobot, drive, measure_beside
 
 import compplan as cp
-from benchmarks.executed.job import measure_beside
 from compplan.controllers.writers.joint_convention import load_motion
 from compplan.planning.executed import lead_lag
 from compplan.robot import load_robot, write_robot_folder

@@ -16,14 +16,11 @@ from scipy.spatial.transform import Rotation
 from script_readers import read_urscript
 
 from compplan.controllers.writers import Program, build_program, write_program
-from compplan.controllers.writers.joint_convention import from_controller, load_controller
 from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.post import Post
-from compplan.controllers.writers.program import joint_percent, split_parts
+from compplan.controllers.writers.program import split_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
-from compplan.io.columns import FileColumn
-from compplan.io.tables import read_table
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 
@@ -74,22 +71,6 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
     main = (tmp_path / f"{legal_name(program.name, 21)}_L.src").read_text()
     assert len(re.findall(r"_L\d\(\)", main)) == 3
     assert "$TOOL={X 0.0000000,Y 0.0000000,Z 0.0000000,A 0.0000000,B 0.0000000,C 0.0000000}" in main
-
-
-def test_turn_bits_count_axes_below_zero() -> None:
-    assert turn_bits(np.array([[-1.0, -90, 90, 0, -5, 1], [1.0, 1, 1, 1, 1, -1]])).tolist() == [19, 32]
-
-
-def test_krl_rapid_moves_are_joint_moves_in_the_linear_program(tmp_path: Path) -> None:
-    program = make_program("kuka_kr270")
-    write_program(program, "krl", tmp_path)
-    text = next(tmp_path.glob("*_L1.src")).read_text()
-    words = re.findall(r"^(PTP|LIN) ", text, re.M)
-    alone = program.rapid | program.swings
-    assert np.array_equal([word == "PTP" for word in words], alone) and not alone.all()
-    assert re.findall(r"^\$VEL.CP=(.*)", text, re.M) == ["0.020000"]
-    axes = [read_krl(point)[:6] for point in re.findall(r"^PTP \{(.*)\}", text, re.M)]
-    assert np.array(axes) == pytest.approx(program.joints[alone], abs=1e-6)
 
 
 def test_krl_programs_of_a_rail_move_the_external_axis(tmp_path: Path) -> None:
@@ -217,16 +198,6 @@ def test_positions_lead_back_to_the_poses_of_another_engine(name: str, tmp_path:
     assert len(moves) == N
 
 
-def test_joint_tables_lead_back_to_the_joints_of_the_plan(tmp_path: Path) -> None:
-    program = make_program("kuka_kr270", time=np.linspace(0, 1, N))
-    (file,) = write_program(program, "csv", tmp_path)
-    names = [FileColumn(name, "angle", required=True) for name in program.joint_names]
-    table = read_table(file, [*names, FileColumn("time", "time"), FileColumn("feed", "speed"), FileColumn("rapid")])
-    counted = np.degrees(table.stack(program.joint_names))
-    q = from_controller(load_controller(load_robot("kuka_kr270")), counted)
-    assert np.abs(q - make_q("kuka_kr270")).max() < 1e-9
-
-
 def test_programs_that_do_not_fit_a_language_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"KRL programs need joints named \['A1'"):
         write_program(make_program("ur10"), "krl", tmp_path, any_brand=True)
@@ -252,35 +223,3 @@ def test_six_rotating_joints_and_as_many_rails_as_the_language_takes(language: s
     for rotating, sliding in ((7, 0), (6, most + 1)):
         with pytest.raises(InputError, match="take six rotating and"):
             write_program(plain_program(rotating, sliding), language, tmp_path)
-
-
-def test_positions_count_from_a_part_that_stands_turned_in_the_cell() -> None:
-    """The part's x is the base's y, its y the base's z, its z the base's x; the world lies 0.5 m higher."""
-    part = np.array([[0, 0, 1, 1.3], [1, 0, 0, -0.2], [0, 1, 0, 0.7], [0, 0, 0, 1]])
-    world = np.eye(4)
-    world[2, 3] = 0.5
-    program = replace(make_program("kuka_kr270", part=part), world=world)
-    assert program.tcp is not None
-    x, y, z = program.tcp[:, :3, 3].T
-    assert program.positions[:, :3, 3] == pytest.approx(np.column_stack([y + 0.2, z - 0.7, x - 1.3]))
-    assert program.positions[:, :3, 0] == pytest.approx(program.tcp[:, [1, 2, 0], 0])
-    assert program.base_frame[:3] == pytest.approx(part[:3] - [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0.5]])
-
-
-def test_parts_cover_every_waypoint_once() -> None:
-    for count, most in ((1, 5), (45, 20), (50_000, 2000), (10, 10), (11, 10)):
-        parts = split_parts(count, most)
-        covered = np.concatenate([np.arange(count)[part] for part in parts])
-        assert np.array_equal(covered, np.arange(count))
-        assert max(part.stop - part.start for part in parts) <= most
-
-
-def test_the_share_of_joint_rates_follows_from_time_or_feed() -> None:
-    robot = load_robot("staubli_tx200")
-    q = np.linspace(0, 1, 11)[:, None] * [0.5, 0, 0, 0, 0, 0]
-    timed = build_program(robot, q, np.full(11, 0.1), np.zeros(11, bool), name="x", time=np.linspace(0, 1, 11))
-    rate = np.degrees(0.5)
-    assert timed.rates is not None
-    assert joint_percent(timed)[1:] == pytest.approx(100 * rate / timed.rates[0])
-    slow = build_program(robot, q, np.full(11, 1e-4), np.zeros(11, bool), name="x")
-    assert joint_percent(slow)[1:] == pytest.approx(1.0)

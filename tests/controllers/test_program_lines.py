@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commandline import run_command
 from golden_cell import write_job
@@ -14,10 +13,9 @@ from program_readers import read_krl
 from script_readers import read_urscript
 
 import compplan as cp
-from compplan.controllers.writers.krl import _fold_lines
 from compplan.controllers.writers.text import read_code
 from compplan.errors import InputError
-from tests.controllers.test_golden_programs import FORMS, make_program, read_form
+from tests.controllers.test_golden_programs import FORMS, make_program
 
 #: What makes the first move of each form, in the file that runs first.
 MOVES = {
@@ -39,11 +37,6 @@ def test_header_lines_stand_before_the_first_move_and_footer_lines_after_the_las
     assert text.count("SPINDLE_ON") == text.count("SPINDLE_OFF") == 1
     assert text.index("SPINDLE_ON") < moves[0] <= moves[-1] < text.index("SPINDLE_OFF")
     assert "not started here" not in text
-
-
-def test_a_program_without_header_lines_says_that_it_starts_no_spindle(tmp_path: Path) -> None:
-    cp.write_program(make_program(tmp_path / "cell", "krl"), "krl", tmp_path)
-    assert "; no header lines: spindle and coolant are not started here" in (tmp_path / "two_L.src").read_text()
 
 
 def test_a_job_names_the_files_of_its_lines(
@@ -85,31 +78,3 @@ def test_lines_that_would_break_a_file_are_refused(tmp_path: Path) -> None:
         (tmp_path / "lines.txt").write_text(text, encoding="utf-8")
         with pytest.raises(InputError, match=r"plain ASCII|binary file"):
             read_code(tmp_path / "lines.txt")
-
-
-def test_programs_are_written_from_arrays_without_a_job(tmp_path: Path) -> None:
-    robot = cp.load_robot("kuka_kr270")
-    q = np.radians([[0.0, 20, -100, 0, 60, 0], [1, 20, -100, 0, 60, 0], [2, 20, -100, 0, 60, 0]])
-    program = cp.build_program(robot, q, np.full(3, 0.02), np.array([True, False, False]), name="three")
-    cp.write_program(program, "krl", tmp_path)
-    moves = read_form("krl linear", tmp_path, "three")
-    assert [move.kind for move in moves] == ["joint", "line", "line"]
-
-
-def test_the_manual_writes_a_program_from_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "programs.md").read_text()
-    (example,) = [code for code in re.findall(r"```python\n(.*?)```", text, re.S) if "build_program" in code]
-    assert len([line for line in example.splitlines() if line]) <= 12
-    monkeypatch.chdir(tmp_path)
-    exec(compile(example, "programs.md", "exec"), {})
-    moves = read_krl(tmp_path / "out" / "three" / "three_L.src")
-    assert [move.action or move.kind for move in moves] == [
-        "joint", ("on", 3.0), ("wait", 5.0), "line", "line", ("off", 3.0),
-    ]  # fmt: skip
-
-
-def test_comments_of_the_cam_file_are_folds_of_a_krl_program() -> None:
-    lines = ["; POCKET", "LIN {X 1}", "; the configuration changes: a joint move\nPTP {A1 1}", "; HOLES", "LIN {X 2}"]
-    assert _fold_lines(lines) == [";FOLD POCKET", *lines[1:3], ";ENDFOLD", ";FOLD HOLES", "LIN {X 2}", ";ENDFOLD"]
-    assert _fold_lines(["LIN {X 1}"]) == ["LIN {X 1}"]
-    assert _fold_lines(["; TOOL", "; 12 mm", "LIN {X 1}"]) == [";FOLD TOOL", "; 12 mm", "LIN {X 1}", ";ENDFOLD"]

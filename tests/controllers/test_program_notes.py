@@ -44,14 +44,6 @@ def test_a_program_for_another_brand_is_refused(controller: str, language: str, 
         check_brand(controller, language)
 
 
-def test_a_program_from_arrays_is_refused_too_unless_any_brand_will_do(tmp_path: Path) -> None:
-    program = replace(make_program(tmp_path / "cell", "krl"), controller="Universal Robots CB3")
-    with pytest.raises(InputError, match="krl is the language of KUKA"):
-        write_program(program, "krl", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    assert write_program(program, "krl", tmp_path / "out", any_brand=True)
-
-
 def test_a_job_that_asks_for_another_brand_leaves_with_2_and_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,11 +93,6 @@ def test_joint_moves_in_whole_percents_that_miss_their_feed_are_counted(tmp_path
     assert {move.feed for move in read_krl(tmp_path / "out" / "two_L.src")} == {20.0}
 
 
-def test_nothing_is_said_of_a_program_that_holds_everything(tmp_path: Path) -> None:
-    for language in ("rapid", "val3", "fanuc_ls", "urscript", "sinumerik", "kawasaki_as", "csv"):
-        assert describe_program(make_program(tmp_path / language, language), language) == []
-
-
 def test_feeds_that_a_language_rounds_are_counted(tmp_path: Path) -> None:
     program = make_program(tmp_path / "fanuc_ls", "fanuc_ls")
     slow = replace(program, feed=np.array([0.15, 12.5]))
@@ -121,20 +108,6 @@ def test_swings_are_told_by_waypoint(tmp_path: Path) -> None:
     program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0) * 0.01)
     notes = describe_program(program, "krl")
     assert "krl: the configuration changes within a cut, at 2: linear programs swing over" in notes
-
-
-def test_a_wrist_that_stretches_out_swings_over_whatever_the_folder_says(tmp_path: Path) -> None:
-    """The ur10 has no word for its wrist; axes 4 and 6 are in line where joint 5 is at 0."""
-    robot = load_robot("ur10")
-    q = np.tile(np.radians([0.0, -90, 90, -60, 0, 0]), (4, 1))
-    q[:, 4] = np.radians([8, 2, -2, -8])
-    program = build_program(robot, q, np.full(4, 0.1), np.zeros(4, bool), name="x", time=np.arange(4.0))
-    assert program.swings.tolist() == [False, False, True, False]
-    write_program(program, "urscript", tmp_path)
-    text = (tmp_path / "x_L.script").read_text()
-    assert re.findall(r"^  (?:# the configuration changes|move[jl])", text, re.M) == [
-        "  movel", "  movel", "  # the configuration changes", "  movej", "  movel",
-    ]  # fmt: skip
 
 
 def test_a_robot_on_a_rail_gets_no_urscript(tmp_path: Path) -> None:
@@ -159,9 +132,3 @@ def test_a_table_says_that_it_holds_no_events_where_there_are_some_and_comments_
     comments = replace(program, events=(Event(0, "comment", 0.0, "roughing"),))
     assert not any(said in note for note in describe_program(comments, "csv"))
     assert any(said in note for note in describe_program(replace(program, events=(Event(0, "coolant"),)), "csv"))
-
-
-def test_the_moves_that_do_not_hold_their_feed_are_counted(tmp_path: Path) -> None:
-    program = make_program(tmp_path / "cell", "krl")
-    slow = replace(program, rates=np.full(program.joints.shape[1], 1e5))
-    assert any("1 of 2 do not hold their feed" in note for note in describe_program(slow, "krl"))

@@ -9,13 +9,11 @@ from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 from commandline import run_command
 from golden_cell import write_job
 
 from compplan.controllers.writers import Program, write_program
-from compplan.controllers.writers.fanuc_ls import LONGEST_REMARK
 from compplan.controllers.writers.text import LONGEST_COMMENT, clean_text, legal_name
 from tests.controllers.test_golden_programs import FORMS, make_program, read_form
 
@@ -99,11 +97,6 @@ def test_a_comment_is_one_bounded_line_of_plain_letters(text: str) -> None:
     assert clean_text(line) == line
 
 
-def test_accents_go_and_long_comments_end_in_dots() -> None:
-    assert clean_text("Fräsbahn für Ø 3") == "Frasbahn fur 3"
-    assert clean_text("x" * 200) == "x" * 97 + "..."
-
-
 @pytest.mark.parametrize(
     ("text", "longest", "reserved", "name"),
     [
@@ -118,35 +111,6 @@ def test_accents_go_and_long_comments_end_in_dots() -> None:
 )
 def test_names_are_what_every_controller_takes(text: str, longest: int, reserved: set[str], name: str) -> None:
     assert legal_name(text, longest, reserved=reserved) == name
-
-
-def test_a_module_is_never_called_by_a_word_of_its_language(tmp_path: Path) -> None:
-    program = replace(make_program(tmp_path / "cell", "rapid"), name="test")
-    assert {file.stem for file in write_program(program, "rapid", tmp_path)} == {
-        "test_p", "test_p_1", "test_p_L", "test_p_L_1",
-    }  # fmt: skip
-
-
-def test_remarks_of_a_teach_pendant_program_are_short(tmp_path: Path) -> None:
-    program = replace(make_program(tmp_path / "cell", "fanuc_ls"), name="a" * 200, comments=("b" * 200,))
-    text = write_program(program, "fanuc_ls", tmp_path)[0].read_text()
-    remarks = re.findall(r"^ *\d+: *!(.*) ;", text, re.M)
-    assert remarks and max(map(len, remarks)) <= LONGEST_REMARK
-
-
-@pytest.mark.parametrize("language", [language for language in LONGEST if language != "csv"])
-def test_names_stay_short_where_a_program_has_a_hundred_parts(language: str, tmp_path: Path) -> None:
-    two = make_program(tmp_path / "cell", language)
-    rows = np.repeat([0, 1], 110)
-    many = {name: getattr(two, name)[rows] for name in ("joints", "feed", "rapid", "tcp", "status", "bent")
-            if getattr(two, name) is not None}  # fmt: skip
-    words = {key: values[rows] for key, values in two.words.items()}
-    native = {key: values[rows] for key, values in two.native.items()}
-    program = replace(two, **many, name="n" * 90, words=words, native=native, time=np.arange(220.0))
-    files = write_program(program, language, tmp_path / "out", most=2)
-    assert max(len(file.stem) for file in files) <= LONGEST[language]
-    procedures = [name for file in files for name in re.findall(r"PROC (\w+)", file.read_text())]
-    assert max(map(len, procedures), default=0) <= 32
 
 
 def test_a_urscript_program_is_never_called_by_a_word_of_the_language(tmp_path: Path) -> None:

@@ -13,11 +13,10 @@ from scipy.ndimage import uniform_filter1d
 
 from compplan.controllers.motion.align import find_nearest, measure_way, place_rows
 from compplan.controllers.motion.geometry import Path as Laid
-from compplan.controllers.motion.log import clean_log, read_log
+from compplan.controllers.motion.log import read_log
 from compplan.controllers.motion.run import execute_program
 from compplan.controllers.writers.joint_convention import load_controller, to_controller
 from compplan.controllers.writers.motion_table import MotionTable, read_motion, tabulate_motion
-from compplan.reporting.writers.executed import share_causes
 from compplan.robot import load_robot
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -127,18 +126,6 @@ def test_a_log_is_found_in_its_own_layer_of_many_though_cut_corners_shorten_its_
     assert np.median(places.distance) < 1e-6
 
 
-def test_torn_readings_are_found_and_put_right() -> None:
-    t = 0.004 * np.arange(2000)
-    clean = np.stack([np.sin(1.3 * t + j) * 0.2 for j in range(6)], axis=1)
-    rows, rng = clean.copy(), np.random.default_rng(0)
-    hit, joint = np.arange(50, 1950, 37), rng.integers(0, 6, len(range(50, 1950, 37)))
-    rows[hit, joint] = clean[hit - 1, joint]
-    log = clean_log(Path("log.csv"), t, rows + 1e-7 * rng.standard_normal(rows.shape), [])
-    moving = np.abs(clean[hit, joint] - clean[hit - 1, joint]) > 2e-4
-    assert log.torn[hit, joint][moving].all() and log.torn.sum() <= len(hit)
-    assert np.abs(log.q - clean)[hit, joint][moving].max() < 0.2 * np.abs(rows - clean).max()
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -196,15 +183,6 @@ def test_exports_of_other_makes_are_read_in_the_counting_of_the_controller(tmp_p
     np.savetxt(file, rows, delimiter=",", header=head, comments="", fmt="%.9f")
     log = read_log(file, robot)
     assert log.raw == pytest.approx(q, abs=1e-8) and log.cycle == pytest.approx(0.004)
-
-
-def test_causes_are_shared_out_over_the_rows_that_are_not_misplaced() -> None:
-    """Of 100 rows four lie a hundred times farther off, for no cause."""
-    gap, lag = np.tile([1e-4, 0.0, 0.0], (100, 1)), np.tile([7.5e-5, 0.0, 0.0], (100, 1))
-    gap[96:], lag[96:] = [0.0, 1e-2, 0.0], 0.0
-    none = np.zeros((100, 3))
-    shares = share_causes({"gap": gap, "lag": lag, "blend": -lag, "jitter": none, "lost_motion": none})
-    assert shares == pytest.approx({"lag": 0.75, "blend": 0.0, "jitter": 0.0, "lost_motion": 0.0})
 
 
 def test_rows_out_of_order_and_repeated_are_told(tmp_path) -> None:

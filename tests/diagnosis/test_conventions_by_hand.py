@@ -9,18 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawn_campaigns import REFERENCE_C, Drawn, draw_robot_files, lay_out_rows, rail_arm, turned_arm
-from effect_cases import CASES, KEYS, ROBOTS, STEP, Place, caused, named
+from effect_cases import KEYS, STEP, Place, caused, named
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import write_robot_folder
 from benchmarks.campaigns.effects import play
 from benchmarks.campaigns.simulate import Scenario, nominal_scenario, simulate_rows
-from compplan.diagnosis import diagnose_campaign
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.state import Problem
-from compplan.effects import EFFECTS, Effect, command_campaign
+from compplan.effects import EFFECTS, Effect
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
 from compplan.measurement.registration import write_registration
 from compplan.robot.folder import read_robot_folder
 from compplan.simulation.predict import predict_campaign
@@ -70,13 +68,6 @@ def test_with_link_side_feedback_gears_yield_to_the_motor_and_not_to_the_link(ra
     np.testing.assert_allclose(seen[1].attained.motor, rail.rows.q - yielded, rtol=0, atol=1e-8)
 
 
-def test_with_motor_side_feedback_the_mode_changes_nothing(rail: Drawn) -> None:
-    campaign, truth = rail.measure(rail.nominal)
-    seen = rail.predict(replace(campaign, mode=np.array(["L1"] * len(campaign))), [])
-    np.testing.assert_allclose(seen.position, truth.position, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(seen.attained.motor, rail.rows.q, rtol=0, atol=1e-8)
-
-
 def test_a_shared_zero_that_is_off_shows_in_both_modes_and_in_neither_reading(rail: Drawn) -> None:
     campaign, _ = rail.measure(rail.nominal)
     held = replace(campaign, mode=np.array(["L2"] * len(campaign)))
@@ -110,18 +101,6 @@ def test_encoders_read_later_than_the_rest_show_where_the_joint_has_got_to(turne
     ahead = np.gradient(turned.rows.q[path], turned.rows.time[path], axis=0) * 0.004
     np.testing.assert_allclose((seen.attained.link - truth.link)[path], ahead, rtol=0, atol=1e-8)
     np.testing.assert_allclose(seen.position, truth.position, rtol=0, atol=1e-9)
-
-
-def test_a_splines_weight_stands_two_thirds_high_at_its_centre_and_a_sixth_at_the_next_knots(turned: Drawn) -> None:
-    q = np.zeros((4, 6))
-    q[:, 0] = [0.0, 0.1, -0.1, 0.2]
-    weights = np.zeros(7)
-    weights[3] = 6e-4  # knots of 0.1 rad from -0.5: the fourth spline is centred at zero
-    shape = {"knots_rad": np.linspace(-0.5, 0.5, 11).tolist(), "spline_rad": weights.tolist()}
-    effect = Effect("transmission_error", "joint_1", None, shape)
-    campaign = command_campaign(q, on_path=False)
-    ahead = turned.predict(campaign, [effect]).attained.link - turned.predict(campaign, []).attained.link
-    np.testing.assert_allclose(ahead[:, 0], [4e-4, 1e-4, 1e-4, 0.0], rtol=0, atol=1e-8)
 
 
 def test_a_base_that_no_joint_can_carry_tilts_about_its_origin_under_all_loads(turned: Drawn, tmp_path: Path) -> None:
@@ -178,17 +157,6 @@ def test_registration_finds_the_base_in_the_instrument_and_each_target_in_the_to
     assert base["rotation_deg"] == pytest.approx(np.rad2deg([0.4, -1.1, 2.0]), abs=1e-6)
 
 
-def test_registration_of_the_base_alone_leaves_the_tool_where_it_is(turned: Drawn) -> None:
-    campaign, truth = turned.measure(turned.nominal)
-    turn, place = Rotation.from_rotvec([1.2, -0.9, 1.9]), np.array([0.3, 0.2, -0.1])
-    moved = replace(campaign, position=turn.apply(truth.position) + place, rotation=None)
-    nominal = predict_campaign(turned.robot, campaign)
-    found = fit_registration(moved, nominal.position, nominal.rotation, ("base",))
-    np.testing.assert_allclose(found.base[:3, 3], place, atol=1e-8)
-    np.testing.assert_allclose(found.base[:3, :3], turn.as_matrix(), atol=1e-8)
-    np.testing.assert_array_equal(found.tool, np.eye(4)[None])
-
-
 # --- later campaigns ---------------------------------------------------------------------------------------------
 
 
@@ -227,19 +195,6 @@ def test_a_later_campaign_stands_after_the_shift_at_every_row(turned: Drawn, nam
 
 
 # --- names -------------------------------------------------------------------------------------------------------
-
-
-# what each effect moves is held against the same engine by tests/diagnosis/test_outside_truth.py, and that effects are
-# named, the bias of a sensor among them, by tests/diagnosis/test_known_truth.py
-@pytest.mark.slow
-@pytest.mark.parametrize("place", NAMED, ids="-".join)
-def test_the_diagnosis_names_what_mujoco_was_given(place: Place, tmp_path: Path) -> None:
-    case = CASES[place]
-    robot = draw_robot_files(ROBOTS[place[0]], tmp_path)
-    campaign, _ = robot.measure(case.real(robot.nominal), noise=1.5e-5)
-    verdict = diagnose_campaign(robot.robot, campaign).verdict
-    assert [finding.effect.place for finding in verdict.findings] == [case.effect.place]
-    assert verdict.status == "explained"
 
 
 def test_a_rigid_model_is_told_which_joints_bend_under_their_weights(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from compplan.diagnosis.results.next_measurement import (
     name_approach,
     pick_moves,
     predict_columns,
-    propose_measurements,
 )
 from compplan.effects import Effect, apply_effects, solve_model_poses
 from compplan.effects.frame_shift import shift_at
@@ -33,12 +32,6 @@ from tests.effects.test_effects_signatures import make_linearization
 
 AT = make_linearization(replace(load_robot("kuka_kr270"), link_elasticities=()))
 OFFSET = Effect("joint_offset", "joint_3", None, {"offset_rad": 5e-4})
-
-
-def test_nothing_is_gained_without_information_and_half_a_probability_from_an_even_start_with_much() -> None:
-    assert expected_gain(0.0, 0.0) == pytest.approx(0.0, abs=1e-12)
-    assert expected_gain(0.0, 200.0) == pytest.approx(0.5, abs=1e-6)
-    assert expected_gain(2.2, 200.0) == pytest.approx(1 - (0.9**2 + 0.1**2), abs=2e-3)
 
 
 def test_the_expected_gain_agrees_with_measuring_many_times() -> None:
@@ -60,10 +53,6 @@ def test_moves_that_repeat_each_other_are_not_picked_twice() -> None:
     picked, information = pick_moves(shown, 0.0)
     assert set(picked[:2]) in ({0, 2}, {1, 2})
     assert information == pytest.approx(0.5 * (4 + 3.61), rel=0.01)
-
-
-def test_no_move_is_picked_where_two_explanations_predict_the_same() -> None:
-    assert pick_moves(DifferenceShown(np.zeros(4), np.eye(4), np.eye(4).reshape(2, 2, 4)), 0.0) == ([], 0.0)
 
 
 def test_what_moves_tell_of_two_explanations_is_the_ratio_of_their_likelihoods_in_whatever_order() -> None:
@@ -155,26 +144,6 @@ def test_moves_stay_within_joint_limits_and_loads(measured: tuple[Robot, Campaig
     assert np.linalg.norm(pool.wrench[rows, :3], axis=1).max() <= largest + 0.1
 
 
-def test_a_move_of_two_loads_holds_one_pose_under_what_its_name_says(measured: tuple[Robot, Campaign]) -> None:
-    pool, moves = list_moves(*measured)
-    for kind, ratio in (("loaded_unloaded", 0.0), ("sign_flip", -1.0), ("two_payloads", 0.3)):
-        pairs = [move.rows for move in moves if move.kind == kind]
-        assert len(pairs) > 3
-        for first, second in pairs:
-            light, heavy = sorted((first, second), key=lambda row: np.linalg.norm(pool.wrench[row]))
-            assert np.array_equal(pool.q[first], pool.q[second]) and np.linalg.norm(pool.wrench[heavy, :3]) > 10.0
-            assert pool.wrench[light] == pytest.approx(ratio * pool.wrench[heavy])
-
-
-def test_a_reversal_comes_to_one_pose_from_both_sides(measured: tuple[Robot, Campaign]) -> None:
-    robot, campaign = measured
-    pool, moves = list_moves(robot, campaign)
-    for move in (m for m in moves if m.kind == "reversal"):
-        index = robot.joint_names.index(str(move.joint))
-        assert np.array_equal(pool.q[move.rows[0]], pool.q[move.rows[1]])
-        assert pool.approach[list(move.rows), index].tolist() == [1.0, -1.0]
-
-
 def test_a_proposed_reversal_says_by_which_joint_and_from_which_side_each_pose_is_come_to(
     measured: tuple[Robot, Campaign],
 ) -> None:
@@ -186,40 +155,3 @@ def test_a_proposed_reversal_says_by_which_joint_and_from_which_side_each_pose_i
         for row in move.rows:
             side = "upwards" if pool.q[row - 1, index] < pool.q[row, index] else "downwards"
             assert name_approach(at, row) == f"{move.joint} {side}"  # type: ignore[arg-type]
-
-
-@pytest.mark.slow
-def test_a_tie_is_broken_by_the_measurement_that_is_proposed(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
-    robot, campaign, diagnosis = narrow
-    before = rivals_of(diagnosis)
-    assert ("transmission_error", "joint_3", None) in before
-    proposals = open_proposals(propose_measurements(diagnosis))
-    wave = next(p for p in proposals if p["separates"][1]["effect"] == "transmission_error")
-    assert wave["expected_probability_gain"] > 0.1
-    q = np.deg2rad(np.array(wave["poses"]))
-    n = len(q)
-    further = Campaign(
-        run=np.array(["static_9"] * (n + 1)), q=np.vstack([campaign.q[-1:], q]),
-        wrench=np.vstack([np.zeros((1, 6)), wave["wrenches"]]), position=np.zeros((n + 1, 3)),
-        time=campaign.time[-1] + 60.0 + 20.0 * np.arange(n + 1), sigma=np.full(n + 1, campaign.sigma[0]),
-    )  # fmt: skip
-    more = measure(robot, further, [OFFSET], 6)
-    both = replace(
-        campaign,
-        **{
-            name: np.concatenate([getattr(campaign, name), getattr(more, name)])
-            for name in ("run", "q", "wrench", "position", "rotation", "time", "sigma")
-        },
-    )
-    after = rivals_of(diagnose_campaign(robot, both))
-    assert ("transmission_error", "joint_3", None) not in after
-    assert after < before
-
-
-@pytest.mark.slow
-def test_what_no_move_can_tell_apart_is_said(narrow: tuple[Robot, Campaign, Diagnosis]) -> None:
-    *_, diagnosis = narrow
-    closed = [table for table in propose_measurements(diagnosis) if table["kind"] == "none"]
-    names = {table["separates"][1]["effect"] for table in closed}
-    assert names <= {"link_geometry", "gravity_compensator"}
-    assert all(table["expected_probability_gain"] == 0.0 for table in closed)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.diagnosis.data.noise import Noise, estimate_noise
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
+from compplan.diagnosis.data.noise import estimate_noise
 from compplan.effects import command_campaign
 from compplan.measurement.campaign import Campaign
 
@@ -60,18 +59,3 @@ def test_poses_that_come_back_far_off_are_a_cause_and_no_noise() -> None:
     side = np.where(np.arange(len(gap)) // 3 // POSES % 2 == 0, 1.0, -1.0)[:, None]
     noise = estimate_noise(campaign, gap + 5e-5 * side, None, "position", ROBOT)
     assert noise.stay < 1.6 * ROBOT
-
-
-def test_nothing_known_is_assumed_and_hardly_counts() -> None:
-    campaign, gap = visit_poses(1)
-    noise = estimate_noise(campaign.take(np.arange(POSES)), gap[:POSES], None, "position")
-    assert noise.source == "assumed"
-    assert noise.witnesses < 10.0
-    assert noise.leeway > Noise(1e-5, 60.0, "repeats").leeway
-
-
-def test_more_evidence_never_lowers_a_probability() -> None:
-    def rate(margin: float = 10.0) -> float:
-        return calibrate_probability(Evidence(margin, margin, 3.0, 0.9, 0.1, 0.5))
-
-    assert rate(margin=5.0) < rate(margin=20.0) < rate(margin=500.0) < 1.0

@@ -92,23 +92,6 @@ def test_a_joints_own_error_is_carried_by_that_joint(effect: str, where: Where) 
     assert split.shares.carriers[0].share.low > 0.85
 
 
-def test_what_an_error_follows_is_said_beside_its_place(where: Where) -> None:
-    follows = {"joint_stiffness": "load", "thermal_drift": "temperature and time", "backlash": "direction of approach"}
-    for effect, factor in follows.items():
-        assert where(effect)[1].shares.by_factor[factor].share > 0.9, effect
-
-
-def test_the_play_of_a_joint_is_told_with_its_size(where: Where) -> None:
-    play = where("backlash")[1].by_approach
-    joint, width = place_of("backlash"), CASES[case_of("backlash")].effect.parameters["width_rad"]
-    assert play[joint]["lost_motion_mrad"] == pytest.approx(1e3 * width, rel=0.05)
-    others = [entry for name, entry in play.items() if name != joint]
-    assert "lost_motion_mm" in play["rail"]
-    for entry in others:
-        size = next(value for key, value in entry.items() if key.startswith("lost_motion"))
-        assert abs(size) < 4 * entry["standard_error"] + 1e-3
-
-
 def test_parts_divide_what_they_explain_by_what_comes_back_without_each(where: Where) -> None:
     diagnosis, _ = where("joint_stiffness")
     motion = PosteriorMotion(diagnosis, np.random.default_rng(0))

@@ -14,14 +14,10 @@ from compplan.effects import (
     apply_effects,
     build_model,
     command_campaign,
-    driver_of,
-    locate_effect,
     solve_model_poses,
 )
-from compplan.effects.forward_model import own_springs
 from compplan.effects.linearization import Linearization, linearize_model
-from compplan.robot import Spring, load_robot
-from compplan.uncertainty.assumed import assume_uncertainty, robot_uncertainty
+from compplan.robot import load_robot
 from tests.effects.test_effects_signatures import make_campaign, make_linearization
 
 
@@ -33,15 +29,6 @@ def arm() -> Linearization:
 @pytest.fixture(scope="module")
 def rail(tmp_path_factory: pytest.TempPathFactory) -> Linearization:
     return make_linearization(draw_robot_files(rail_arm(), tmp_path_factory.mktemp("rail")).robot)
-
-
-def test_play_is_offered_with_the_shape_of_half_its_scale_until_the_fit_knows_its_width(arm: Linearization) -> None:
-    name = arm.robot.joint_names[2]
-    first = next(s for s in EFFECTS["backlash"].signatures(arm) if s.joint == name)
-    known = {("backlash", name, None): {"width_rad": 1e-4}}
-    half = next(s for s in EFFECTS["backlash"].signatures(replace(arm, current=known)) if s.joint == name)
-    assert first.scale == pytest.approx([2e-4]) and np.array_equal(first.twist, half.twist)
-    assert first.encoder is not None and np.abs(first.encoder).max() == pytest.approx(0.5)
 
 
 def test_behind_link_side_feedback_a_softer_drive_shows_nothing(arm: Linearization) -> None:
@@ -65,50 +52,6 @@ def test_no_offset_of_a_sensor_is_offered_where_rows_read_exactly_nothing(arm: L
         assert bool(list(EFFECTS["wrench_bias"].signatures(at))) == offered
 
 
-def test_the_spring_of_a_slide_that_is_named_by_its_axis_is_its_own(rail: Linearization) -> None:
-    slide = next(joint for joint in rail.robot.actuated if joint.kind == "prismatic")
-    axis = "xyz"[int(np.argmax(np.abs(slide.axis)))]
-    along, about = Spring(slide.name, f"t{axis}", 3e-8), Spring(slide.name, f"r{axis}", 1e-7)
-    found = own_springs(replace(rail.robot, springs=(about, along)))
-    assert [(spring.spring, spring.compliance) for spring in found.values()] == [(1, 3e-8)]
-    assert found[rail.robot.joint_names.index(slide.name)].sign == np.sign(slide.axis["xyz".index(axis)])
-
-
-@pytest.mark.parametrize(
-    ("name", "joint", "place", "driver"),
-    [
-        ("payload", None, "tool", "gravity"), ("thermal_drift", None, "links", "temperature and time"),
-        ("wrench_bias", None, "force sensor", "load"), ("base_frame", None, "base", "posture"),
-        ("time_skew", None, "clock", "speed"), ("backlash", "joint_4", "joint_4", "direction of approach"),
-        ("joint_stiffness", "joint_2", "joint_2", "load"),
-    ],
-)  # fmt: skip
-def test_an_effect_says_where_it_sits_and_what_its_error_follows(
-    name: str, joint: str | None, place: str, driver: str
-) -> None:
-    assert (locate_effect(name, joint), driver_of(name)) == (place, driver)
-
-
-def test_commanded_rows_are_a_path_unless_they_are_said_to_be_poses() -> None:
-    q = np.zeros((3, 6))
-    assert command_campaign(q).on_path.all()
-    assert not command_campaign(q, on_path=False).on_path.any()
-
-
-def test_where_commanded_rows_come_to_is_not_known_before_they_are_driven() -> None:
-    campaign = command_campaign(np.zeros((3, 6)))
-    assert campaign.position.shape == (3, 3) and np.isnan(campaign.position).all()
-    assert not campaign.usable.any()
-
-
-def test_springs_of_the_base_plate_do_not_hide_those_of_the_joints_behind_them(rail: Linearization) -> None:
-    robot = rail.robot
-    plate = next(joint for joint in robot.joints if joint.kind == "fixed")
-    own = {index: spring.compliance for index, spring in own_springs(robot).items()}
-    mounted = replace(robot, springs=(Spring(plate.name, "rx", 1e-8), *robot.springs))
-    assert own and {index: spring.compliance for index, spring in own_springs(mounted).items()} == own
-
-
 @pytest.mark.parametrize(
     ("parameters", "factor", "constant"), [({"zero_m": 0.05}, 1.0, 0.05), ({"reversed": True}, -1.0, 0.0)]
 )
@@ -127,10 +70,3 @@ def test_a_slide_whose_zero_is_moved_or_that_counts_backwards_carries_the_arm_al
     along = np.linalg.multi_dot([np.eye(3), *(joint.placement[:3, :3] for joint in before)]) @ slide.axis
     travel = np.array([0.2, -0.4])
     assert moved == pytest.approx(np.outer((factor - 1.0) * travel + constant, along), abs=1e-12)
-
-
-def test_what_is_known_of_a_robot_holds_for_one_that_lies_in_no_folder(arm: Linearization) -> None:
-    robot = replace(arm.robot, folder=None)
-    known = assume_uncertainty(robot)
-    again = robot_uncertainty(replace(robot, uncertainty=known))
-    assert [unknown.effect for unknown in again.unknowns] == [unknown.effect for unknown in known.unknowns]

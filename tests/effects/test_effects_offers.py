@@ -12,9 +12,8 @@ from drawn_campaigns import draw_robot_files, rail_arm
 from compplan.effects import EFFECTS, Effect, apply_effects, build_model, solve_model_poses
 from compplan.effects.checks import check_effect
 from compplan.effects.linearization import Linearization, linearize_model
-from compplan.effects.signature import Signature, pack_parameters
+from compplan.effects.signature import pack_parameters
 from compplan.effects.tracking_lag import lagged_speed
-from compplan.effects.transmission_error import bump_at, waves_at
 from compplan.errors import InputError, UnknownNameError
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
@@ -72,28 +71,6 @@ def test_an_effect_is_offered_at_a_size_that_surprises_nobody(
             assert signature.scale.shape == (len(signature.keys),) == signature.twist.shape[2:]
 
 
-def test_links_and_base_are_offered_as_soft_as_the_joints_of_their_robot_are(arm: Linearization) -> None:
-    usual = np.median([s.compliance for s in arm.robot.springs if s.axis == "own"])
-    soft = make_linearization(arm.robot.scale_compliance(3.0))
-    for factor, at in ((1.0, arm), (3.0, soft)):
-        for signature in EFFECTS["link_compliance"].signatures(at):
-            share = 1.0 if str(signature.axis)[0] == "r" else 0.25
-            assert signature.scale == pytest.approx([factor * share * usual], rel=1e-12)
-        for signature in EFFECTS["base_compliance"].signatures(at):
-            assert signature.scale == pytest.approx([0.25 * factor * usual], rel=1e-12)
-
-
-def test_a_robot_without_springs_is_as_soft_as_its_loads_let_it_give_way_by_millimetres(arm: Linearization) -> None:
-    rigid = make_linearization(replace(arm.robot, springs=(), link_elasticities=()))
-    moved = 0.0
-    for joint in ["base", *rigid.robot.joint_names]:
-        for axis in ("rx", "ry", "rz"):
-            twist = rigid.twist(joint, axis)[:, :3] * rigid.joint_load(joint, axis)[:, None]
-            moved = max(moved, float(np.sqrt(np.mean(np.sum(twist**2, axis=1)))))
-    assert rigid.usual_compliance * moved == pytest.approx(5e-3, rel=0.35)
-    assert rigid.usual_compliance == float(f"{rigid.usual_compliance:.0e}")
-
-
 @pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"thermal_drift", "stiffness_nonlinearity"}))
 def test_only_what_has_one_sign_is_offered_with_one(name: str, arm: Linearization) -> None:
     for signature in EFFECTS[name].signatures(arm):
@@ -116,27 +93,6 @@ def test_what_is_offered_can_stand_in_effects_toml_and_moves_readings_column_by_
             check_effect({**place, "parameters": parameters}, at.robot, None, "effect[0]")
 
 
-def test_units_of_keys_follow_the_kind_of_the_joint(rail: Linearization) -> None:
-    units = {"backlash": "width", "joint_offset": "offset"}
-    for name, word in units.items():
-        keys = {s.joint: s.keys for s in EFFECTS[name].signatures(rail)}
-        for joint in rail.robot.actuated:
-            if joint.name in keys:
-                assert keys[joint.name] == (f"{word}_m" if joint.kind == "prismatic" else f"{word}_rad",)
-
-
-def test_a_softer_joint_is_offered_at_half_its_compliance_and_keeps_a_tenth(arm: Linearization) -> None:
-    for signature in EFFECTS["joint_stiffness"].signatures(arm):
-        spring = next(s for s in arm.robot.springs if s.joint == signature.joint and s.axis == "own")
-        assert signature.scale == pytest.approx([0.5 * spring.compliance])
-        assert signature.least == pytest.approx((-0.9 * spring.compliance,))
-    name = arm.robot.joint_names[1]
-    changed = {("joint_stiffness", name, None): {"compliance_change_rad_per_Nm": 0.25e-6}}
-    again = next(s for s in EFFECTS["joint_stiffness"].signatures(replace(arm, current=changed)) if s.joint == name)
-    nominal = next(s.compliance for s in arm.robot.springs if s.joint == name and s.axis == "own")
-    assert again.scale == pytest.approx([0.5 * (nominal - 0.25e-6)])
-
-
 def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies(arm: Linearization) -> None:
     robot = replace(arm.robot, springs=())
     at = make_linearization(robot)
@@ -156,60 +112,6 @@ def test_a_rigid_joint_is_offered_a_typical_compliance_where_the_load_varies(arm
         small = np.eye(4)[column] * 1e-9
         moved = solve_model_poses(apply_effects(at.scene, [sag.effect(small)])).position - at.attained.position
         assert moved == pytest.approx(sag.twist[:, :3, column] * 1e-9, abs=2e-3 * np.abs(moved).max())
-
-
-def test_play_is_not_offered_where_a_joint_came_from_one_side_only(arm: Linearization) -> None:
-    upwards = replace(make_campaign(arm.robot), q=np.cumsum(np.full((120, 6), 1e-3), axis=0))
-    scene = build_model(arm.robot, upwards)
-    assert not list(EFFECTS["backlash"].signatures(linearize_model(scene, solve_model_poses(scene))))
-
-
-def test_a_shift_is_offered_at_each_run_with_its_row_and_columns_of_its_own(arm: Linearization) -> None:
-    keys = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
-    for name, whole, part in (("frame_shift", "frame", "origin"), ("tool_shift", "offset+turn", "offset")):
-        found = list(EFFECTS[name].signatures(arm))
-        assert {s.fixed["row"] for s in found} == {30, 60}
-        assert {s.form for s in found} == {f"{form} {row}" for form in (whole, part) for row in (30, 60)}
-        for s in found:
-            assert s.keys == keys[: len(s.keys)] and s.columns == tuple(f"{k} {s.fixed['row']}" for k in s.keys)
-            assert not s.twist[: s.fixed["row"]].any() and s.twist[s.fixed["row"]].any()
-        picked = list(EFFECTS[name].shift_at(arm, 17, 40))
-        assert {s.tried for s in picked} == {40} and {s.fixed["row"] for s in picked} == {17}
-
-
-def test_waves_are_offered_by_turns_and_on_a_slide_by_metres(arm: Linearization, rail: Linearization) -> None:
-    first = [s for s in EFFECTS["transmission_error"].signatures(arm) if s.joint == arm.robot.joint_names[0]]
-    free = [[1.0], [2.0], [3.0], [4.0], [1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]
-    assert [s.fixed["cycles_per_turn"] for s in first[:6]] == free
-    # a wave of any shape is offered where its period is seen once at least
-    offered, seen = EFFECTS["transmission_error"].signatures(arm), np.ptp(arm.campaign.q, axis=0) / (2.0 * np.pi)
-    series = {(s.joint, s.form) for s in offered if s.form.startswith("series")}
-    names = enumerate(arm.robot.joint_names)
-    assert series == {(name, f"series {cycles}") for k, name in names for cycles in (1, 2) if cycles * seen[k] >= 1.0}
-    assert 0 < len(series) < 12
-    slide = [s for s in EFFECTS["transmission_error"].signatures(rail) if s.joint == "rail"]
-    index = rail.robot.joint_names.index("rail")
-    spread = np.ptp(rail.campaign.q[:, index])
-    assert slide[0].fixed["cycles_per_m"] == pytest.approx([0.5 / spread])
-    assert slide[0].keys == ("sine_m#0", "cosine_m#0")
-    own = waves_at(arm, 2, [7.5], tried=12)
-    angle = arm.campaign.q[:, 2]
-    assert own.tried == 12 and own.form == "waves 7.5" and own.columns == ("7.5 sine", "7.5 cosine")
-    assert own.encoder[:, 2] == pytest.approx(np.column_stack([np.sin(7.5 * angle), np.cos(7.5 * angle)]))
-    bump = bump_at(arm, 2, 0.3, 0.1, tried=9)
-    assert bump.tried == 9 and bump.keys == ("height_rad#0",)
-    assert bump.fixed == {"centre_rad": [0.3], "width_rad": [0.1]}
-    assert bump.encoder[:, 2, 0] == pytest.approx(np.exp(-0.5 * ((angle - 0.3) / 0.1) ** 2))
-
-
-def test_waves_are_not_offered_of_a_joint_that_hardly_moved(arm: Linearization) -> None:
-    q = make_campaign(arm.robot).q.copy()
-    q[:, 3] = 0.2 + 0.09 * np.linspace(0.0, 1.0, len(q))
-    scene = build_model(arm.robot, replace(make_campaign(arm.robot), q=q))
-    joints = {
-        s.joint for s in EFFECTS["transmission_error"].signatures(linearize_model(scene, solve_model_poses(scene)))
-    }
-    assert joints == set(arm.robot.joint_names) - {arm.robot.joint_names[3]}
 
 
 def test_transmission_errors_add_up_over_their_forms() -> None:
@@ -277,13 +179,6 @@ def test_a_skew_takes_the_joints_where_they_stood_that_much_earlier() -> None:
     assert not zero(0.03, path_campaign(q, None)).any()
     assert not zero(0.03, path_campaign(q[:2], time[:2])).any()
     assert not zero(0.03, path_campaign(q, np.array([0.0, 0.1, 0.1, 0.3, 0.4]))).any()
-
-
-def test_values_of_parameters_come_back_from_their_keys() -> None:
-    keys, values = ("mass_kg", "first_moment_kg_m#0", "first_moment_kg_m#1"), np.array([3.0, 0.5, -0.2])
-    packed = pack_parameters(keys, values, {"row": 4})
-    assert packed == {"row": 4, "mass_kg": 3.0, "first_moment_kg_m": [0.5, -0.2]}
-    assert isinstance(Signature("x", None, None, "", keys, values, np.zeros((1, 6, 3))).effect(values), Effect)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.controllers.writers import WRITERS, list_languages
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.job.job import load_job
@@ -31,16 +30,6 @@ def test_a_job_names_the_robot_its_own_language_and_the_toolpath(tmp_path: Path,
     assert job.robot == "kuka_kr240" and data["output"]["programs"] == ["krl"]
     assert data["process"]["model"] == "milling" and "axial_N" not in data["process"]
     assert "assumed: put yours" in file.read_text()
-
-
-@pytest.mark.parametrize(
-    ("name", "language"),
-    [("kawasaki_rs007n", "kawasaki_as"), ("yaskawa_gp8", "inform"), ("ur5e", "urscript"), ("staubli_rx160", "val3"),
-     ("fanuc_m10ia", "fanuc_ls"), ("abb_irb1200_7_70", "rapid"), ("comau_nj220", "csv")],
-)  # fmt: skip
-def test_a_job_asks_for_the_language_of_the_robots_own_brand_first(name: str, language: str) -> None:
-    spoken = list_languages(load_controller(load_robot(name)).name)
-    assert (spoken[0] if len(spoken) < len(WRITERS) else "csv") == language
 
 
 def test_two_tools_are_numbered_where_the_folder_has_a_tool_of_its_own(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -18,7 +18,6 @@ import compplan as cp
 import compplan.reporting.writers.plan as outputs
 from compplan.controllers.writers import build_program, write_program
 from compplan.controllers.writers.sequence import write_sequence
-from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job
@@ -237,12 +236,6 @@ def test_what_was_written_for_several_tools_is_read_back(
     assert "NOT CONFIRMED" in (tmp_path / "late" / "two_T2_L.src").read_text()
 
 
-def test_names_of_programs_are_shortened_before_their_tool_is() -> None:
-    assert legal_name("a_very_long_name_of_a_part_T12", 15) == "a_very_long_T12"
-    assert legal_name("a_very_long_name_of_a_part_T1_run2", 12) == "a_ve_T1_run2"
-    assert legal_name("short_T1", 22) == "short_T1"
-
-
 CSV = "number,name,length_mm,diameter_mm,teeth,kind\n1,rough,120.5,12,3,end mill\n2,hole,150,5,2,drill\n"
 FUSION = {"version": 1, "data": [
     {"type": "holder", "description": "HSK"},
@@ -345,12 +338,6 @@ def test_a_plan_that_leaves_holes_out_is_not_solved(tmp_path: Path) -> None:
                    process={"model": "constant", "force_N": [0.0, 0.0, 0.0]})  # fmt: skip
     plan = cp.plan_job(job)
     assert plan.status == "not_confirmed" and 'write cycles = "expand"' in plan.explain_failures()
-
-
-def test_the_example_of_two_tools_is_two_jobs() -> None:
-    file = Path(__file__).parents[2] / "examples" / "two_tools" / "bracket.toml"
-    first, second = split_job(cp.load_job(file))
-    assert (first.label, first.process.model, second.label, second.process.model) == ("T1", "end_mill", "T2", "drill")
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from commandline import run_command
-from drawn_robots import draw_robots
 
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
@@ -72,16 +70,6 @@ def test_a_point_just_beyond_an_end_belongs_to_it_and_one_far_beyond_to_nothing(
     assert found.left_out == 1
     assert found.seen == pytest.approx(np.tile([0.0, 2e-4, 0.0], (12, 1)), abs=1e-9)
     assert found.length[[0, -1]] == pytest.approx([0.0, 0.1])
-
-
-def test_points_of_a_turned_part_are_brought_to_the_base(tmp_path: Path) -> None:
-    """The part's x is the base's y, its y the base's z, its z the base's x; its origin lies at (1500, 0, 500) mm."""
-    s = np.linspace(20.0, 80.0, 12)
-    T_base_part = np.array([[0, 0, 1, 1.5], [1, 0, 0, 0], [0, 1, 0, 0.5], [0, 0, 0, 1]])
-    file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm", np.column_stack([np.full(12, 0.3), np.full(12, -0.1), s]))
-    found = match_points(read_measured_points(file), straight_path(), T_base_part, in_base=False)
-    assert found.seen == pytest.approx(np.tile([0.0, 3e-4, -1e-4], (12, 1)), abs=1e-9)
-    assert found.length == pytest.approx(s * 1e-3, abs=1e-9)
 
 
 def test_a_point_with_a_spread_that_is_none_is_refused_and_an_empty_one_gets_the_assumed(tmp_path: Path) -> None:
@@ -191,34 +179,6 @@ def cut_part(job: Job, folder: str, truth: Robot, level: float, file: Path, seed
     rows_of_file = np.column_stack([points, length * 1e3, np.full(len(tip), 0.005)])
     write_points(file, "x_mm,y_mm,z_mm,s_mm,sigma_mm", rows_of_file)
     return float(np.sqrt(np.mean(np.sum((tip - path) ** 2, axis=1))))
-
-
-@pytest.mark.slow
-def test_the_second_part_is_right_and_a_third_lesson_is_not_taken(small_job, tmp_path, monkeypatch, capsys) -> None:
-    """A robot whose compliances, zeros, play and gears hide what its widths allow, cut with a force 10 % too high."""
-    (drawn,) = draw_robots(load_robot("kuka_kr270"), 1, seed=3)
-    folder, seen, summaries = "kuka_kr270", [], []
-    for part in range(3):
-        measured = tmp_path / f"part{part}.csv"
-        seen.append(cut_part(small_job, folder, drawn.robot, 1.1, measured, part))
-        out = tmp_path / f"out{part}"
-        answer = run_command(["learn", small_job.file, measured, "--robot", folder, "--out", out], monkeypatch, capsys)
-        assert answer.status == 0
-        summaries.append(json.loads((out / "learn.json").read_text(encoding="utf-8")))
-        folder = str(out / "robot")
-    assert seen[0] > 5e-4
-    assert seen[1] < 0.1 * seen[0]
-    assert seen[2] <= 1.2 * seen[1] + 1e-5
-    first, *_, last = summaries
-    assert first["step_taken"]
-    assert first["band_after_mm"]["p95_max"] < 0.5 * first["band_before_mm"]["p95_max"]
-    assert seen[1] * 1e3 < first["band_after_mm"]["p95_max"]
-    assert not last["step_taken"]
-    assert "the program stays as it is" in last["reason"]
-    assert (tmp_path / "out0" / "robot" / "learned_circle.csv").is_file()
-    assert list((tmp_path / "out0").glob("*.src"))
-    assert "The program stays as it is" in (tmp_path / "out2" / "report.html").read_text(encoding="utf-8")
-    assert load_robot(tmp_path / "out0" / "robot").uncertainty is not None
 
 
 def test_bad_measurements_end_in_one_line(small_job, tmp_path, monkeypatch, capsys) -> None:

@@ -12,7 +12,6 @@ import pytest
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
-from compplan.job.noise import NoiseTable
 from compplan.learning.part import learn_from_part
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
@@ -106,7 +105,9 @@ WRONG: dict[str, Callable[[Array], Array]] = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize(
+    "name", [name if k % 3 == 0 else pytest.param(name, marks=pytest.mark.slow) for k, name in enumerate(WRONG)]
+)
 def test_a_wrong_lesson_is_asked_about_and_never_learned(name: str, shop: tuple[Job, Robot, Path]) -> None:
     job, robot, folder = shop
     file = write_points(folder / "part.csv", "x_mm,y_mm,z_mm", WRONG[name](measure(job)[0]))
@@ -139,16 +140,3 @@ def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: 
     lesson = learn_from_part(job, robot, files[0], align="datum")
     assert any("of the whole part" in note and "learned as the robot's" in note for note in lesson.notes)
     assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
-
-
-def test_a_stated_clamping_takes_its_share_of_a_part_that_stood_elsewhere(shop: tuple[Job, Robot, Path]) -> None:
-    """Where the job allows a clamping of .2 mm the next program hardly moves, and its band allows for it."""
-    job, robot, folder = shop
-    points, s = measure(job)
-    moved = np.column_stack([points + np.array([0.1, -0.05, 0.0]), s])
-    file = write_points(folder / "moved.csv", "x_mm,y_mm,z_mm,s_mm", moved)
-    loose = job.model_copy(update={"noise": NoiseTable(part_frame_mm=0.2, part_frame_deg=0.05)})
-    plain, told = learn_from_part(job, robot, file, align="datum").lesson, learn_from_part(loose, robot, file).lesson
-    shifts = [np.linalg.norm((one.physics + one.pushed + one.residual).mean(axis=0)) for one in (plain, told)]
-    assert shifts[0] > 8e-5 and shifts[1] < 0.4 * shifts[0]
-    assert told.band_after.min() > 4e-4 > plain.band_after.max()

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import run_command
-from drawn_robots import draw_robots
 
 from compplan.diagnosis.validation.options import WIDE
-from compplan.effects import Effect, fold_effects, joint_offset, link_geometry
+from compplan.effects import joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.learning import contacts
@@ -24,8 +23,6 @@ from compplan.learning.design import (
     choose_measurements,
     find_idle,
     first_visits,
-    learn_rows,
-    measure_gains,
     random_choice,
 )
 from compplan.learning.order import order_poses
@@ -61,14 +58,6 @@ def make_design(frames: tuple[str, ...] = ()) -> tuple[Design, np.ndarray]:
     known = stiffness_unknowns()
     path = linearise_path(build_path_model(robot, q, wrench), known, ForceSpread(0, 0, 0, "known"), np.ones(30, bool))
     return Design(known, path, 3e-5, frames), q
-
-
-def test_a_measurement_takes_off_what_a_scalar_filter_takes_off() -> None:
-    """Prior variance 4, three readings of noise 1: 1 / (1/4 + 3)."""
-    rows = np.zeros((1, 3, 1)) + 1.0
-    assert learn_rows(np.array([[4.0]]), rows, 1.0) == pytest.approx(1 / (0.25 + 3.0))
-    gain = measure_gains(np.array([[4.0]]), rows, np.array([[2.0]]), 1.0)
-    assert gain == pytest.approx(2.0 * (4.0 - 1 / 3.25))
 
 
 def test_an_unknown_base_and_tool_are_seen_as_they_move_the_target() -> None:
@@ -117,37 +106,6 @@ def small_job(tmp_path: Path) -> Path:
     file = tmp_path / "circle.toml"
     file.write_text(text, encoding="utf-8")
     return file
-
-
-@pytest.mark.slow
-def test_the_log_that_is_filled_in_narrows_the_promise(small_job, tmp_path, monkeypatch, capsys) -> None:
-    out = tmp_path / "poses"
-    words = ["campaign", small_job, "--poses", "6", "--weights-kg", "0,100", "--pull-N", "300", "--out"]
-    answer = run_command([*words, out], monkeypatch, capsys)
-    assert answer.status == 0
-    first = json.loads((out / "campaign.json").read_text(encoding="utf-8"))
-    promised = first["promise_mm"]
-    assert promised["p95_max_floor"] < promised["p95_max_after"] < promised["p95_max_now"]
-    alone = first["parameters_alone_p95_rms_mm"]
-    assert alone["designed"] < alone["as_many_random"] < alone["now"]
-    assert list(out.glob("*poses*.src"))
-    assert "What it brings" in (out / "report.html").read_text(encoding="utf-8")
-
-    robot = load_robot("kuka_kr270")
-    lines = (out / "campaign.csv").read_text(encoding="utf-8").splitlines()
-    assert len(lines) == 1 + 3 * 7
-    (drawn,) = draw_robots(robot, 1, 5)
-    fill(out / "campaign.csv", tmp_path / "log.csv", drawn.robot)
-    log = read_campaign(tmp_path / "log.csv", robot)
-    assert log.usable.tolist() == [False, True] * 7
-    # the run-up rows tell from which side all joints came
-    assert (np.abs(log.approach[1::2].sum(axis=1)) == 6).all()
-    answer = run_command([*words, tmp_path / "next", "--log", tmp_path / "log.csv"], monkeypatch, capsys)
-    assert answer.status == 0
-    second = json.loads((tmp_path / "next" / "campaign.json").read_text(encoding="utf-8"))
-    assert second["rows_of_log"] == 7
-    assert second["promise_mm"]["p95_max_now"] == pytest.approx(promised["p95_max_after"], rel=0.02)
-    assert not any("diagnose it" in note for note in second["notes"])
 
 
 def fill(empty: Path, file: Path, robot: Robot) -> None:
@@ -202,21 +160,6 @@ def test_a_campaign_is_refused_in_one_line(small_job, tmp_path, monkeypatch, cap
         assert answer.err.count("\n") == 1
         assert words in answer.err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_a_log_with_unmeasured_run_up_rows_is_diagnosed(small_job, tmp_path, monkeypatch, capsys) -> None:
-    out = tmp_path / "poses"
-    words = ["campaign", small_job, "--poses", "12", "--weights-kg", "0,60", "--pull-N", "400", "--out", out]
-    assert run_command(words, monkeypatch, capsys).status == 0
-    robot = load_robot("kuka_kr270")
-    stiff = Effect("joint_stiffness", "joint_2", None, {"compliance_change_rad_per_Nm": 2e-7})
-    fill(out / "campaign.csv", tmp_path / "log.csv", fold_effects(robot, [stiff]))
-    words = ["diagnose", tmp_path / "log.csv", "--robot", "kuka_kr270", "--out", tmp_path / "diagnosed", "--assume-ok"]
-    assert run_command(words, monkeypatch, capsys).status == 0
-    known = load_robot(tmp_path / "diagnosed" / "robot").uncertainty
-    assert known is not None
-    assert known.grade == "measured"
 
 
 def test_twelve_poses_for_a_calibration_leave_less_than_random_ones() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.job.job import load_job
-from compplan.learning.gathered_points import gather_points
 from compplan.learning.measured_path import FARTHEST, MeasuredPath, match_points, reach_of, read_measured_points
 from compplan.learning.plausibility import explain_points, fit_rigid
 from compplan.learning.surface import read_surface
@@ -193,15 +191,6 @@ def test_points_farther_off_than_the_folder_allows_are_asked_about_and_learned_w
     assert run_command([*words, "--align", "best_fit"], monkeypatch, capsys).status in (0, 3)
 
 
-def test_a_scan_of_many_points_weighs_no_more_than_its_errors_allow() -> None:
-    many, length = 3000, np.repeat([0.0, 0.1, 0.2], 1000)
-    points = MeasuredPath(
-        length, np.zeros((many, 3)), np.broadcast_to(np.eye(3), (many, 3, 3)), np.full(many, 5e-5), 0, scanned=True
-    )
-    found = gather_points(points, np.array([0.0, 0.1, 0.2]))
-    np.testing.assert_allclose(np.sqrt(found.variance), 5e-5 / np.sqrt(10.0))
-
-
 #: A wall of 120 x 20 mm, the material behind it, milled by a cutter of 10 mm whose tip runs beside its foot.
 WALL = trimesh.creation.box(bounds=[[0.0, -30.0, 0.0], [120.0, 0.0, 20.0]])
 
@@ -233,15 +222,6 @@ def test_a_scan_is_held_against_the_nominal_mesh_where_the_cutter_made_it(off: f
     assert found.deviation @ PLACE[:3, :3] == pytest.approx(np.tile([0.0, off * 1e-3, 0.0], (len(found), 1)), abs=1e-8)
     assert np.trace(found.counts, axis1=1, axis2=2) == pytest.approx(1.0)
     assert found.length.min() > 0.002 and found.length.max() < 0.114
-
-
-def test_a_hundred_thousand_points_are_read_and_matched_within_ten_seconds(tmp_path: Path) -> None:
-    points = wall_points(0.03, 50_000)
-    np.savetxt(tmp_path / "wall.xyz", points, fmt="%.5f")
-    start = time.process_time()
-    found = beside_the_wall(tmp_path / "wall.xyz")
-    assert time.process_time() - start < 10.0
-    assert len(found) == 50_000  # the face beside the cutter; the upper one it did not make
 
 
 def test_a_best_fit_to_the_mesh_takes_a_shift_of_the_whole_scan_off(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commandline import run_command
 
 from compplan.effects import Effect
 from compplan.errors import InputError
@@ -34,11 +32,10 @@ from compplan.process.learned_force import (
 )
 from compplan.reporting.writers.plan import deliver_plan
 from compplan.robot import load_robot
-from compplan.robot.folder import find_robot_folder, write_robot_folder
+from compplan.robot.folder import find_robot_folder
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.uncertainty.band import Slopes, split_covariance
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread, tie_force
-from tests.learning.test_model_update import cut_part
 
 PATHS = Path(__file__).parents[2] / "paths"
 UNIT = Unknown("link_geometry", "joint_1", "ty", ("ty_m",), np.array([1e-4]))
@@ -262,29 +259,3 @@ def test_a_folder_holds_lost_motion_and_gear_error_with_what_they_belong_to() ->
     sizes = {"cycles_per_turn": [1.0], "sine_rad": [1e3], "cosine_rad": [0.0]}
     far = Effect("transmission_error", "joint_2", None, sizes)
     assert add_effect(robot, far, np.array([1e3]))[1] == pytest.approx([0.0])
-
-
-@pytest.mark.slow
-def test_a_second_part_adds_to_what_the_first_one_said_of_the_force(job: Job, tmp_path, monkeypatch, capsys) -> None:
-    """The true force is 1.21 times the predicted one, on the robot of the folder, which is known to 1 %."""
-    truth, levels = load_robot("kuka_kr270"), []
-    soft = [
-        Unknown("joint_stiffness", s.joint, None, ("compliance_change_rad_per_Nm",), np.array([0.01 * s.compliance]))
-        for s in truth.springs
-    ]
-    known = Uncertainty("measured", "test", tuple(soft), np.eye(6), unexplained=1e-5, repeatability=5e-6)
-    folder = str(tmp_path / "measured")
-    write_robot_folder(replace(truth, uncertainty=known), Path(folder))
-    for part in range(2):
-        measured, out = tmp_path / f"part{part}.csv", tmp_path / f"out{part}"
-        cut_part(job, folder, truth, 1.21, measured, part)
-        answer = run_command(["learn", job.file, measured, "--robot", folder, "--out", out], monkeypatch, capsys)
-        assert answer.status == 0
-        summary = json.loads((out / "learn.json").read_text(encoding="utf-8"))
-        folder = str(out / "robot")
-        known = read_learned_force(Path(folder), job.process)
-        levels.append((known.level, known.spread, len(known.parts), summary["step_taken"]))
-    assert levels[0][0] == pytest.approx(1.0 + 0.21 * 0.133**2 / 0.15**2, abs=0.02)
-    assert levels[1][0] > levels[0][0]
-    assert levels[1][1] < levels[0][1] < 0.15
-    assert [entry[2:] for entry in levels] == [(1, True), (2, True)]

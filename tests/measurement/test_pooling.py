@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from compplan.measurement import pooling
-from compplan.measurement.campaign import Campaign, number_rows
+from compplan.measurement.campaign import Campaign
 from compplan.measurement.pooling import pool_rows
 
 SIGMA = 2e-5
@@ -62,11 +62,6 @@ def test_short_logs_stay_as_they_are_and_of_ever_new_poses_a_part_is_taken(monke
     monkeypatch.setattr(pooling, "FROM_ROWS", 100)
     many = pool_rows(repeat(390, 1, stays=True))
     assert len(many) == 98 and "every 4th" in many.notes[-1]
-
-
-def test_rows_are_numbered_in_the_order_of_their_values() -> None:
-    table = np.random.default_rng(0).integers(-2, 3, (200, 3)).astype(float)
-    assert np.array_equal(number_rows(table), np.unique(table, axis=0, return_inverse=True)[1].reshape(-1))
 
 
 def test_visits_are_kept_apart_only_where_they_scatter_beyond_chance(monkeypatch: pytest.MonkeyPatch) -> None:

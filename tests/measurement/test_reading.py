@@ -49,12 +49,6 @@ def test_a_measured_orientation_is_a_rotation_vector(robot: Robot, tmp_path: Pat
     assert np.isnan(rotation[2]).all()
 
 
-def test_empty_fields_are_missing_values_and_their_rows_unusable(robot: Robot, tmp_path: Path) -> None:
-    rows = "static_1,0,9,0,0,0,0,0,0,0,0,0,0,0,1,2,3\nstatic_1,5,9,0,0,0,0,0,0,0,0,0,0,0,,2,3\n"
-    campaign = read_campaign(write(tmp_path, HEAD + rows), robot)
-    assert campaign.usable.tolist() == [True, False]
-
-
 def test_a_log_without_wrench_columns_carries_no_load(robot: Robot, tmp_path: Path) -> None:
     text = "run,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm\nstatic,1,2,3,4,5,6,7,8,9\n"
     campaign = read_campaign(write(tmp_path, text), robot)
@@ -86,15 +80,6 @@ def test_approach_is_the_sign_of_the_last_move_and_unknown_where_a_run_begins() 
     assert campaign.first_visit.tolist() == [True, False, False, False, True, False]
 
 
-def test_a_visit_lasts_while_neither_joints_nor_load_change() -> None:
-    campaign = order([0.0, 0.0, 0.1, 0.1, 0.1], ["static_1"] * 5)
-    wrench = campaign.wrench.copy()
-    wrench[4, 2] = -500.0
-    campaign = replace(campaign, wrench=wrench)
-    assert campaign.visit.tolist() == [0, 0, 1, 1, 2]
-    assert campaign.stay.tolist() == [0, 0, 1, 1, 1]
-
-
 def test_loads_and_moves_begin_beyond_what_sensor_and_encoder_scatter() -> None:
     """Assumed: 5 N and 2 N m, or a fiftieth of the log's largest force; 2e-5 rad at rest and nothing on a path."""
     campaign = order([0.0] * 4, ["static_1"] * 4)
@@ -108,14 +93,6 @@ def test_loads_and_moves_begin_beyond_what_sensor_and_encoder_scatter() -> None:
     assert order([0.0, 1.9e-5, 4.0e-5, 4.0e-5], ["static_1"] * 4).visit.tolist() == [0, 0, 1, 1]
     assert order([0.0, 1.9e-5, 4.0e-5], ["static_1"] * 3).approach[:, 1].tolist() == [0, 0, 1]
     assert order([0.0, -1.9e-8, -1.8e-8], ["path_1"] * 3).approach[:, 1].tolist() == [0, -1, -1]
-
-
-def test_a_log_is_of_several_loads_where_they_change_by_more_than_scatter() -> None:
-    for change, varies in ((4.0, False), (7.0, True)):
-        campaign = order([0.0] * 20, ["static_1"] * 20)
-        wrench = np.zeros((20, 6))
-        wrench[:, 1] = 100.0 + change * (np.arange(20) % 2)
-        assert replace(campaign, wrench=wrench).load_varies == varies
 
 
 def test_speed_is_that_of_paths_and_zero_at_rest(robot: Robot) -> None:

@@ -12,15 +12,15 @@ from scipy.integrate import odeint
 
 import compplan as cp
 from compplan.job.job import check_job
-from compplan.planning.agreement import _resolve_starts
 from compplan.planning.approach import DWELL
 from compplan.planning.between import measure_between
+from compplan.planning.checks import run_checks, set_up_bench
 from compplan.planning.feed import time_run
+from compplan.planning.fixed_point import _resolve_starts
 from compplan.planning.motion_limits import measure_use
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.run_timing import cutting_runs
 from compplan.planning.timing import ease, ease_duration, ease_times, smooth_profile
-from compplan.planning.verdict import find_breaches, set_up_bench
 from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import locate_frames
@@ -122,7 +122,7 @@ def test_milling_above_the_stock_and_straight_down_carries_no_lateral_force(tmp_
 
 def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the_waypoints(tmp_path):
     plan = cp.plan_job(three_points(tmp_path, CONSTANT))
-    bench = set_up_bench(plan.task, plan.q, plan.timing, None)
+    bench = set_up_bench(plan.task, plan.timing, None)
     move = int(np.flatnonzero(plan.task.cut)[3])
 
     def say(way):
@@ -130,7 +130,7 @@ def test_a_verdict_speaks_of_ways_that_programs_take_and_of_no_cubic_through_the
         far[move] = 2.0 * plan.task.move_tolerance[move]
         between = replace(plan.between, **{way: far})
         given = plan.task, plan.command, plan.timing, between, plan.after, plan.margins, bench
-        return [text for text in find_breaches(*given) if "strays" in text]
+        return [check.sentence for check in run_checks(*given) if check.fails and "strays" in check.sentence]
 
     assert not say("spline")
     for way in ("joint", "cartesian"):
@@ -210,7 +210,7 @@ def test_the_inertia_of_the_motion_is_compensated_and_judged_unless_a_job_says_n
     assert plain.bending.inertia > 2e-5 and not plain.bending.compensated
     assert plan.status == "solved" and plan.bending.compensated and plan.bending.inertia > 2e-5
     assert plan.after.max_deviation < 0.2 * plan.bending.inertia  # the judge takes masses and motion by itself
-    moving = set_up_bench(plan.task, plan.q, plan.timing, None).bias
+    moving = set_up_bench(plan.task, plan.timing, None).bias
     loaded = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False, torque_bias=moving).position
     off = np.linalg.norm(loaded - plan.task.position, axis=1)[plan.task.cut]
     still = attain_pose(plan.task.chain, plan.q, plan.task.wrench, slope=False).position

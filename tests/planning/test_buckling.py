@@ -9,8 +9,8 @@ from arms import one_joint_arm
 
 import compplan as cp
 from compplan.job.job import check_job
-from compplan.planning.buckling import measure_buckling
 from compplan.planning.plan import prepare_job
+from compplan.planning.stability import measure_buckling
 from compplan.statics.chain import build_chain
 
 CIRCLE = Path(__file__).parents[2] / "paths" / "circle_10mm.toml"

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compplan.planning.chatter_limit import Modes, compute_depth_limit
+from compplan.planning.stability import Modes, compute_depth_limit
 
 
 def test_the_least_limit_over_the_speeds_is_the_critical_stiffness_of_one_mode() -> None:

@@ -15,10 +15,10 @@ import compplan.job.loading as loading
 import compplan.planning.deflection as bending
 import compplan.planning.posture.lattice as lattice
 from compplan.job.job import Job, ToolTable, check_job, load_job
-from compplan.planning import executed
+from compplan.planning import plan as planning
+from compplan.planning.checks import hold_load
 from compplan.planning.plan import plan_job
 from compplan.planning.run_timing import Timing
-from compplan.planning.verdict import hold_load
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import build_exact_robot
@@ -30,6 +30,7 @@ from tests.oracles.plan_check import check_plan
 pytestmark = pytest.mark.usefixtures("graph_alone")
 
 NC = "G21 G90 G17\nG0 X0 Y0 Z20\nG1 Z0 F600\nX30\nG3 X40 Y10 I0 J10\nG1 Y25\nG0 Z20\n"
+CUT = [[30.0, 0.0, 0.0], [40.0, 10.0, 0.0], [40.0, 25.0, 0.0]]  # where the cut of NC passes
 JOB = """schema = 1
 robot = "kuka_kr240"
 toolpath = "part.nc"
@@ -54,9 +55,9 @@ def job(tmp_path: Path) -> Job:
     return load_job(tmp_path / "part.toml")
 
 
-def test_a_sound_plan_is_confirmed_by_all_votes(job: Job) -> None:
+def test_a_sound_plan_is_confirmed_by_all_checks(job: Job) -> None:
     plan = plan_job(job)
-    assert (plan.status, plan.breaches, check_plan(plan)) == ("solved", (), ())
+    assert (plan.status, plan.breaches, check_plan(plan, CUT, 10.0)) == ("solved", (), ())
     assert not [note for note in plan.notes if "not checked" in note]
 
 
@@ -137,19 +138,19 @@ def _turned_tool(patch: pytest.MonkeyPatch) -> None:
 
 
 def _hasty(patch: pytest.MonkeyPatch) -> None:
-    true = executed.agree
+    true = planning.compensate
 
-    def agree(*words: Any) -> Any:
+    def compensate(*words: Any) -> Any:
         found = true(*words)
         timing: Timing = replace(found.timing, time=0.5 * found.timing.time)
         return replace(found, timing=timing)
 
-    patch.setattr(executed, "agree", agree)
+    patch.setattr(planning, "compensate", compensate)
 
 
 def _without_last(path: Toolpath) -> Toolpath:
     columns = {each.name: getattr(path, each.name) for each in fields(path)}
-    kept = {name: value[:-1] for name, value in columns.items() if isinstance(value, np.ndarray)}
+    kept = {name: value[:-2] for name, value in columns.items() if isinstance(value, np.ndarray)}
     return replace(path, **kept)
 
 
@@ -159,11 +160,11 @@ def _heavy(patch: pytest.MonkeyPatch) -> None:
 
 
 MISTAKES: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
-    "y mirrored": (_reads(_scaled([1.0, -1.0, 1.0])), "goes another way"),
-    "another unit": (_reads(_scaled([0.5, 0.5, 0.5])), "second reading"),
-    "the last move missing": (_reads(_without_last), "misses the last"),
+    "y mirrored": (_reads(_scaled([1.0, -1.0, 1.0])), "passes a point"),
+    "another unit": (_reads(_scaled([0.5, 0.5, 0.5])), "passes a point"),
+    "the last move missing": (_reads(_without_last), "passes a point"),
     "feed a minute": (_reads(lambda path: replace(path, feed=path.feed * 6.0)), "feed"),
-    "part turned the other way": (_turned_part, "goes another way|begins"),
+    "part turned the other way": (_turned_part, "passes a point"),
     "tool turned the other way": (_turned_tool, "tool axis|correction"),
     "times halved": (_hasty, "mm/min"),
     "inertia doubled": (_heavy, "inverse dynamics"),
@@ -175,7 +176,7 @@ def test_a_planted_mistake_is_seen(name: str, job: Job, monkeypatch: pytest.Monk
     plant, word = MISTAKES[name]
     plant(monkeypatch)
     plan = plan_job(job)
-    found = (*plan.breaches, *check_plan(plan))
+    found = (*plan.breaches, *check_plan(plan, CUT, 10.0))
     assert any(part in "; ".join(found) for part in word.split("|")), found
 
 

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.limits import sample_use
 from compplan.controllers.readback.robot import read_joints
 from compplan.job.job import LimitsTable
-from compplan.planning.checks import _vote_on_jerk
+from compplan.planning.checks import _check_jerk
 from compplan.planning.feed import FeedRequest, TorqueRules, time_run
 from compplan.planning.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
 from compplan.planning.run_timing import cutting_runs, find_slowdown, time_command
@@ -108,8 +108,8 @@ def _limits(task) -> tuple[Array, Array, Array | None]:
 def test_the_check_of_a_plan_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
     task = replace(make_task(square_path(feed=0.4)), rests=None)
     held = time_command(replace(task, jerk_limits=None if wrong else limit_jerk(ROBOT, 1.0, 0.4)), task.q_start)
-    cutting = np.r_[False, ~task.nominal.rapid[1:]]
     job = SimpleNamespace(limits=LimitsTable(full_acceleration_after_s=0.4))
-    driven = SimpleNamespace(task=task, q=task.q_start, time=held.time, job=job, cutting=cutting)
-    found = _vote_on_jerk(driven, read_joints(ROBOT.folder))
-    assert bool(found) == wrong and all("jerks" in line for line in found)
+    found = [
+        check for check in _check_jerk(task, task.q_start, held.time, read_joints(ROBOT.folder), job) if check.fails
+    ]
+    assert bool(found) == wrong and all("jerks" in check.sentence for check in found)

@@ -1,12 +1,15 @@
 """The program of a path: its loaded pose and derivatives, exactness, bounds, and what is left of a failed solve."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from compplan.planning.dense import pick_stations, solve_path, state_problem
+from compplan.planning.feed import TorqueRules
+from compplan.planning.limits import read_torques
 from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
 from compplan.planning.strategies import command_path
 from compplan.planning.task import attain_rows
@@ -117,3 +120,25 @@ def test_a_program_is_built_once_for_other_loads():
     problem = make_problem(task)
     program = build_nlp(problem)
     assert build_nlp(replace(problem, wrench=0.5 * problem.wrench)) is program
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "kuka_kr240_rail"])
+def test_torques_of_the_program_are_those_of_the_inverse_dynamics(name):
+    robot, rng = load_robot(name), np.random.default_rng(3)
+    q = np.clip(rng.uniform(-0.8, 0.8, (5, robot.nq)), robot.lower, robot.upper)
+    rate, change, wrench = (
+        rng.normal(size=(5, robot.nq)),
+        rng.normal(size=(5, robot.nq)),
+        rng.normal(size=(5, 6)) * 300.0,
+    )
+    square, push = rng.uniform(0.1, 1.0, 5), rng.normal(size=5)
+    limit = read_torques(SimpleNamespace(robot=robot, q_start=q, wrench=wrench))
+    sizes = {"q": robot.nq, "rate": robot.nq, "change": robot.nq, "square": 1, "push": 1, "wrench": 6}
+    symbols = {key: ca.SX.sym(key, size) for key, size in sizes.items()}
+    rows = ca.Function("rows", list(symbols.values()), [limit.rows(SimpleNamespace(**symbols))]).map(5)
+    found = np.array(rows(q.T, rate.T, change.T, square[None], push[None], wrench.T)).T
+    a, b, held, most = TorqueRules(robot, q, wrench).rows(0, 4, rate, change)
+    assert limit.most == pytest.approx(most)
+    assert found * most == pytest.approx(
+        a * push[:, None] + b * square[:, None] + held, rel=1e-6, abs=1e-6 * abs(held).max()
+    )

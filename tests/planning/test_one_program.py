@@ -12,9 +12,9 @@ import pytest
 from benchmarks.limits import sample_use
 from compplan.job.job import check_job, load_job
 from compplan.planning.candidates import judge_gain
+from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
-from compplan.planning.posture.slides import count_reversals
-from compplan.planning.reversals import describe_reversals, list_reversals
+from compplan.planning.posture.motion import count_reversals
 from compplan.planning.run_timing import cutting_runs, time_command
 from compplan.reporting.writers.plan import write_plan
 
@@ -84,6 +84,7 @@ def test_reversals_are_priced_by_lost_motion_and_lever(plan: Plan) -> None:
     assert "assumed" in describe_reversals(tuple(found.values()))
 
 
+@pytest.mark.slow
 def test_a_tube_that_is_given_makes_a_wavy_run_shorter_and_its_deviation_is_judged(tmp_path: Path) -> None:
     u = np.linspace(0.0, 1.0, 120)
     rows = [f"{8.0 * np.sin(8.0 * np.pi * k):.6f},{500.0 * (k - 0.5):.6f},0,0,0,1,700" for k in u]

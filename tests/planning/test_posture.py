@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import one_joint_arm
+from posture_cases import brute_force, cut_stations, make_case, mean_square
 
-from benchmarks.posture import brute_force, cam_default, cut_stations, mean_square, quantile
-from benchmarks.posture_cases import make_case
 from compplan.errors import InfeasibleError
 from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.planning.posture.choose import choose_posture_path, sum_errors
@@ -59,15 +58,6 @@ def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_
     optimum = brute_force(case, rows[::2], share[::2] / share[::2].sum())
     ours = mean_square(case, stance.q, rows[::2], share[::2] / share[::2].sum())
     assert np.sqrt(ours / optimum) < 1.02
-
-
-def test_the_chosen_posture_leaves_no_more_than_the_cam_default(angled) -> None:
-    case, stance = angled
-    rows, share = cut_stations(case.nominal)
-    default = cam_default(case)
-    assert default is not None
-    chosen = quantile(case, stance.q, case.nominal, rows, share)
-    assert chosen <= quantile(case, default[0], case.nominal, rows, share)
 
 
 def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_accurate(angled) -> None:

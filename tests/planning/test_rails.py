@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from compplan.job.job import Job, check_job
-from compplan.planning.joint_weights import LEAST, MOST, weigh_joints
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.posture.slides import LEAST_STROKE, least_strokes, steady_slide
+from compplan.planning.posture.motion import LEAST_STROKE, least_strokes, steady_slide
 from compplan.planning.strategies import command_path
+from compplan.planning.task import LEAST, MOST, weigh_joints
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import build_chain
 
@@ -34,7 +34,7 @@ def make_job(strategy: str) -> Job:
     return check_job(table, Path("rail.toml"))
 
 
-@pytest.mark.parametrize("strategy", ["nlp", "iterated_mirror"])
+@pytest.mark.parametrize("strategy", [pytest.param("nlp", marks=pytest.mark.slow), "iterated_mirror"])
 def test_no_strategy_moves_the_rail_for_a_correction(strategy: str) -> None:
     task = build_task(*prepare_job(make_job(strategy)))
     command = command_path(task, strategy)

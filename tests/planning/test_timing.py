@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from compplan.planning.agreement import _moving_feed
+from compplan.planning.fixed_point import _moving_feed
 from compplan.planning.motion_limits import measure_use, spread_factors
-from compplan.planning.narrow import overlap_legs
-from compplan.planning.run_timing import find_slowdown, time_rapids
+from compplan.planning.run_timing import find_slowdown, overlap_legs, time_rapids
 from compplan.planning.timing import time_cut
 from tests.oracles.forces import DrivenRows, _speeds
 

@@ -9,10 +9,14 @@ from typing import cast
 import numpy as np
 import pytest
 
-from compplan.controllers.writers.joint_convention import locate_link
-from compplan.planning.feed import TorqueRules
-from compplan.planning.narrow import INERTIA_WINDOWS
-from compplan.planning.run_timing import FULL_USE, _smooth_run, _turn_in_place, state_timing, time_command
+from compplan.planning.run_timing import (
+    FULL_USE,
+    INERTIA_WINDOWS,
+    _smooth_run,
+    _turn_in_place,
+    state_timing,
+    time_command,
+)
 from compplan.planning.task import PlanTask
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import select_waypoints
@@ -108,19 +112,3 @@ def test_feeds_of_a_run_are_length_over_time_and_the_first_waypoint_has_that_of_
     mean = np.diff(task.q_start, axis=0) * 0.02 / length
     assert slow.velocity[30] == pytest.approx(0.5 * (mean[29] + mean[30]))
     assert slow.acceleration[30] == pytest.approx((mean[30] - mean[29]) * 0.02 / length)
-
-
-def test_torques_that_hold_the_arm_are_the_slope_of_its_potential_energy() -> None:
-    """Weights point down the base's z axis: tau = d/dq sum of m g z, by central differences."""
-    task = make_task(arc_path(0.3, 0.5, 20))
-    rules = TorqueRules(ROBOT, task.q_start, np.zeros((len(task), 6)))
-    held = rules.rows(0, 9, np.zeros((10, 6)), np.zeros((10, 6)))[2]
-
-    def energy(q: np.ndarray) -> np.ndarray:
-        places = [(body, locate_link(ROBOT, q, body.link)) for body in ROBOT.bodies]
-        return sum(9.81 * body.mass * (at[:, 2, :3] @ body.centre + at[:, 2, 3]) for body, at in places)
-
-    step = 1e-5 * np.eye(6)
-    slope = np.stack([(energy(task.q_start[:10] + d) - energy(task.q_start[:10] - d)) / 2e-5 for d in step], axis=1)
-    assert np.abs(slope).max() > 10.0
-    assert held == pytest.approx(slope, abs=1e-3 * np.abs(slope).max())

@@ -43,18 +43,6 @@ def test_a_side_cut_enters_where_the_wall_stands(y: float, arc: tuple[float, flo
     assert found.axial[-1] == pytest.approx(3e-3, rel=1e-6)
 
 
-def test_a_tool_that_rests_is_engaged_as_it_came() -> None:
-    path = straight((-60, 0.3, -2), (0, 0.3, -2))
-    found = engage(FLAT, np.vstack([path, path[-1:]]))
-    assert (found.depth[-1] == found.depth[-2]).all() and found.touches[-1]
-
-
-def test_a_plunge_is_engaged_on_the_whole_floor_and_nowhere_else() -> None:
-    found = engage(FLAT, straight((1, 2, 1), (1, 2, -4), 0.5))
-    assert found.section[-1] == pytest.approx(np.pi * 25e-6, rel=1e-6)
-    assert (found.depth[-1, :-1] == 1.0).all() and not found.depth[-1, -1].any()
-
-
 def test_in_the_air_above_the_stock_and_in_a_slot_that_is_cut_there_is_no_engagement() -> None:
     there = straight((-60, 0, -2), (60, 0, -2))
     path = np.vstack([straight((-60, 0, 1), (60, 0, 1)), there, there[::-1], straight((-60, 0, -2), (-60, 0, 5))])
@@ -183,14 +171,6 @@ def test_an_open_mesh_is_refused(tmp_path) -> None:
         read_mesh(tmp_path / "open.stl", "mm", "process.stock.mesh", tmp_path / "job.toml")
 
 
-def test_a_block_seen_along_another_direction_has_the_same_columns() -> None:
-    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # the view's z is the part's x
-    block = build_block(np.array([0, 0, 0]), np.array([1.0, 2.0, 3.0]), turn)
-    low, high = block.interval(np.array([[1.0, 1.5], [2.5, 1.5]]))
-    assert low[0] == pytest.approx(0.0) and high[0] == pytest.approx(1.0)
-    assert high[1] < low[1]
-
-
 def test_a_wall_that_the_level_above_cut_is_not_cut_again_by_the_level_below() -> None:
     top, below = straight((-60, 0, -3), (60, 0, -3)), straight((60, 0, -6), (-60, 0, -6))
     found = engage(FLAT, np.vstack([top, below]))
@@ -216,11 +196,3 @@ def two_passes(given: np.ndarray, lower: float) -> np.ndarray:
     block = build_block(np.array([0.0, -40.0, -30.0]) * 1e-3, np.array([36.0, 0.0, 0.0]) * 1e-3, np.eye(3))
     found = find_engagement(Cutter(5e-3, 0.03), np.vstack([first, second]) * 1e-3, cutting, block)
     return found.section[len(x) :][(x > 5.0) & (x < 26.6)] * 1e6  # its front is at 30 then
-
-
-def test_a_film_that_a_tool_takes_off_the_floor_is_no_part_of_the_cut_at_a_wall() -> None:
-    assert two_passes(np.zeros(2), 1e-4) == pytest.approx(two_passes(np.zeros(2), -1e-4), rel=2e-3)
-
-
-def test_a_pass_that_gave_way_keeps_the_wall_that_it_cut_where_it_comes_back() -> None:
-    assert two_passes(np.array([0.003, 0.083]), 0.0) == pytest.approx(1.5 * 1.997, rel=0.02)  # as engagement promises

@@ -54,12 +54,6 @@ def test_the_path_frame_has_x_along_the_travel_and_z_along_the_tool_axis() -> No
     assert np.einsum("nji,njk->nik", axes, axes) == pytest.approx(np.tile(np.eye(3), (len(nominal), 1, 1)))
 
 
-def test_a_plunge_keeps_the_path_frame_of_the_cut_after_it() -> None:
-    position = np.array([[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0]])
-    nominal = Toolpath(position, np.tile([0.0, 0, 1], (3, 1)), np.ones(3), np.zeros(3, bool))
-    assert path_axes(nominal)[1] == pytest.approx(np.eye(3))
-
-
 def test_a_force_beside_the_travel_is_refused_where_all_cuts_plunge() -> None:
     position = np.array([[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0.1], [0.1, 0, 0]])
     rapid = np.array([True, False, True, False])
@@ -103,13 +97,6 @@ def test_the_formed_sheet_pushes_the_tool_up_and_towards_the_axis_of_the_cone() 
     assert np.all(np.diff(later) > 0)
 
 
-def test_slot_milling_needs_the_power_of_the_specific_cutting_force() -> None:
-    process, feed = milling(radial_ratio=0.0), np.array([0.02])
-    wrench = milling_wrench(process, feed)[0]
-    removal = 2.0 * 10.0 * 0.02e3  # mm^3/s
-    assert wrench[5] * 2 * np.pi * 6000 / 60 == pytest.approx(800.0 * removal * 1e-3, rel=1e-12)
-
-
 def test_milling_forces_agree_with_a_sum_over_teeth_positions() -> None:
     process = milling(width_mm=3.0, radial_ratio=0.5, axial_ratio=0.2, material_side="left")
     angles = np.linspace(-np.pi / 2, np.pi / 2, 200_001)
@@ -120,13 +107,6 @@ def test_milling_forces_agree_with_a_sum_over_teeth_positions() -> None:
     y = np.trapezoid(tangential * np.cos(angles) - radial * np.sin(angles), angles) / (2 * np.pi)
     z = np.trapezoid(0.2 * tangential, angles) / (2 * np.pi)
     assert milling_wrench(process, np.array([0.02]))[0, :3] == pytest.approx([x, y, z], rel=1e-4)
-
-
-def test_the_side_of_the_material_mirrors_the_cut() -> None:
-    sides = (milling(width_mm=3.0, material_side=side) for side in ("left", "right"))
-    left, right = (milling_wrench(process, np.array([0.02]))[0] for process in sides)
-    assert left[1] > 0 and right[1] > 0  # a clockwise tool is pushed to its left either way
-    assert left[0] < 0 < right[0]  # up milling is held back, climb milling is drawn on
 
 
 def test_wrench_columns_are_used_as_they_are_or_missed(tmp_path: Path) -> None:

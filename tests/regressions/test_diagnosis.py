@@ -133,3 +133,23 @@ def test_folders_stay_within_what_is_read_and_hold_the_reported_gap(
     gap = cp.predict_campaign(cp.load_robot(out / "robot"), campaign, later=False).gap
     rms = 1e3 * float(np.sqrt(np.mean(np.sum(np.delete(gap, said["outliers"], axis=0) ** 2, axis=1))))
     assert said["gap"]["after_rms_mm"] == pytest.approx(rms, abs=1e-5)
+
+
+def test_a_campaign_of_touched_contacts_is_delivered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The places of contacts are fitted anew when a folder is read back: that is no difference of the robot."""
+    monkeypatch.chdir(Path(__file__).parents[1] / "bad_inputs" / "good")
+    words = (
+        "diagnose",
+        "touched.csv",
+        "--instrument",
+        "instrument.toml",
+        "--robot",
+        "robot",
+        "--out",
+        tmp_path / "out",
+    )
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 0, done
+    assert (tmp_path / "out" / "robot" / "robot.urdf").is_file()

@@ -83,6 +83,36 @@ def test_a_plan_that_is_not_confirmed_says_why_and_what_is_next(
         assert "campaign" not in told and "Measure the robot" not in told, told
 
 
+CIRCLE_AT_J5 = """schema = 1
+name = "circle"
+robot = "fanuc_m10ia"
+toolpath = { generator = "circle", radius_mm = 120.0, feed_mm_s = 100.0, waypoints = 40 }
+[part]
+position_mm = [1107.379771487231, 333.5690009526589, 1071.3402924623526]
+rotation_deg = [28.59656784745332, -77.0481077999807, 3.590332760943537]
+[process]
+model = "constant"
+force_N = [0.0, 0.0, -100.0]
+frame = "base"
+[plan]
+start_deg = [16.8, 23.9, 14.3, 0.0, 0.0, -17.3]
+tolerance_mm = 10.0
+[output]
+programs = ["fanuc_ls"]
+"""
+
+
+def test_a_circle_through_a_wrist_singularity_is_written_with_a_joint_move_and_confirmed(tmp_path: Path) -> None:
+    """J5 passes 0 within the cut: the program swings over by a joint move at the speed of the plan."""
+    (tmp_path / "job.toml").write_text(CIRCLE_AT_J5)
+    plan = cp.plan(tmp_path / "job.toml", out=tmp_path / "out")
+    assert plan.status == "solved", plan.explain_failures()
+    program = (tmp_path / "out" / "JOB_L.LS").read_text()
+    swing = program[program.index("!the configuration changes") :].splitlines()[1]
+    assert ":J P[" in swing and " 20% " not in swing, swing
+    assert "CONFIG : 'N" in program and "CONFIG : 'F" in program
+
+
 # ---- one rule for all commands
 
 
@@ -152,6 +182,51 @@ def test_a_path_that_turns_back_each_millimetre_is_planned(strategy: str) -> Non
     assert plan.status == "solved", plan.explain_failures()
 
 
+#: A pass of a pocket without area: there and back, with places that stand twice and feeds of two kinds.
+POCKET = """G21 G90 G54
+G0 X-4.775 Y-2.9 Z5
+G1 Z-1 F300
+{cuts}
+G0 Z5
+M30
+"""
+POCKET_JOB = """schema = 1
+name = "pocket"
+robot = "kuka_kr240"
+toolpath = "pocket.nc"
+[part]
+position_mm = [1700.0, 0.0, 900.0]
+[process]
+model = "end_mill"
+diameter_mm = 6.0
+teeth = 2
+spindle_rpm = 12000.0
+material = "al6082_t6"
+stock = { block_mm = [[-30.0, -30.0, -10.0], [30.0, 30.0, 0.0]] }
+[plan]
+tolerance_mm = 0.5
+"""
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize(
+    "cuts", ["G1 X4.775 F600\nX-4.775", "X4.775\nX4.775\nX-4.775\nX-4.775", "G93\nX4.775 F120\nX-4.775 F120\nG94"]
+)
+def test_a_pass_without_area_is_planned(cuts: str, tmp_path: Path) -> None:
+    (tmp_path / "pocket.nc").write_text(POCKET.format(cuts=cuts))
+    (tmp_path / "job.toml").write_text(POCKET_JOB)
+    plan = cp.plan(tmp_path / "job.toml", plan={"rotate_about_tool_axis": False})
+    assert plan.status == "solved", plan.explain_failures()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_feeds_that_differ_by_five_decades_give_no_warning_and_no_fault() -> None:
+    """A running mean over 10,000 rows turned negative by rounding, its power NaN, and so the times of the run."""
+    path = {"x_mm": [-4.775, 4.775] * 2, "y_mm": -2.9, "z_mm": -1.0, "feed_mm_s": [0.01, 1e3, 0.1, 1e3]}
+    plan = cp.plan(path, robot="kuka_kr240", part=(1700, 0, 900), plan={"tolerance_mm": 0.5})
+    assert plan.status == "solved", plan.explain_failures()
+
+
 @pytest.mark.parametrize("flange", ["base_link", "link_3"])
 def test_a_flange_above_the_joints_is_refused(flange: str, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "robots" / "kuka_kr270", tmp_path / "arm")
@@ -188,6 +263,15 @@ def test_a_signal_during_imports_ends_the_run_without_an_internal_fault(tmp_path
     assert done.returncode == 143 and done.stderr == "", done.stderr
 
 
+def test_a_program_that_leads_nowhere_is_refused(tmp_path: Path, monkeypatch, capsys) -> None:
+    row = "joint,0,-100,-110,-60,90,0,100"
+    head = "move,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,feed_mm_s"
+    (tmp_path / "program.csv").write_text("\n".join([head, row, row, row]) + "\n")
+    words = ["execute", tmp_path / "program.csv", "--robot", "ur10", "--out", tmp_path / "out.csv"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and "program.csv:4: no row leads anywhere" in done.err and done.err.count("\n") == 1
+
+
 # ---- numbers that no measurement or path holds
 
 
@@ -211,3 +295,34 @@ def test_an_instrument_that_cannot_be_is_refused(key: str, tmp_path: Path, monke
     words = ["diagnose", tmp_path / "log.csv", "--robot", "kuka_kr270", "--instrument", tmp_path / "instrument.toml"]
     done = run_command([*words, "--out", tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and f"instrument.{key.split()[0]}" in done.err and done.err.count("\n") == 1, done.err
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("robot/uncertainty.toml", "scale_mm = 300.0", "scale_mm = 5e-324", "unexplained.scale_mm"),
+        ("robot/effects.toml", 'joint = "joint_1"', 'joint = "jo_1"', "effect[0].joint"),
+        ("robot/elasticity.toml", "repeatability_mm    = 0.017", "repeatability_mm    = 1e13", "at most 1e+12"),
+        ("job.toml", "max_correction_mm = 10.0", "max_correction_mm = 1e300", "at most 1e+12"),
+    ],
+)
+def test_nonsense_in_a_table_is_refused_in_one_line(
+    file: str, old: str, new: str, told: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    shutil.copytree(ROOT / "tests" / "bad_inputs" / "good", tmp_path / "good")
+    text = (tmp_path / "good" / file).read_text()
+    assert old in text
+    (tmp_path / "good" / file).write_text(text.replace(old, new))
+    done = run_command(["plan", tmp_path / "good" / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    assert done.status == 2 and told in done.err and Path(file).name in done.err, done.err
+    assert done.err.count("\n") == 1 and "internal fault" not in done.err
+
+
+def test_a_trace_in_radians_is_not_read_as_degrees(tmp_path: Path, monkeypatch, capsys) -> None:
+    good = ROOT / "tests" / "bad_inputs" / "good"
+    head, *rows = (good / "executed.csv").read_text().splitlines()
+    turned = [[row.split(",")[0], *(f"{float(q) / 57.29577951308232:.7f}" for q in row.split(",")[1:])] for row in rows]
+    (tmp_path / "log.csv").write_text("\n".join([head, *map(",".join, turned)]) + "\n")
+    words = ["trace", tmp_path / "log.csv", "--program", good / "program.csv", "--robot", "ur10", "--out"]
+    done = run_command([*words, tmp_path / "out"], monkeypatch, capsys)
+    assert done.status == 2 and "log.csv" in done.err and done.err.count("\n") == 1, done.out + done.err

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from robot_library import over_robots
 
 from compplan.errors import ShapeError
 from compplan.planning.approach import Passage
@@ -38,16 +37,15 @@ from compplan.reporting import (
     write_page,
 )
 from compplan.reporting import figure as go
-from compplan.reporting.along_path import Stations, draw_lines, find_spans
+from compplan.reporting.along_path import Stations, draw_lines
 from compplan.reporting.compare_page import describe_comparison, write_compare_page
 from compplan.reporting.force_moves import describe_force, mark_force
 from compplan.reporting.page import share_values
 from compplan.reporting.panels import draw_small_multiples
-from compplan.reporting.path_scene import choose_magnification, draw_cell
+from compplan.reporting.path_scene import draw_cell
 from compplan.reporting.plan_page import describe_plan, write_plan_page
-from compplan.reporting.posture_section import show_map
-from compplan.reporting.robot_scene import draw_robot, place_meshes, shade_faces
-from compplan.reporting.style import format_angle, format_length, format_number, format_percent, mark_decades
+from compplan.reporting.robot_scene import draw_robot, place_meshes
+from compplan.reporting.style import format_length
 from compplan.robot import load_robot
 from compplan.simulation.simulated_robot import build_simulated_robot
 from compplan.statics.chain import build_chain, locate_frames
@@ -188,24 +186,6 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.0123456, "0.0123"), (12345.6, "12\u202f346"), (0, "0"), (-1.5, "−1.50"), (7, "7")]
-)
-def test_numbers_show_their_significant_digits(value: float, text: str) -> None:
-    assert format_number(value) == text
-
-
-def test_lengths_angles_and_shares_choose_their_unit() -> None:
-    assert format_length(1.234e-6) == "1.23\u00a0µm"
-    assert format_length(1.234e-3) == "1.23\u00a0mm"
-    assert format_length(1e-12) == "below 0.01\u00a0µm"
-    assert format_angle(1e-6) == "1.00\u00a0µrad"
-    assert format_angle(np.pi) == "180\u00a0deg"
-    assert format_percent(0.99999) == "above 99.9\u00a0%"
-    assert format_percent(1.0) == "100\u00a0%"
-    assert mark_decades(1e-6, 1e-3)[1][1:5] == ["1\u00a0µm", "10\u00a0µm", "100\u00a0µm", "1\u00a0mm"]
-
-
 def test_thinning_keeps_the_ends_and_every_extreme() -> None:
     rng = np.random.default_rng(3)
     signals = rng.normal(size=(50_000, 3)).cumsum(axis=0)
@@ -218,33 +198,10 @@ def test_thinning_keeps_the_ends_and_every_extreme() -> None:
     assert np.array_equal(signals[rows].min(axis=0), signals.min(axis=0))
 
 
-def test_thinning_passes_over_missing_values_and_leaves_short_signals_alone() -> None:
-    signal = np.full(5000, np.nan)
-    signal[4321] = 1.0
-    assert 4321 in thin_rows(signal, 100)
-    assert np.array_equal(thin_rows(np.arange(10.0), 100), np.arange(10))
-
-
 def test_a_thinned_path_keeps_points_all_along_it() -> None:
     path = np.column_stack([np.linspace(0, 1, 9000) ** 3, np.zeros(9000), np.zeros(9000)])
     rows = thin_path(path, np.ones(9000), 300)
     assert np.diff(path[rows, 0]).max() < 0.03
-
-
-@pytest.mark.parametrize("name", over_robots())
-def test_every_robot_is_drawn_where_the_chain_says_it_stands(name: str) -> None:
-    robot = load_robot(name)
-    rng = np.random.default_rng(5)
-    q = np.clip(rng.uniform(-1, 1, robot.nq), np.maximum(robot.lower, -3), np.minimum(robot.upper, 3))
-    frames = locate_frames(build_chain(robot), q[None])
-    pose = locate_links(robot, q)[robot.tcp]
-    assert np.allclose(pose[:3, 3], frames.tcp_position[0], atol=1e-12)
-    assert np.allclose(pose[:3, :3], frames.tcp_rotation[0], atol=1e-12)
-    shapes = place_shapes(robot, q)
-    assert len({shape.link for shape in shapes}) >= 5
-    near = min(np.linalg.norm(shape.vertices - pose[:3, 3], axis=1).min() for shape in shapes)
-    assert near < 0.3
-    assert all(0 <= value <= 1 for value in shade_faces(shapes).ravel())
 
 
 def test_the_tool_of_a_job_takes_the_place_of_the_folders_tool() -> None:
@@ -400,35 +357,8 @@ def test_thirteen_strategies_get_thirteen_charts_on_the_same_axes() -> None:
     np.testing.assert_allclose([axis.range for axis in axes], np.tile([0.0, 1.06 * 24.0], (15, 1)))
 
 
-def test_a_held_rotation_is_drawn_as_a_line_along_the_path() -> None:
-    held = SimpleNamespace(spin=np.zeros(1), length=np.linspace(0, 1, 20), sensitivity=np.full((20, 1), 2e-4),
-                           reason=np.zeros((20, 1), int), chosen=np.zeros(20))  # fmt: skip
-    chart = show_map(held)  # type: ignore[arg-type]
-    assert [trace.type for trace in chart.figure.data] == ["scatter"]
-    np.testing.assert_allclose(chart.figure.data[0].y, 0.2)
-    turned = replace_attributes(held, spin=np.linspace(0, 3, 4), sensitivity=np.full((20, 4), 2e-4),
-                                reason=np.zeros((20, 4), int))  # fmt: skip
-    assert "All rotations are alike" in show_map(turned).caption  # type: ignore[arg-type]
-    turned.sensitivity = turned.sensitivity * np.linspace(1.0, 1.5, 4)
-    assert "alike" not in show_map(turned).caption  # type: ignore[arg-type]
-
-
 def replace_attributes(old: SimpleNamespace, **new: object) -> SimpleNamespace:
     return SimpleNamespace(**{**vars(old), **new})
-
-
-def test_magnification_shows_the_deviation_without_hiding_the_path() -> None:
-    path = np.random.default_rng(1).uniform(size=(50, 3))
-    for size in (1e-7, 3e-4, 0.5):
-        deviation = np.full((50, 3), size / np.sqrt(3))
-        factor = choose_magnification(path, deviation)
-        assert factor >= 1
-        assert factor == 1 or 0.03 < factor * size < 0.1
-
-
-def test_spans_of_flags_are_found() -> None:
-    assert find_spans(np.array([1, 1, 0, 0, 1], bool)).tolist() == [[0, 1], [4, 4]]
-    assert find_spans(np.zeros(3, bool)).shape == (0, 2)
 
 
 def test_the_page_of_a_comparison_names_the_closest_strategy_in_each_cell(tmp_path: Path) -> None:

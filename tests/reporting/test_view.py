@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -302,92 +301,6 @@ def test_the_command_refuses_an_empty_folder_a_taken_port_and_a_missing_viewer(
         assert f"port {port} on 127.0.0.1 is taken" in run("view", str(folder), "--no-open", "--port", str(port))
     monkeypatch.setitem(__import__("sys").modules, "viser", None)
     assert "pip install 'compplan[view]'" in run("view", str(folder), "--no-open")
-
-
-@pytest.mark.slow
-def test_the_viewer_runs_in_a_browser_without_a_complaint(folder: Path) -> None:
-    pytest.importorskip("viser")
-    from browser import CHROMIUM, browse
-
-    from compplan.reporting.view.server import start_server
-
-    if CHROMIUM is None:
-        pytest.skip("needs Chromium")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    viewer = start_server(folder, port)
-    try:
-        with browse() as page:
-            page.open(f"http://127.0.0.1:{port}", 900, 700)
-            page.wait("document.querySelector('canvas') !== null && document.body.innerText.includes('worst places')")
-            time.sleep(4.0)
-            before = viewer.row
-            viewer.play.value = True
-            time.sleep(5.0)
-            assert viewer.row != before
-            for name in viewer.scene.ways.values():
-                viewer.way.value = name
-                viewer.redraw()
-            viewer.beside.value = True
-            viewer.redraw()
-            time.sleep(1.0)
-            page.click(300, 350)
-            page.wait("document.body.innerText.includes('Posture')")
-            assert page.complaints == []
-            viewer.way.value = viewer.scene.ways["uncorrected"]
-            viewer.redraw()
-            wanted = viewer.scene.name_row(viewer.scene.worst("uncorrected")[1], "uncorrected")
-            place = (
-                "(() => { const b = [...document.querySelectorAll('button')].find((e) => e.innerText.trim() === "
-                f"{json.dumps(wanted)}); if (!b) return null; b.scrollIntoView(); "
-                "return b.getBoundingClientRect().toJSON(); })()"
-            )
-            page.wait(f"{place} !== null")
-            box = page.run(place)
-            page.click(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
-            time.sleep(2.0)
-            assert viewer.row == viewer.scene.worst("uncorrected")[1]
-            assert page.run("document.querySelectorAll('svg path.curve').length") == 1
-            assert page.complaints == []
-    finally:
-        viewer.stop()
-
-
-@pytest.mark.slow
-def test_the_start_view_holds_the_whole_arm_and_the_coloured_path(folder: Path) -> None:
-    pytest.importorskip("viser")
-    import base64
-    import io
-
-    from browser import CHROMIUM, browse
-    from PIL import Image
-
-    from compplan.reporting.view.server import start_server
-
-    if CHROMIUM is None:
-        pytest.skip("needs Chromium")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    viewer = start_server(folder, port)
-    try:
-        with browse() as page:
-            page.open(f"http://127.0.0.1:{port}", 1300, 900)
-            page.wait("document.querySelector('canvas') !== null && document.body.innerText.includes('worst places')")
-            time.sleep(6.0)
-            png = base64.b64decode(page.ask("Page.captureScreenshot", format="png")["data"])
-    finally:
-        viewer.stop()
-    picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:, :900]
-    grey = np.ptp(picture, axis=2) < 12
-    coloured = ~grey & (np.ptp(picture, axis=2) > 60)
-    drawn = (picture.sum(axis=2) < 690) | coloured
-    edge = np.concatenate([drawn[:6].ravel(), drawn[-6:].ravel(), drawn[:, :6].ravel()])
-    assert edge.mean() < 0.03  # nothing of the arm is cut off; thin lines of the floor may be
-    assert coloured.sum() > 300  # the path is seen
-    rows = np.flatnonzero(drawn.mean(axis=1) > 0.01)
-    assert rows.max() - rows.min() > 0.5 * len(picture)  # the arm fills the view
 
 
 def test_the_panel_marks_where_the_arm_is_and_names_the_worst_places(scene: PlanScene) -> None:

@@ -155,16 +155,6 @@ def test_a_covariance_that_is_taken_is_the_one_that_is_read_whatever_the_factor(
     assert taken.smooth == known.smooth == pytest.approx(3.0 * known.unexplained / np.sqrt(3.0))
 
 
-def test_a_covariance_without_full_rank_has_a_triangular_factor() -> None:
-    """Two parameters of which only the sum is known, and one that is known exactly."""
-    covariance = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]) * 1e-10
-    deviation, factor = factor_covariance(covariance)
-    root = deviation[:, None] * factor
-    assert root @ root.T == pytest.approx(covariance, abs=1e-16)
-    assert np.linalg.norm(factor, axis=1) == pytest.approx(1.0)
-    assert not np.triu(factor, 1).any()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

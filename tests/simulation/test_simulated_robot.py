@@ -14,21 +14,9 @@ from compplan.simulation.simulated_robot import (
     standard_variants,
 )
 from compplan.simulation.vibration import build_dynamics, inertial_loads, natural_frequencies
-from compplan.statics.chain import build_chain
-from compplan.statics.elastic import solve_equilibrium
 
 Q = np.radians([[0.0, 49.7, 89.3, 0.0, 41.0, 0.0], [5.0, 45.0, 80.0, 10.0, 41.0, 20.0]])
 WRENCH = np.array([[0.0, 300.0, 1200.0, 0, 0, 0], [100.0, 0.0, 900.0, 5, 0, 0]])
-
-
-def test_the_cell_agrees_with_the_planners_equilibrium():
-    robot = load_robot("staubli_tx200")
-    run, loaded = (
-        run_simulated_robot(build_simulated_robot(robot), Q, WRENCH),
-        solve_equilibrium(build_chain(robot), Q, WRENCH),
-    )
-    assert np.abs(run.position - loaded.position).max() < 1e-9
-    assert np.abs(run.rotation - loaded.rotation).max() < 1e-9
 
 
 def test_standard_cells_are_labelled_and_bend_by_their_factor():

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from compplan.errors import ShapeError
 from compplan.robot import Array, load_robot
 from compplan.statics.chain import (
     Chain,
@@ -120,17 +119,3 @@ def test_parameters_that_differ_from_pose_to_pose_give_what_each_gives_alone() -
         np.testing.assert_allclose(loaded.theta[row], alone.theta[0], atol=1e-12)
         np.testing.assert_allclose(plain[row], cartesian_compliance(one, q[only])[0], atol=1e-18)
         np.testing.assert_allclose(exact[row], loaded_compliance(one, q[only], wrench[only])[0], atol=1e-17)
-
-
-def test_arrays_of_the_wrong_shape_are_refused() -> None:
-    chain = build_chain(load_robot("kuka_kr270"))
-    with pytest.raises(ShapeError, match=r"expected \(n, 6\)"):
-        locate_frames(chain, np.zeros((4, 5)))
-    with pytest.raises(ShapeError, match="theta"):
-        locate_frames(chain, np.zeros((4, 6)), np.zeros((4, 5)))
-    with pytest.raises(ShapeError, match="wrench"):
-        solve_equilibrium(chain, np.zeros((4, 6)), np.zeros((3, 6)))
-
-
-def test_no_pose_at_all_is_no_trouble() -> None:
-    assert solve_equilibrium(build_chain(load_robot("kuka_kr270")), np.zeros((0, 6))).position.shape == (0, 3)

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ import pytest
 from montecarlo_cases import small_study
 
 from compplan.errors import InputError
-from compplan.studies.cluster import ask_scheduler
+from compplan.studies.cluster import ask_scheduler, compute_on_cluster
 from compplan.studies.runner import Settings, run_study
 from compplan.studies.workers import Workers
 
@@ -110,3 +110,16 @@ def test_a_scheduler_without_dask_says_what_to_install(monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r'pip install "compplan\[cluster\]"'):
         ask_scheduler("tcp://127.0.0.1:8786")
+
+
+def test_a_worker_with_other_versions_is_named_before_anything_is_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    class OldWorker:
+        def run(self, ask: Callable[[], dict[str, str]]) -> dict[str, dict[str, str]]:
+            return {"tcp://10.0.0.7:4000": {**ask(), "numpy": "1.0"}}
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr("compplan.studies.cluster._connect", lambda scheduler: OldWorker())
+    with pytest.raises(InputError, match=r"worker tcp://10.0.0.7:4000 has numpy 1.0 \(here .*same environment"):
+        next(compute_on_cluster(small_study(), [0], lambda number: np.zeros((1, 1)), "tcp://127.0.0.1:1"))

@@ -38,19 +38,6 @@ def test_the_kernel_agrees_with_the_pinocchio_judge_to_a_nanometre(name: str) ->
     assert np.abs(tips.T - judged).max() < 1e-9
 
 
-def test_a_sample_with_other_compliances_is_what_the_judge_says_of_such_a_robot() -> None:
-    task = cone_task()
-    chain, robot = task.chain, task.robot
-    factor = RNG.uniform(0.7, 1.4, chain.n_springs)
-    springs = tuple(replace(s, compliance=s.compliance * f) for s, f in zip(robot.springs, factor, strict=True))
-    rows = slice(5, 25)
-    q, wrench = task.q_start[rows], task.wrench[rows] * 1.2
-    start = np.ascontiguousarray(solve_equilibrium(chain, q, task.wrench[rows]).theta.T)
-    tips = settle_tips(build_kernel(chain), q.T, wrench.T, np.repeat(factor[:, None], 20, 1), start)
-    judged, _, _ = solve_exact_pose(build_exact_robot(replace(robot, springs=springs)), q, wrench)
-    assert np.abs(tips.T - judged).max() < 1e-9
-
-
 def test_a_load_beyond_buckling_is_refused() -> None:
     task = cone_task()
     n = 4
@@ -80,20 +67,6 @@ def test_a_sensor_strategy_answers_as_exactly_as_its_solved_equation() -> None:
     reached = solve_equilibrium(task.chain, exact, 1.2 * task.wrench).position - task.position
     assert np.abs(reached[study.cut]).max() < 1e-8
     assert np.linalg.norm(deviation, axis=0).max() < 2e-6
-
-
-def test_encoders_in_a_study_leave_what_their_exact_equilibrium_leaves() -> None:
-    from compplan.statics.encoders import control_equilibrium
-
-    study, task = cone_study(), cone_study().task
-    cells = noise_free_robots(study, np.array([1.3]), np.ones(1))
-    chain = replace(task.chain, compliance=1.3 * task.chain.compliance)
-    for name in ("secondary_encoder", "both_encoders"):
-        answer = study.answers[name]
-        beta = 0.0 if answer.beta is None else answer.beta
-        state = control_equilibrium(chain, task.q_start, task.wrench, feedback=answer.feedback, beta=beta)
-        exact = state.loaded.position - task.position
-        assert np.abs(run_strategy(study, name, cells)[:, 0].T - exact).max() < 2e-9
 
 
 def spread(values: np.ndarray) -> float:

@@ -18,8 +18,8 @@ from compplan.planning.plan import build_task, prepare_job
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.studies import evaluation as judging
 from compplan.studies.evaluation import run_strategy
-from compplan.studies.posterior import MODES, count_coordinates
-from compplan.studies.sampling import _Noises, sample_robots
+from compplan.studies.posterior import count_coordinates
+from compplan.studies.sampling import sample_robots
 from compplan.studies.study import Study, prepare_study
 from compplan.studies.summary import _describe_draws
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -72,15 +72,6 @@ def test_a_drawn_robot_moves_the_tip_as_the_exact_equilibrium_of_its_parameters_
         # a joint that has not moved yet is off by half its lost motion one way or the other: from the first turn on
         size = np.linalg.norm(exact, axis=1).max()
         assert np.linalg.norm((seen - exact)[12:], axis=1).max() < 0.05 * size
-
-
-def test_what_is_unexplained_has_its_size_along_the_path(study: Study) -> None:
-    known = robot_uncertainty(study.task.robot)
-    z = np.zeros((400, count_coordinates(study.task.robot)))
-    z[:, -3 * MODES :] = np.random.default_rng(3).standard_normal((400, 3 * MODES))
-    moved = tips(study, z) - tips(study, np.zeros((1, z.shape[1])))
-    size = np.sqrt(np.mean(np.sum(moved**2, axis=2)))
-    assert size == pytest.approx(known.unexplained, rel=0.05)
 
 
 def test_samples_and_promise_take_a_rival_as_often_as_its_weight_says_and_the_factor_widens_both() -> None:
@@ -149,14 +140,6 @@ def test_a_spread_of_the_robot_in_the_job_is_refused_in_one_line(key: str) -> No
     value = "posterior" if key == "robot" else 0.1
     with pytest.raises(InputError, match=f"noise.{key} is no longer supported; robots are drawn from the robot folder"):
         check_job({**JOB, "noise": {key: value}}, "job.toml")
-
-
-def test_noise_along_the_path_has_variance_one_at_its_knots_however_slowly_it_forgets() -> None:
-    white = np.random.default_rng(2).standard_normal((1, 4000, 22))
-    at = SimpleNamespace(forget=0.8, knot=np.arange(20.0))
-    drawn = _Noises.along_path(SimpleNamespace(at=at, _fill=lambda *_: white.copy()))  # type: ignore[arg-type]
-    assert drawn.std(axis=0) == pytest.approx(np.ones(20), abs=0.05)
-    assert np.mean(drawn[:, 10] * drawn[:, 11]) == pytest.approx(0.8, abs=0.05)
 
 
 def test_joints_that_are_held_at_the_link_feel_no_drive_and_no_motor_encoder(monkeypatch: pytest.MonkeyPatch) -> None:

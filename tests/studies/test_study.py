@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from montecarlo_cases import cone_study, cone_task, small_study
-from scipy.stats import binomtest
 
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
 from compplan.job.noise import NoiseTable
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.sensitivity import attain_pose
-from compplan.studies.evaluation import evaluate_points
-from compplan.studies.factors import draw_points
-from compplan.studies.runner import Settings, chunk_size, run_study
+from compplan.studies.runner import Settings, run_study
 from compplan.studies.sensitivity import measure_sensitivity
 from compplan.studies.statistics import estimate_mean
 from compplan.studies.storage import discard_chunks
@@ -26,14 +23,6 @@ from compplan.studies.summary import summarise_run
 from compplan.studies.workers import Workers
 
 HERE = Workers(workers=1)
-
-
-def test_a_sample_is_the_same_in_whatever_company_it_is_computed() -> None:
-    study = cone_study()
-    points = draw_points(study.surroundings.factors, 1, 4, range(24))
-    together = evaluate_points(study, points)
-    alone = evaluate_points(study, points[17:18])
-    np.testing.assert_allclose(alone.rms[0], together.rms[17], rtol=0, atol=1e-9)  # what the kernel stops at
 
 
 def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,25 +82,6 @@ def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.
     run = run_study(small_study(), settings, workforce=HERE)
     assert run.stopped and len(run.judged.rms) < 1024
     assert max(estimate_mean(run.judged.rms[:, k], 8).half_width for k in range(2)) < 5e-5
-
-
-@pytest.mark.slow
-def test_intervals_of_a_study_hold_as_often_as_they_say() -> None:
-    """400 small studies against a large one; binomial test at 1 %."""
-    study = prepare_study(small_study().task, NoiseTable(), ["none"], most_waypoints=4)
-    factors = study.surroundings.factors
-    truth = evaluate_points(study, draw_points(factors, 12345, 8, range(4096))).rms[:, 0].mean()
-    held = 0
-    for first in range(0, 400, 20):
-        points = [
-            draw_points(factors, seed, 8, range(32), sequence="latin_hypercube", total=32)
-            for seed in range(first, first + 20)
-        ]
-        rms = evaluate_points(study, np.vstack(points)).rms[:, 0].reshape(20, 32)
-        for row in rms:
-            interval = estimate_mean(row, 8)
-            held += interval.low <= truth <= interval.high
-    assert binomtest(held, 400, 0.95).pvalue > 0.01, held
 
 
 def test_total_indices_find_what_matters() -> None:
@@ -178,10 +148,6 @@ def test_requests_that_cannot_be_met_are_refused() -> None:
         prepare_study(small_study().task, strategies=["luck"])
     with pytest.raises(InputError, match="at least 16"):
         run_study(small_study(), Settings(samples=10, seed=1), workforce=HERE)
-
-
-def test_chunks_depend_on_the_study_alone() -> None:
-    assert chunk_size(small_study()) == chunk_size(small_study()) == 1024
 
 
 @pytest.fixture()

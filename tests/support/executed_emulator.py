@@ -132,3 +132,11 @@ def write_log(
     np.savetxt(file, table, delimiter=",", comments="", fmt="%.7f",
                header="time_s," + ",".join(f"q{j}_deg" for j in range(1, 7)))  # fmt: skip
     return file
+
+
+def measure_beside(path: Array, tip: Array) -> Array:
+    """Return how far tips lie from a polyline. Shape (n,). [mm]."""
+    start, edge = path[:-1], np.diff(path, axis=0)
+    along = np.einsum("nkj,kj->nk", tip[:, None] - start, edge) / np.maximum((edge**2).sum(axis=1), 1e-24)
+    near = start + np.clip(along, 0.0, 1.0)[..., None] * edge
+    return 1e3 * np.linalg.norm(tip[:, None] - near, axis=2).min(axis=1)

@@ -23,12 +23,6 @@ def test_a_circle_lies_on_its_circle_and_has_its_length() -> None:
     assert len(circle) == 2000
 
 
-def test_a_circle_of_negative_turns_runs_the_other_way_round() -> None:
-    there, back = (generate_circle(0.01, Pace(feed=0.01, waypoints=9), turns=turns) for turns in (1, -1))
-    assert back.position * [1, -1, 1] == pytest.approx(there.position)
-    assert there.position[1, 1] > 0
-
-
 def test_a_spiral_has_the_length_that_is_asked_for() -> None:
     spiral = generate_spiral(0.25, Pace(feed=0.05, step=0.001), length=2.7)
     assert spiral.cutting_length == pytest.approx(2.7, rel=1e-4)
@@ -79,13 +73,6 @@ def test_tables_of_a_job_are_in_millimetres_degrees_and_millimetres_a_second() -
     spiral = generate(generator="spiral", duration_s=10.0, waypoints=100, **keys).position
     radius = np.hypot(*(spiral[:, :2] - [1e-3, 2e-3]).T)
     assert (radius[0], radius[-1]) == pytest.approx((0.01, 0.03)) and spiral[:, 2] == pytest.approx(3e-3)
-
-
-def test_approach_and_retract_are_rapid_and_along_the_tool_axis() -> None:
-    circle = generate_circle(0.1, Pace(feed=0.1, waypoints=10), axis=(0, 0, 2), approach=0.02)
-    assert circle.rapid.tolist() == [True, True, *[False] * 9, True]
-    assert circle.position[0] - circle.position[1] == pytest.approx([0, 0, 0.02])
-    assert circle.position[-1] - circle.position[-2] == pytest.approx([0, 0, 0.02])
 
 
 @pytest.mark.parametrize(

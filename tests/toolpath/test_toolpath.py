@@ -13,7 +13,6 @@ from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import (
     Toolpath,
     check_toolpath,
-    place_toolpath,
     resample_toolpath,
     write_toolpath,
 )
@@ -39,18 +38,6 @@ def test_a_toolpath_comes_back_as_it_was_written(tmp_path: Path) -> None:
     again = read_toolpath(tmp_path / "t.csv")
     for name in ("position", "axis", "feed", "rapid", "wrench"):
         assert np.abs(np.subtract(getattr(again, name), getattr(toolpath, name), dtype=float)).max() < 1e-8
-
-
-def test_a_table_without_axis_points_up_and_without_wrench_has_none(tmp_path: Path) -> None:
-    toolpath = read(tmp_path, "x_m,y_m,z_m,feed_mm_s\n0,0,0,\n".replace(",\n", ",5\n") + "0.1,0,0,5\n")
-    assert toolpath.axis.tolist() == [[0, 0, 1]] * 2
-    assert toolpath.wrench is None
-    assert toolpath.cutting_length == pytest.approx(0.1)
-
-
-def test_forces_alone_mean_no_moments(tmp_path: Path) -> None:
-    toolpath = read(tmp_path, "x_mm,y_mm,z_mm,feed_mm_s,fx_N,fy_N,fz_N\n0,0,0,1,1,2,3\n1,0,0,1,1,2,3\n")
-    assert toolpath.wrench is not None and toolpath.wrench[0].tolist() == [1, 2, 3, 0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -105,18 +92,6 @@ def test_dividing_limits_the_turn_of_the_tool_axis() -> None:
 def test_dividing_by_nothing_is_refused() -> None:
     with pytest.raises(InputError, match="must be greater than 0"):
         resample_toolpath(make(), 0.0)
-
-
-def test_placing_turns_positions_axes_and_wrenches_together() -> None:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
-    pose[:3, 3] = [1, 2, 3]
-    toolpath = Toolpath(np.eye(3), np.tile([1.0, 0, 0], (3, 1)), np.ones(3), np.zeros(3, bool), np.eye(3, 6))
-    placed = place_toolpath(toolpath, pose)
-    assert placed.frame == "base"
-    assert placed.position[0] == pytest.approx([1, 3, 3])
-    assert placed.axis[0] == pytest.approx([0, 1, 0])
-    assert placed.wrench is not None and placed.wrench[0] == pytest.approx([0, 1, 0, 0, 0, 0])
 
 
 def test_a_toolpath_that_is_not_from_a_file_names_the_waypoint() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arms import one_joint_arm
 from commandline import run_command
-from drawn_robots import draw_field, draw_robots, draw_values, sample_promise
+from drawn_robots import sample_promise
 
 from compplan.measurement.distance import band_radius, calibrate_band
 from compplan.planning.plan import PlanOptions, plan_compensation
@@ -19,8 +19,8 @@ from compplan.robot import load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.toolpath.generators import Pace, generate_circle
 from compplan.toolpath.toolpath import place_toolpath
-from compplan.uncertainty.assumed import free_base, robot_uncertainty
-from compplan.uncertainty.band import draw_paths, estimate_band, linearise_path, split_covariance
+from compplan.uncertainty.assumed import free_base
+from compplan.uncertainty.band import estimate_band, linearise_path
 from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes
 from compplan.uncertainty.touch_off import TouchedPart
 
@@ -73,25 +73,6 @@ def test_the_parts_of_the_band_are_what_makes_it(tmp_path: Path) -> None:
     assert promise.parts["force"] == pytest.approx(1.959964 * 0.1 * 1e-6 * 200.0, rel=2e-3)
     assert promise.parts["unexplained"] == pytest.approx(2.795483 * 3e-5 / np.sqrt(3.0), rel=1e-6)
     assert promise.parts["repeatability"] == pytest.approx(2.795483e-5, rel=1e-6)
-
-
-def test_the_calibration_factor_widens_parameters_and_what_is_unexplained_and_nothing_else() -> None:
-    """Factor 1 -> 3: their covariance is nine times as large, by split_covariance and by drawn paths alike."""
-    robot = load_robot("kuka_kr270")
-    q = np.radians([0.0, -70, 90, 0, 60, 0]) + np.linspace(0, 0.2, 8)[:, None]
-    scene = build_path_model(robot, q, np.tile([200.0, 100, -300, 0, 0, 0], (8, 1)))
-    known, cut = robot_uncertainty(robot), np.ones(8, bool)
-    wide = replace(known, calibration=3.0)
-    one, three = (estimate_band(replace(robot, uncertainty=k), scene, cut, UNSURE) for k in (known, wide))
-    slopes = linearise_path(scene, known, UNSURE, cut)
-    parts, wider = split_covariance(slopes, known), split_covariance(slopes, wide)
-    for name in ("model", "unexplained", "force", "repeatability"):
-        share = 9.0 if name in ("model", "unexplained") else 1.0
-        assert wider[name] == pytest.approx(share * parts[name], rel=1e-9)
-        assert three.parts[name] == pytest.approx(np.sqrt(share) * one.parts[name], rel=1e-6)
-    alone = [replace(k, repeatability=0.0) for k in (known, wide)]
-    still = replace(slopes, shared=0.0 * slopes.shared, local=0.0 * slopes.local)
-    assert draw_paths(still, alone[1]) == pytest.approx(3.0 * draw_paths(still, alone[0]), rel=1e-9)
 
 
 def test_what_a_fitted_base_frame_hides_keeps_its_width_from_before_the_log() -> None:
@@ -154,35 +135,6 @@ def test_the_band_holds_the_tips_of_drawn_robots(name: str) -> None:
     promise = estimate_band(robot, scene, np.ones(40, bool), ForceSpread(0.15, 0.05, 0.05, "made up"))
     sampled = sample_promise(scene, promise, 200, seed=11, most=8)
     assert 0.92 < sampled.held < 0.98
-
-
-def test_drawn_robots_follow_their_seed_and_their_covariance() -> None:
-    robot = load_robot("kuka_kr270")
-    known = robot_uncertainty(robot)
-    first, again, other = (list(draw_robots(robot, 2, seed)) for seed in (1, 1, 2))
-    assert np.array_equal(first[0].values, again[0].values)
-    assert not np.array_equal(first[0].values, other[0].values)
-    point = np.array([[1.0, 0.5, 0.2]])
-    assert np.array_equal(first[1].field.at(point), again[1].field.at(point))
-    values = draw_values(replace(known, calibration=1.5), 4000, seed=3)
-    assert values.std(axis=0) == pytest.approx(1.5 * known.width, rel=0.08)
-
-
-def test_a_drawn_field_has_its_size_and_forgets_itself_over_its_scale(tmp_path: Path) -> None:
-    known = soft_joint(0.0, unexplained=3e-5, scale=0.2)
-    points = np.array([[0.0, 0, 0], [0.2, 0, 0], [2.0, 0, 0]])
-    drawn = np.stack([draw_field(known, 0, number).at(points) for number in range(1500)])
-    assert np.sqrt(np.mean(np.sum(drawn**2, axis=2))) == pytest.approx(3e-5, rel=0.05)
-    product = np.einsum("sni,smi->nm", drawn, drawn) / 1500 / 9e-10
-    assert product[0, 1] == pytest.approx(np.exp(-0.5), abs=0.06)
-    assert product[0, 2] == pytest.approx(0.0, abs=0.06)
-
-
-def test_the_factor_of_twenty_groups_holds_the_worst_of_them() -> None:
-    model = np.tile(np.eye(3) * 1e-8, (20, 1, 1))
-    error = np.linspace(1e-4, 2e-3, 20)[:, None] * np.array([0.0, 0.6, 0.8])
-    factor, _ = calibrate_band(error, model, np.zeros((20, 3, 3)), np.arange(20))  # (20 + 1) .95 asks for all
-    assert band_radius(factor**2 * model)[-1] == pytest.approx(2e-3, rel=1e-3)
 
 
 def test_a_conformal_step_widens_a_model_that_is_too_sure_and_leaves_a_true_one() -> None:

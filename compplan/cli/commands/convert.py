@@ -10,10 +10,11 @@ from typing import Any
 import click
 
 from compplan.cli.commands.cam_options import keep_stated, take_cam_options
-from compplan.cli.commands.output_paths import OUT_TABLE
+from compplan.cli.commands.output_paths import OUT_FOLDER, OUT_TABLE
 from compplan.errors import InputError
 from compplan.io.tables import dump_json
 from compplan.io.tomlfile import check_table, read_named_table
+from compplan.io.transaction import replace_folder
 from compplan.toolpath.readers import READERS, CamFacts, read_cam, refuse_idle
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_toolpath
@@ -28,11 +29,15 @@ CHOICES = {
 
 #: Endings of a toolpath table.
 TABLES = (".csv", ".txt", "")
+#: The page in the folder of --report.
+PAGE = "report.html"
 
 
 @click.command(epilog=f"Languages that are read: {', '.join(READERS)}.")
 @click.argument("camfile", type=click.Path(path_type=Path))
 @click.option("--out", "out", type=OUT_TABLE, required=True, help="The toolpath table to write (CSV).")
+@click.option("--report", type=OUT_FOLDER, metavar="DIR",
+              help="Folder for report.html: the path by tool, its box, what was refused or assumed.")  # fmt: skip
 @click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
 @click.option("--arc-centres", type=click.Choice(CHOICES["arc_centres"]), help="How I J K count in G-code.")
@@ -45,8 +50,9 @@ TABLES = (".csv", ".txt", "")
 @click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def command(
-    camfile: Path, out: Path, max_step_mm: float | None, as_json: bool, cam_file: str | None, **options: Any
-) -> None:
+    camfile: Path, out: Path, report: Path | None, max_step_mm: float | None, as_json: bool, cam_file: str | None,
+    **options: Any,
+) -> None:  # fmt: skip
     """Convert CAMFILE (a CAM file of a known language) to a toolpath table, and say what was read.
 
     Example: compplan convert part.nc --out part.csv
@@ -54,8 +60,17 @@ def command(
     if out.suffix.lower() not in TABLES:
         raise InputError(f"--out is {str(out)!r}, expected the name of a table that ends in .csv")
     stated = read_named_table(cam_file, "cam")[0] if cam_file is not None else {}
-    cam = read_cam(camfile, check_table(CamTable, {**stated, **keep_stated(**options)}, file=cam_file))
-    toolpath = refuse_idle(cam)
+    table = check_table(CamTable, {**stated, **keep_stated(**options)}, file=cam_file)
+    try:
+        cam = read_cam(camfile, table)
+        toolpath = refuse_idle(cam)
+    except InputError as error:
+        if report is not None:
+            from compplan.reporting.convert_page import write_refusal_page
+
+            with replace_folder(report, "convert") as folder:
+                write_refusal_page(camfile, error, folder / PAGE)
+        raise
     if max_step_mm is not None and not 0.0 < max_step_mm < inf:
         raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
     if max_step_mm is not None:
@@ -64,13 +79,18 @@ def command(
     if still := int(((toolpath.feed == 0.0) & ~toolpath.rapid)[1:].sum()):
         note = f"{still} cutting moves have no feed: state it with --feed"
         cam = dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, notes=(*cam.facts.notes, note)))
+    if report is not None:
+        from compplan.reporting.convert_page import write_convert_page
+
+        with replace_folder(report, "convert") as folder:
+            write_convert_page(toolpath, dataclasses.replace(cam.facts, waypoints=len(toolpath)), folder / PAGE)
     if as_json:
         facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}
         click.echo(dump_json({"schema": 1, "out": str(out), **facts}))
         return
     for line in describe_facts(dataclasses.replace(cam.facts, waypoints=len(toolpath))):
         click.echo(line)
-    click.echo(f"wrote {out}")
+    click.echo(f"wrote {out}" if report is None else f"wrote {out}, {report / PAGE}")
 
 
 def describe_facts(facts: CamFacts) -> list[str]:

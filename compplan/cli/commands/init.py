@@ -31,6 +31,7 @@ from compplan.job.commented_job import (
     shorten_job,
     write_job_text,
 )
+from compplan.job.profile import write_profile_text
 from compplan.measurement.template import write_log_text
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
@@ -45,7 +46,7 @@ FEW_TURNS_MM = 5.0
 
 
 @click.command()
-@click.argument("words", nargs=-1, metavar="[FILE | robot URDF | log | template LANGUAGE]")
+@click.argument("words", nargs=-1, metavar="[FILE | profile | robot URDF | log | template LANGUAGE]")
 @click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
               help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
 @click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
@@ -68,7 +69,7 @@ def command(
     controller: str | None, payload: float | None, reach: float | None, mass: float | None, short: bool,
     out: Path | None, schema: bool,
 ) -> None:  # fmt: skip
-    """Write a job FILE (default job.toml) in which every key is explained; or a robot folder; or an empty log.
+    """Write a job FILE (default job.toml) in which every key is explained; a shop profile; a robot folder; a log.
 
     With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
     of the example path are such as the arm bears: all assumed.
@@ -78,6 +79,8 @@ def command(
     Example: compplan init robot arm.xacro --controller krc4 --payload 16 --reach 1.61 --out arm
 
     Example: compplan init template krl --out cell.src.jinja
+
+    Example: compplan init profile --robot kuka_kr240 --out shop.toml
 
     Example: compplan init --schema
 
@@ -93,7 +96,7 @@ def command(
         _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, out=out, **own)
         click.echo(write_schema())
         return
-    if short and words[:1] in (("robot",), ("log",), ("template",)):
+    if short and words[:1] in (("robot",), ("log",), ("template",), ("profile",)):
         raise InputError(f"--short has no meaning in: compplan init {words[0]}")
     if words[:1] == ("robot",):
         _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
@@ -106,12 +109,15 @@ def command(
     elif words[:1] == ("template",):
         _refuse(words, 2, "template LANGUAGE", robot_name=robot_name, toolpath=toolpath, **own)
         _init_template(words[1], out)
+    elif words[:1] == ("profile",):
+        _refuse(words, 1, "profile --robot ROBOT", toolpath=toolpath, **own)
+        _init_profile(robot_name, out or Path("shop.toml"))
     elif words[:1] == ("log",):
         _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, **own)
         _init_log(robot_name, out or Path("measurements.csv"))
     else:
         if len(words) > 1:
-            forms = "'robot URDF', 'log' or 'template LANGUAGE'"
+            forms = "'profile', 'robot URDF', 'log' or 'template LANGUAGE'"
             raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
         _refuse(words, len(words), "FILE", out=out, **own)
         _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
@@ -178,7 +184,7 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
     from compplan.job.job import check_job
     from compplan.job.operations import split_job
     from compplan.planning.plan import job_robot
-    from compplan.planning.posture.first_place import find_first_place
+    from compplan.planning.posture.place import find_first_place
 
     try:
         job = split_job(check_job(tomllib.loads(text), file))[0]
@@ -276,6 +282,15 @@ def _init_log(robot_name: str | None, file: Path) -> None:
     _refuse_existing(file)
     write_text(file, write_log_text(load_robot(robot_name)))
     click.echo(f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}")
+
+
+def _init_profile(robot_name: str | None, file: Path) -> None:
+    """Write a shop profile, in the language of the robot's controller."""
+    _refuse_existing(file)
+    robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
+    language = "csv" if robot is None else _native_language(robot)
+    write_text(file, write_profile_text(robot_name or "kuka_kr210_r2700_2", language))
+    click.echo(f'wrote {file}; next: profile = "{file.name}" in a job, or compplan post CAMFILE --profile {file}')
 
 
 def _native_language(robot: Robot) -> str:

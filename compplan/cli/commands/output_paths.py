@@ -22,6 +22,7 @@ RESULTS = {
     "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
     "reproduce": ("reproduction.json", "report.html"),
     "place": ("place.json", "report.html"),
+    "convert": ("report.html",),
     "forces": ("forces.json", "forces.csv", "report.html"),
     "trace": ("trace.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
     "post": ("plan.json", "joints.csv", "report.html"),

@@ -85,7 +85,7 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     from compplan.cli.commands.progress import show_progress
     from compplan.io.notes import Stop
     from compplan.planning.deflection import describe_bending
-    from compplan.planning.frame_notes import describe_part_frame
+    from compplan.planning.notes import describe_part_frame
     from compplan.planning.plan import plan_job
     from compplan.planning.result import replace_said
     from compplan.reporting.provenance import describe_grade

@@ -24,13 +24,16 @@ OPTIONS = {
 
 @click.command()
 @click.argument("camfile", type=click.Path(path_type=Path))
-@click.option("--robot", required=True, shell_complete=complete_robots, help="A folder in robots/ or a path.")
-@click.option("--part", required=True, metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector.")
+@click.option(
+    "--profile", metavar="FILE", help="Shop profile (compplan init profile): what it has may be left out here."
+)
+@click.option("--robot", shell_complete=complete_robots, help="A folder in robots/ or a path.")
+@click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector.")
 @click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP.")
 @click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library (Fusion, "
               "HSM, LinuxCNC, Heidenhain) whose lengths count from the spindle that --tool describes.")  # fmt: skip
 @click.option("--process", metavar="FILE", help="TOML file as [process] of a job; left out: no force is predicted.")
-@click.option("--program", "programs", multiple=True, required=True,
+@click.option("--program", "programs", multiple=True,
               help=f"Language, may be given more than once: {', '.join(WRITERS)}.")  # fmt: skip
 @click.option("--cam", metavar="FILE", help="TOML file as [cam] of a job: how the file is read.")
 @take_cam_options
@@ -39,9 +42,9 @@ OPTIONS = {
 @click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
 def command(
-    camfile: Path, robot: str, part: str, tool: str | None, tools: str | None, process: str | None,
-    programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None, folder: Path,
-    as_json: bool, **of_cam: Any,
+    camfile: Path, profile: str | None, robot: str | None, part: str | None, tool: str | None, tools: str | None,
+    process: str | None, programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None,
+    folder: Path, as_json: bool, **of_cam: Any,
 ) -> None:  # fmt: skip
     """Read CAMFILE, plan it and write the programs, plan.json, joints.csv and report.html.
 
@@ -56,8 +59,9 @@ def command(
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     try:
         job = make_post_job(
-            camfile, robot=robot, part=read_part(part), program=programs, tool=tool, tools=tools, process=process,
-            cam=of_file, plan=wishes, output=None if output is None else read_output(output), stands_in=stands_in,
+            camfile, robot=robot, part=None if part is None else read_part(part), program=programs, profile=profile,
+            tool=tool, tools=tools, process=process, cam=of_file, plan=wishes,
+            output=None if output is None else read_output(output), stands_in=stands_in,
         )  # fmt: skip
         carry_out(job, folder, as_json=as_json, note=note)
     except InputError as error:

@@ -14,7 +14,7 @@ from compplan.controllers.writers.shapes import find_circle
 from compplan.controllers.writers.zones import FASTEST, mark_moves
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.statics.ik import Arm
+from compplan.statics.ik import Arm, refine_ik
 
 
 def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes, NDArray[np.int_]]:
@@ -35,7 +35,12 @@ def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes
     program = fitted.program
     alone, moves = program.alone(linear=True), mark_moves(program)
     rows, alone, feeds = fitted.rows[moves], alone[moves], program.feed[moves]
-    frames, n = locate_frames(arm.chain, q[rows]), len(rows)
+    posture, n, corners = q[rows], len(rows), np.flatnonzero(program.corners[moves])
+    if len(corners):  # rows that state a corner hold the tool there, not where the corner is rounded
+        assert program.tcp is not None
+        tcp = program.tcp[moves][corners]
+        posture[corners] = refine_ik(arm, posture[corners], tcp[:, :3, 3], tcp[:, :3, :3])
+    frames = locate_frames(arm.chain, posture)
     position = frames.tcp_position
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
     arcs: dict[int, ToolArc] = {}
@@ -49,6 +54,6 @@ def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes
             length[k] = radius * arcs[k].sweep
     feed = np.where(alone | (feeds <= 0.0), FASTEST, 1e-3 * feeds)
     instructions = Instructions(
-        Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], q[rows], feed, zones[moves]
+        Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], posture, feed, zones[moves]
     )
-    return Nodes(instructions, q[rows], position, frames.tcp_rotation, length, arcs), rows
+    return Nodes(instructions, posture, position, frames.tcp_rotation, length, arcs), rows

@@ -228,6 +228,7 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP
         spacing: Way between two points, about. [m]
 
     Raises:
+        InputError: If nothing moves.
         InfeasibleError: If a line cannot be followed in one branch.
 
     """
@@ -243,6 +244,9 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP
     tip = np.linalg.norm(np.diff(position, axis=0), axis=1)
     step = tip + TURN * np.abs(np.diff(q, axis=0)).sum(axis=1)
     keep = np.r_[True, step > 1e-10]
+    if keep.sum() < 2:
+        source = nodes.instructions
+        raise InputError("no row leads anywhere, expected a move", file=source.file, where=int(source.lines[-1]))
     ends = np.flatnonzero((corner == 0) & (share == 1.0) & (reach[move] == 0.0))
     count = np.cumsum(keep) - 1
     stops = np.unique(np.r_[0, count[ends]])
@@ -336,7 +340,7 @@ def _refuse(nodes: Nodes, moves: NDArray[np.int_], message: str) -> None:
 
 def _find_slopes(s: Array, q: Array, stops: NDArray[np.int_]) -> tuple[Array, Array]:
     """Return the slopes on either side of every point; they differ where the robot rests."""
-    slope = np.gradient(q, s, axis=0, edge_order=2)
+    slope = np.gradient(q, s, axis=0, edge_order=2 if len(s) > 2 else 1)
     chord = np.diff(q, axis=0) / np.diff(s)[:, None]
     before, after = slope.copy(), slope.copy()
     inner = stops[(stops > 0) & (stops < len(s) - 1)]

@@ -10,7 +10,8 @@ TEXT = r'"([^"]*)"'
 #: Forms of each language, longest first: a pattern over whole lines (indentation aside), and the action it is.
 FORMS: dict[str, list[tuple[str, str]]] = {
     "krl": [
-        (r"IF \$IN\[(\d+)\] THEN\n *HALT\nENDIF", r"@pause_if \1"), (r"HALT", "@pause"),
+        (rf"IF \$IN\[(\d+)\] THEN\n *MsgNotify\({TEXT}\)\n *HALT\nENDIF", r"@pause_if \1"),
+        (rf"MsgNotify\({TEXT}\)\n *HALT", "@pause"),
         (r"\$OUT\[(\d+)\]=TRUE", r"@on \1"), (r"\$OUT\[(\d+)\]=FALSE", r"@off \1"),
         (rf"WAIT SEC ({NUMBER})", r"@wait \1"), (r"WAIT FOR \$IN\[(\d+)\]", r"@expect \1"),
         (r"CHANGER\((\d+)\)", r"@call \1"),

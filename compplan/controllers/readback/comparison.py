@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compplan.controllers.readback.controller import ReadCounting, read_counting
 from compplan.controllers.readback.declared import compare_declared
 from compplan.controllers.readback.fanuc_abb import read_csv, read_fanuc, read_rapid
-from compplan.controllers.readback.fitted import PlannedRows, find_rows, follow_moves
+from compplan.controllers.readback.fitted import CRAWL, PlannedRows, check_corners, find_rows, follow_moves
 from compplan.controllers.readback.frames import read_frame, read_part
 from compplan.controllers.readback.joint_table import Commanded, check_joint_table, check_posture_choice, to_degrees
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
@@ -49,8 +49,8 @@ STRANGE = (AssertionError, KeyError, ValueError, IndexError, TypeError, Attribut
 JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 #: Rounding of feeds that are written with one decimal. [mm/s]
 FEED_STEP = 0.06
-#: How closely moves stand for rows where the job does not say [mm], and cycle of a controller (assumed) [s].
-FIT, CYCLE = 0.002, 0.004
+#: Cycle of a controller (assumed). [s]
+CYCLE = 0.004
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,10 @@ def compare_written(
         joints, counting, to_degrees(wanted.sent[rows], joints), position * 1e3, rotation,
         np.eye(4) if arm.carries_part else _world(robot), wanted,
         _part(tables), _tool(arm_with({"frame": "pendant"}), wanted.sent[rows[:1]], position[0], rotation[0]),
-        float(output.get("fit_tolerance_mm", FIT)), _read_cycle(robot), arm,
+        wanted.fit, _read_cycle(robot), arm,
     )  # fmt: skip
-    spoken = _say(stand, tables, robot)
+    reported = _say(stand, tables, robot)
+    squared, kept = stand.square_corners()
     own = {name for key in ("header", "footer") for name in (output.get(key) or {})}
     for language in output["programs"]:
         if language not in FORMS:  # a language of somebody else's package
@@ -121,14 +122,17 @@ def compare_written(
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
             else:
                 moves = stand.place_joints([stand.take_frame(move) for move in found if move.kind != "act"])
-                held = stand.find_rows(moves)
-                moves = moves if isinstance(held, str) else stand.excuse_stops(moves, held)
+                linear = stand.fitted and any(move.kind != "joint" and move.pose is not None for move in moves)
+                own_stand, own_rows = (squared, kept) if linear else (stand, np.arange(len(stand.q)))
+                held = own_stand.find_rows(moves)
+                moves = moves if isinstance(held, str) else own_stand.excuse_stops(moves, held)
                 if stand.arm.carries_part and not all(move.carried or move.kind == "joint" for move in moves):
                     said = ["lines are not driven seen from the part that moves"]
                 elif isinstance(held, str):
                     said = [held]
                 else:
-                    said = stand.compare(moves, held) or spoken.take(held).compare(language, moves)
+                    said = own_stand.compare(moves, held) or reported.take(own_rows[held]).compare(language, moves)
+                    said += stand.check_corners() if linear else []
                 if language in ("fanuc_ls", "inform") and not stand.arm.carries_part:
                     said += compare_declared(file, np.linalg.inv(stand.world) @ stand.part, stand.tool)
                 breaches += [f"{file.name}, read back: {text}" for text in said]
@@ -192,6 +196,18 @@ class _Stand:
         """Tell whether moves of the tool stand for rows between them."""
         return self.tolerance > 0.0
 
+    def square_corners(self) -> tuple[_Stand, NDArray[np.int_]]:
+        """Return what moves of the tool stand for, corners in place of what rounds them, and the rows of it."""
+        kept = np.flatnonzero(np.isfinite(self.wanted.corner[:, 0]))
+        wanted = self.wanted.take(kept)
+        position = self.position[kept] + 1e3 * wanted.corner
+        return replace(self, q=self.q[kept], position=position, rotation=self.rotation[kept], wanted=wanted), kept
+
+    def check_corners(self) -> list[str]:
+        """Say where the rows of a rounded corner lie too far beside the corner that programs state."""
+        wanted = self.wanted
+        return check_corners(self.position, 1e3 * wanted.corner, 1e3 * wanted.beside, self.tolerance)[:1]
+
     def take_frame(self, move: Move) -> Move:
         """Return a move whose positions count from a frame of the cell as if that were the part frame."""
         return move if move.base is not None else move._replace(base=np.linalg.inv(self.world) @ self.part)
@@ -220,12 +236,24 @@ class _Stand:
         if not self.fitted or not any(move.kind != "joint" for move in moves):
             return f"{len(moves)} moves, planned are {len(self.q)}"
         ends = np.full((len(moves), 4, 4), np.nan)
+        held: list[NDArray[np.bool_] | None] = []
         for k, move in enumerate(moves):
             if move.pose is not None and move.kind != "joint":
                 ends[k] = self.world @ np.asarray(move.base) @ move.pose
             if move.flange_turn:
                 ends[k, :3, :3] = np.nan
-        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3])
+            held.append(self._match_joints(move) if move.kind == "joint" and move.joints is not None else None)
+        return find_rows(self._lay_rows(), ends[:, :3, 3], ends[:, :3, :3], held)
+
+    def _match_joints(self, move: Move) -> NDArray[np.bool_]:
+        """Tell the rows whose joints are those of a move. Shape (m,)."""
+        outer, counting = int(self.counting.external.sum()), self.counting
+        shown = np.full((1, len(counting.zero)), np.nan)
+        if len(move.joints or ()) != shown.shape[1] - outer or len(move.external) < outer:
+            return np.zeros(len(self.q), bool)
+        shown[:, ~counting.external] = move.joints
+        shown[:, counting.external] = move.external[:outer]
+        return np.asarray((np.abs(counting.undo(shown) - self.q) <= JOINT).all(axis=1))
 
     def excuse_stops(self, moves: list[Move], held: NDArray[np.int_]) -> list[Move]:
         """Take exact stops at corners whose zone would lead too far, in a language without smaller ones, as zones."""
@@ -246,6 +274,8 @@ class _Stand:
             wanted.free,
             self.tolerance * wanted.coarser[rows],
             self.cycle,
+            wanted.asked,
+            np.abs(wanted.corner).max(axis=1) > 0.0,
         )
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
@@ -319,6 +349,7 @@ class _Stand:
         sure = np.isfinite(stated) & (wanted > 0.0)
         off = np.abs(np.where(sure, stated / np.where(sure, wanted, 1.0), 1.0) - 1.0)
         off[np.abs(np.where(sure, stated - wanted, 0.0)) <= FEED_STEP] = 0.0
+        off[np.maximum(np.nan_to_num(stated), wanted) <= CRAWL] = 0.0
         if off.max(initial=0.0) <= FEED:
             return ""
         row = int(off.argmax())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,11 @@ class Commanded:
             Shape (m,).
         may_stop: Where programs may stop exactly instead of leaving the path in a zone. Shape (m,).
         sent: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
+        asked: Feed that the CAM file asks for in the move to each row that programs hold. Shape (m,). [mm/s]
+        beside: How far zones may lead beside a corner. Shape (m,). [m]
+        corner: From a row that programs hold to the corner that moves of the tool state in its place, nan at rows of
+            a rounded corner that they leave out, 0 elsewhere. Shape (m, 3). [m]
+        fit: How far rows may lie beside moves of the tool that stand for them, where the tolerance is strictest. [mm]
 
     """
 
@@ -52,6 +57,18 @@ class Commanded:
     table: NDArray[np.bool_]
     coarser: Array
     sent: Array
+    asked: Array
+    beside: Array
+    corner: Array
+    fit: float
+
+    def take(self, kept: NDArray[np.int_]) -> Commanded:
+        """Return what was planned where programs hold some of their rows alone."""
+        some = {
+            name: getattr(self, name)[kept]
+            for name in ("program", "stands", "may_stop", "free", "asked", "beside", "corner")
+        }
+        return replace(self, **some)
 
 
 def check_posture_choice(wanted: Commanded, cycle: float) -> Iterator[str]:

@@ -330,6 +330,8 @@ class _Val3:
             self.move(*match)
         elif feed := _val3_feed(line):
             self.data[feed[0]][0]["tmax"] = feed[1] or self.element(feed[2], feed[3])["value"]
+        elif zone := re.fullmatch(rf"(\w+)\.(leave|reach)=({NUMBER})", line):
+            self.data[zone[1]][0][zone[2]] = zone[3]
         elif act := read_action(line):
             assert self.waited, "what happens beside motion does not wait for the arm"
             self.moves.append(act)

@@ -35,11 +35,11 @@ def read_urscript(path: Path) -> list[Move]:
 def _run_script(path: Path) -> list[Move]:
     lines = [line.split("#")[0].strip() for line in mark_actions(path.read_text(), "urscript").splitlines()]
     lines = [line for line in lines if line]
-    assert (lines[0], lines[-1]) == (f"def {path.stem}():", "end")
+    assert (lines[0], *lines[-2:]) == (f"def {path.stem}():", "end", f"{path.stem}()")
     frames: dict[str, Pose | None] = {}
     load: tuple[float, ...] = ()
     moves = []
-    for line in lines[1:-1]:
+    for line in lines[1:-2]:
         if act := read_action(line):
             moves.append(act)
         elif match := re.fullmatch(r"set_tcp\(p\[(.*)\]\)", line):

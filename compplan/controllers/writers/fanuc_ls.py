@@ -15,7 +15,7 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import MainForm
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, describe_feeds, head_lines, split_parts
+from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, split_parts
 from compplan.controllers.writers.text import clean_text, legal_name, wrap_text
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError
@@ -30,6 +30,8 @@ LONGEST_NAME = 26
 LONGEST_REMARK = 32
 #: Greatest and least linear speed in mm/sec; slower ones are in cm/min, at least SLOWEST of these.
 FASTEST, SLOW, SLOWEST = 2000.0, 1.0, 1.0
+#: Share of the axis rates that rapid moves take (assumed). [%]
+RAPID = 20
 #: Tool and user frame where a job names none, and the position register through which programs fill them if asked.
 CELL, REGISTER = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 2}, int), 99
 MOVES_PART = True
@@ -49,7 +51,7 @@ PHRASES = Phrases(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.LS with joint positions and NAME_L.LS with Cartesian ones; long ones call NAME_1.LS and so on.
 
-    Cutting moves are lines (L) and arcs (C) with their feed, rapid moves and swings joint moves (J) at 20 %. Cartesian
+    Cutting moves are lines (L) and arcs (C) with their feed, rapid moves and swings joint moves (J). Cartesian
     positions count from a user frame of the cell, with a tool frame of the cell; the program fills both, through
     PR[99], where the job asks for that, else remarks say what they have to be. Cartesian positions are written where
     poses and configuration words (native N F, U D, T B) are known. Sliding joints are extended axes (E1 ..), in mm.
@@ -95,9 +97,10 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of feeds, and where there is no program with positions."""
-    slow = np.maximum(np.round(6.0 * program.feed, 1), SLOWEST) / 6.0
-    written = np.where(program.feed >= SLOW, np.round(program.feed, 1), slow)
-    notes = describe_feeds(program, written, "0.1 mm/s, below 1 mm/s of 0.1 cm/min")
+    moves = fit_moves(program).program if program.pieces else program
+    slow = np.maximum(np.round(6.0 * moves.feed, 1), SLOWEST) / 6.0
+    written = np.where(moves.feed >= SLOW, np.round(moves.feed, 1), slow)
+    notes = describe_feeds(moves, written, "0.1 mm/s, below 1 mm/s of 0.1 cm/min")
     if configurations(program) is None and not program.moves_part:
         notes.append("no program with positions: controller.toml has no native words N F, U D, T B")
     return notes
@@ -134,6 +137,7 @@ def _write_kind(
         )
     }
     share = _share_zones(program) if frame else np.full(len(program), 100)
+    percent = np.where(program.rapid, RAPID, np.maximum(joint_percent(program).round(), 1.0)).astype(int)
     files, via = [], _places(program, program.via_positions) if frame and program.arcs.any() else []
     for part, rows in zip(names, parts, strict=True):
         numbers = range(1, rows.stop - rows.start + 1)
@@ -143,7 +147,8 @@ def _write_kind(
         extra = {row: rows.stop - rows.start + k for k, row in enumerate(arcs, start=1)}
         for row, number in zip(indices, numbers, strict=True):
             moves += ["  !the configuration changes ;"] if frame and program.swings[row] else []
-            move = _move(program, row, number, bool(alone[row]), 0 if stops[row] else int(share[row]), extra.get(row))
+            speed = int(percent[row]) if alone[row] else None
+            move = _move(program, row, number, speed, 0 if stops[row] else int(share[row]), extra.get(row))
             moves += [move, *events.get(row, [])]
         positions = [_position(entries[row], number, _second_group(program, row))
                      for row, number in zip(indices, numbers, strict=True)]  # fmt: skip
@@ -162,9 +167,9 @@ def _share_zones(program: Program) -> NDArray[np.int_]:
     return np.clip(100.0 * np.minimum(stated, 1e9) / np.maximum(whole, 1e-9), 1.0, 100.0).astype(int)
 
 
-def _move(program: Program, row: int, number: int, alone: bool, share: int, via: int | None) -> str:
-    if alone:
-        return f"J P[{number}] 20% FINE ;"
+def _move(program: Program, row: int, number: int, percent: int | None, share: int, via: int | None) -> str:
+    if percent is not None:
+        return f"J P[{number}] {percent}% FINE ;"
     manner = f"{f'CNT{share}' if share else 'FINE'}{' COORD' if program.moves_part else ''}"
     end = f"P[{number}] {_speed(program.feed[row])} {manner} ;"
     return f"L {end}" if via is None else f"C P[{via}]\n    :  {end}"

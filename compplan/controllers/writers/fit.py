@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,19 +35,21 @@ from compplan.io.tables import Array
 #: Kinds of moves beside arcs, which are called by a row that they go by.
 LINE, CURVE = -1, -2
 #: Greatest ratio of two speeds within a move.
-FEED = 1.01
+FEED = 1.05
+#: Share by which the feed of a move has to differ from the one before, so that another feed is written.
+HELD = 0.01
 #: Cycles below which a move may join rows of any speed.
 SHORT = 2.0
 #: Greatest turn of the tool beside an even one. [rad]
 TURN = float(np.radians(0.01))
 #: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
 NOWHERE, UNTURNED = 5e-4, 3e-5
-#: Least feed that is written: no language rounds it to zero. [mm/s]
-LEAST_FEED = 1e-3
+#: Least feed that is written, the least that every language states: 1 cm/min in FANUC programs. [mm/s]
+LEAST_FEED = 1.0 / 6.0
 #: Greatest departure of joints that carry the part from an even motion. [deg or mm]
 CARRIED = 0.02
-#: Time from a rest, or before one, in which the controller speeds up or slows down by itself. [s]
-RAMP = 0.5
+#: Time beside a rest in which the controller changes the speed by itself [s], and the ratio of speeds that ends it.
+RAMP, REACHED = 0.5, 1.01
 #: Rows that are looked at at once, and how a search goes on from a move that fits.
 BLOCK, GROW = 2048, 1.6
 
@@ -74,6 +75,8 @@ class Fitted:
 def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> Fitted:
     """Fit lines, arcs and cubics to the linear moves of a program; one without a tolerance stays as it is.
 
+    A rounded corner becomes one row, the corner itself, that a zone of the language leads around.
+
     Args:
         program: The program, with poses; `tolerance` and `cycle` of it say how closely, and the least time of a move.
         arcs: Whether the language has arcs.
@@ -83,17 +86,28 @@ def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> F
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:
         return Fitted(program, np.arange(n), np.full(n, LINE))
+    whole, rows = program, np.arange(n)
+    if program.corner_shift is not None:
+        rows = np.flatnonzero(np.isfinite(program.corner_shift[:, 0]))
+        program = program.take(rows)
+        assert program.tcp is not None and program.corner_shift is not None
+        tcp = program.tcp.copy()
+        tcp[:, :3, 3] += program.corner_shift
+        program = replace(program, tcp=tcp)
     alone, stops = program.alone(linear=True), program.stops(linear=True)
     track = _Track(program, 1e3 * program.tolerance, stops, arcs, curves)
-    if (arcs, curves) in program.pieces:
-        return _take_rows(program, track, *program.pieces[arcs, curves])
-    kept = np.flatnonzero(alone | stops | _mark_ends(program))
-    pieces: list[tuple[int, int]] = []
-    for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
-        pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
-    ends = np.array([0, *(end for end, _ in pieces)])
-    kind = np.array([LINE, *(kind for _, kind in pieces)])
-    return _take_rows(program, track, ends, kind)
+    if (arcs, curves) in whole.pieces:
+        ends, kind = whole.pieces[arcs, curves]
+        ends, kind = np.searchsorted(rows, ends), np.where(kind < 0, kind, np.searchsorted(rows, np.maximum(kind, 0)))
+    else:
+        kept = np.flatnonzero(alone | stops | program.corners | _mark_ends(program))
+        pieces: list[tuple[int, int]] = []
+        for first, last in zip(kept[:-1].tolist(), kept[1:].tolist(), strict=True):
+            pieces += [(last, LINE)] if alone[last] or track.rests(first, last) else track.divide(first, last)
+        ends = np.array([0, *(end for end, _ in pieces)])
+        kind = np.array([LINE, *(kind for _, kind in pieces)])
+    fewer, slowed = _take_rows(program, track, ends, kind)
+    return Fitted(fewer, rows[ends], np.where(kind < 0, kind, rows[np.maximum(kind, 0)]), slowed)
 
 
 def _mark_ends(program: Program) -> NDArray[np.bool_]:
@@ -106,8 +120,8 @@ def _mark_ends(program: Program) -> NDArray[np.bool_]:
     return marked
 
 
-def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> Fitted:
-    """Return the program at some of its rows, with the feed that takes the time of the plan."""
+def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: NDArray[np.int_]) -> tuple[Program, int]:
+    """Return the program at some of its rows, with the feed that takes the time of the plan; count slowed moves."""
     assert program.tcp is not None and program.time is not None
     length = np.array([0.0, *(track.measure(a, b, m) for a, b, m in zip(ends[:-1], ends[1:], kind[1:], strict=True))])
     time, cut = np.diff(track.time[ends], prepend=0.0), ~program.alone(linear=True)[ends]
@@ -117,6 +131,9 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
     feed = program.feed[ends].copy()
     feed[moved] = length[moved] / np.maximum(time, program.cycle)[moved]
     feed[cut] = np.maximum(feed[cut], LEAST_FEED)
+    for k in range(1, len(feed)):  # one feed as long as it holds
+        if cut[k] and cut[k - 1] and abs(feed[k] - feed[k - 1]) <= HELD * feed[k - 1]:
+            feed[k] = feed[k - 1]
     via, bend = np.full((len(ends), 4, 4), np.nan), np.full((len(ends), 2, 3), np.nan)
     via[kind >= 0] = program.tcp[kind[kind >= 0]]
     for k in np.flatnonzero(kind >= 0).tolist():
@@ -124,42 +141,8 @@ def _take_rows(program: Program, track: _Track, ends: NDArray[np.int_], kind: ND
         via[k, :3, 3] = program.part[:3, :3] @ beside + program.part[:3, 3]
     for k in np.flatnonzero(kind == CURVE).tolist():
         bend[k] = 1e-3 * track.bend(ends[k - 1], ends[k])
-    place = np.searchsorted(ends, [event.place for event in program.events])
-    events = [
-        replace(event, place=int(new) if event.place >= 0 else -1)
-        for event, new in zip(program.events, place, strict=True)
-    ]
-    some: dict[str, Any] = {
-        name: None if (values := getattr(program, name)) is None else values[ends]
-        for name in (
-            "joints",
-            "rapid",
-            "exact",
-            "time",
-            "tcp",
-            "status",
-            "bent",
-            "free",
-            "coarser",
-            "arc_of",
-            "line_of",
-            "corner",
-        )
-    }
-    words, native = ({key: values[ends] for key, values in table.items()} for table in (program.words, program.native))
-    fewer = replace(
-        program,
-        **some,
-        feed=feed,
-        via=via,
-        bend=bend,
-        words=words,
-        native=native,
-        events=tuple(events),
-        tolerance=0.0,
-        pieces={},
-    )
-    return Fitted(fewer, ends, kind, int(np.count_nonzero(short)))
+    fewer = replace(program.take(ends), feed=feed, via=via, bend=bend, tolerance=0.0)
+    return fewer, int(np.count_nonzero(short))
 
 
 class _Track:
@@ -176,7 +159,10 @@ class _Track:
         self.along = np.cumsum(self.step)
         self.tangent = np.zeros_like(self.x)
         lasts = np.diff(program.time, prepend=program.time[0])
-        self.speed = _leave_ramps(self.step / np.maximum(lasts, 1e-9), lasts, stops)
+        speed = self.step / np.maximum(lasts, 1e-9)
+        if program.asked is not None:
+            speed = _level_legs(speed, lasts, stops, program.corners, program.asked)
+        self.speed = _leave_ramps(speed, lasts, stops | program.corners)
         moves = (self.step > 0.0) & ~program.alone(linear=True)
         self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
         drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
@@ -340,6 +326,33 @@ class _Track:
         return float(np.linalg.norm(self.x[a] - centre) * (np.arctan2(arm @ v, arm @ u) % (2.0 * np.pi)))
 
 
+def _level_legs(
+    speed: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array
+) -> Array:
+    """Return speeds that do not change along short legs from rest or corner to rest or corner.
+
+    There the controller changes the speed by itself. A leg between two corners takes the time that the plan takes; one
+    from rest, or to it, has the greatest speed of the plan, as the controller still has to come to it.
+
+    Args:
+        speed: Speed of the move that ends at each row. Shape (n,). [mm/s]
+        lasts: Time of each. Shape (n,). [s]
+        stops: Rows where the tool stands. Shape (n,).
+        corners: Rows that are corners. Shape (n,).
+        asked: Feed that the CAM file asks for; a leg ends where it changes. Shape (n,). [mm/s]
+
+    """
+    level, cuts = speed.copy(), asked > 0.0  # rapid moves ask for no feed
+    changes = np.append(cuts[1:] & cuts[:-1] & (np.abs(np.diff(asked)) > 1e-9 * asked[:-1]), False)
+    at = np.flatnonzero(stops | corners | changes)
+    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        leg = slice(a + 1, b + 1)
+        if lasts[leg].sum() <= 2.0 * RAMP and not (changes[a] or changes[b]):
+            rests = stops[a] or stops[b]
+            level[leg] = speed[leg].max() if rests else speed[leg] @ lasts[leg] / max(lasts[leg].sum(), 1e-9)
+    return level
+
+
 def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
     """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
 
@@ -358,8 +371,8 @@ def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
         for way in (slice(a + 1, b + 1), slice(b, a, -1)):
             v, time = speed[way], np.cumsum(lasts[way])
             near = v[: max(int(np.searchsorted(time, RAMP)), 1)]
-            reached = int(np.argmax(near * FEED >= near.max()))
-            stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > FEED * v[reached - 1]
+            reached = int(np.argmax(near * REACHED >= near.max()))
+            stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > REACHED * v[reached - 1]
             if stays and (np.diff(v[: reached + 1]) > 0.0).all():
                 sent[way][:reached] = v[reached]
     return sent

@@ -78,8 +78,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def describe(program: Program) -> list[str]:
     """Return what must be said of joint angles, and where there is no job with positions."""
-    written = np.maximum(np.round(program.feed, 1), 0.1)
-    notes = ["joint angles need a controller that takes POSTYPE ANGLE", *describe_feeds(program, written, "0.1 mm/s")]
+    moves = fit_moves(program).program if program.pieces else program
+    written = np.maximum(np.round(moves.feed, 1), 0.1)
+    notes = ["joint angles need a controller that takes POSTYPE ANGLE", *describe_feeds(moves, written, "0.1 mm/s")]
     if not program.moves_part and not {"shoulder", "elbow", "wrist"} <= set(program.words):
         notes.append("no job with positions: controller.toml has no configuration words")
     return notes

@@ -107,7 +107,7 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
         if linear and not alone[row]:
             places.append(f"{name}p{row} " + " ".join(f"{value:.6f}" for value in [*table[row], *slides[row]]))
             lines.append(f"  SPEED {program.feed[row]:.4f} MM/S")
-            said = zone if stops[row] else f"{min(zones[row], ACCURACY):.3g}"
+            said = zone if stops[row] else f"{zones[row] if np.isfinite(zones[row]) else ACCURACY:.3g}"
             lines += [f"  ACCURACY {said} ALWAYS"] if said != zone else []
             zone = said
             if arcs[row]:

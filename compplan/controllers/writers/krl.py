@@ -35,6 +35,8 @@ MOST = 2000
 #: KRL takes 24 letters; "_J" and the number of a part take the rest.
 LONGEST_NAME = 22
 RAPID_PERCENT = 20
+#: Letters of a message on the pendant.
+LONGEST_MESSAGE = 80
 #: A joint move whose whole percent is off by more than this share does not hold its feed.
 UNTRUE = 0.1
 #: How far before a corner lines and arcs leave the path where the job does not ask for less. [mm]
@@ -61,13 +63,20 @@ JOINT = (
     "    PTP PT[I] C_PTP",
     "  ENDIF",
 )
+
+
+def _tell(task: str) -> str:
+    """Return the line that shows a message on the pendant (MsgLib of KSS 8; older controllers have none)."""
+    return f'MsgNotify("{task[:LONGEST_MESSAGE]}")'
+
+
 PHRASES = Phrases(
     say=lambda text: [f"; {text}"],
     switch=lambda signal, on: [f"$OUT[{signal}]={'TRUE' if on else 'FALSE'}"],
     wait=lambda seconds: [f"WAIT SEC {seconds:.3f}"],
     expect=lambda signal: [f"WAIT FOR $IN[{signal}]"],
-    pause=lambda task: ["HALT"],
-    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", "  HALT", "ENDIF"],
+    pause=lambda task: [_tell(task), "HALT"],
+    pause_if=lambda signal, task: [f"IF $IN[{signal}] THEN", f"  {_tell(task)}", "  HALT", "ENDIF"],
     call=lambda name, number: [f"{name}({number:.0f})"],
 )
 

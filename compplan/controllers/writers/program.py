@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -34,6 +34,10 @@ from compplan.toolpath.events import Event, find_halts
 ZERO = 5e-7
 #: Ends and kinds of fitted moves, by whether they have arcs, and cubics.
 Pieces = dict[tuple[bool, bool], tuple[NDArray[np.int_], NDArray[np.int_]]]
+
+#: What a program holds row by row, its words aside.
+BY_ROW = ("joints", "feed", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of",
+          "corner", "corner_shift", "asked", "via", "bend")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,9 @@ class Program:
         carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
         corner: How far the zone at each row may lead beside the path, or None for as far as the language's own.
             Shape (n,). [m]
+        corner_shift: Vector from a row to the corner that programs state in its place, nan at rows of a rounded corner
+            that they leave out, 0 elsewhere; or None. Base axes. Shape (n, 3). [m]
+        asked: Feed that the CAM file asks for, or None. Shape (n,). [mm/s]
         blend_share: Length of the controller's blends over their zones.
         smoothing: Time over which the controller averages the speed. [s]
         pieces: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs, and cubics.
@@ -131,6 +138,8 @@ class Program:
     line_of: NDArray[np.int_] | None = None
     carries: NDArray[np.bool_] | None = None
     corner: Array | None = None
+    corner_shift: Array | None = None
+    asked: Array | None = None
     blend_share: float = 1.0
     smoothing: float = 0.04
     pieces: Pieces = field(default_factory=dict)
@@ -141,6 +150,7 @@ class Program:
             "feed": (n,), "rapid": (n,), "exact": (n,), "time": (n,), "rates": (nq,), "tcp": (n, 4, 4), "status": (n,),
             "bent": (n,), "free": (n,), "via": (n, 4, 4), "bend": (n, 2, 3), "arc_of": (n,), "line_of": (n,),
             "carries": (nq,), "coarser": (n,), "corner": (n,),
+            "corner_shift": (n, 3), "asked": (n,),
         }  # fmt: skip
         for name, shape in shapes.items():
             array = getattr(self, name)
@@ -151,6 +161,23 @@ class Program:
 
     def __len__(self) -> int:
         return len(self.joints)
+
+    def take(self, rows: NDArray[np.int_]) -> Program:
+        """Return the program at some of its rows, ends of moves and events among them."""
+        some: dict[str, Any] = {
+            name: None if (values := getattr(self, name)) is None else values[rows] for name in BY_ROW
+        }
+        words, native = ({key: values[rows] for key, values in table.items()} for table in (self.words, self.native))
+        place = np.searchsorted(rows, [event.place for event in self.events]).tolist()
+        events = tuple(
+            replace(event, place=new if event.place >= 0 else -1) for event, new in zip(self.events, place, strict=True)
+        )
+        return replace(self, **some, words=words, native=native, events=events, pieces={})
+
+    @property
+    def corners(self) -> NDArray[np.bool_]:
+        """Tell the rows that stand for a rounded corner of the path. Shape (n,)."""
+        return np.zeros(len(self), bool) if self.corner_shift is None else np.abs(self.corner_shift).max(axis=1) > 0.0
 
     @property
     def moves_part(self) -> bool:

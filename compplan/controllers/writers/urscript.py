@@ -53,6 +53,7 @@ PHRASES = Phrases(
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
     """Write NAME.script with joint moves and, where poses are known, NAME_L.script with linear ones.
 
+    A program calls itself behind its end, so that a script that is sent to the controller runs.
     Long ones are cut into NAME_1.script and so on, each a program of its own, to be run in order. Positions count from
     the part frame through pose_trans; they are in m and rotation vectors, joints in rad. Rapid moves and swings are
     joint moves at 20 % of the joint rates. The controller has no configuration words: linear moves keep the branch of
@@ -143,8 +144,11 @@ def _blend_radii(program: Program, linear: bool) -> Array:
         return np.zeros(len(program))
     step = np.linalg.norm(np.diff(program.tcp[:, :3, 3], axis=0), axis=1)
     room = np.minimum(np.append(np.inf, step), np.append(step, np.inf))
-    room = np.minimum(room, find_zones(program, ZONES["urscript"])[1] / BLEND_SHARE) if linear else room
-    return np.where(program.stops(linear=linear), 0.0, np.minimum(BLEND, BLEND_SHARE * room))
+    radius = np.minimum(BLEND, BLEND_SHARE * room)
+    if linear:
+        stated = find_zones(program, ZONES["urscript"])[1]
+        radius = np.where(program.corners, stated, np.minimum(radius, stated))
+    return np.where(program.stops(linear=linear), 0.0, radius)
 
 
 def _poses(poses: Array) -> list[str]:

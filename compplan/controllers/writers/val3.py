@@ -13,7 +13,7 @@ from compplan.controllers.writers.machine import Phrases, Signal, name_signal, p
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
 from compplan.controllers.writers.program import Program, head_lines, split_parts
 from compplan.controllers.writers.text import legal_name
-from compplan.controllers.writers.zones import stop_at_corners
+from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
 
@@ -83,7 +83,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
         files += _write_kind(program, folder / name, most, linear=False)
     if can and program.form != "joint":
         name += name_kind(program, "_L")
-        files += _write_kind(stop_at_corners(fit_moves(program).program, "val3"), folder / name, most, linear=True)
+        files += _write_kind(fit_moves(program).program, folder / name, most, linear=True)
     return files
 
 
@@ -95,7 +95,7 @@ def _write_kind(program: Program, project: Path, most: int | None, *, linear: bo
     events = phrase_events(program.events, program.wiring, PHRASES, "VAL3")
     for number, (part, rows) in enumerate(zip(names, parts, strict=True), start=1):
         code = _plain_moves(program, number, rows, events) if linear else _moves(number, rows, events)
-        texts[f"{part}.pgx"] = _program(part, code, local=True)
+        texts[f"{part}.pgx"] = _program(part, code)
     check_cell(program.post, CELL, "VAL3")
     body = render_post(program, "val3", {"name": name, "parts": names, "comments": _remarks(program, linear)})
     texts["start.pgx"] = _program("start", body)
@@ -125,12 +125,13 @@ def _project(name: str, parts: list[str]) -> str:
     )
 
 
-def _program(name: str, code: str, *, local: bool = False) -> str:
-    locals_ = "".join(f'      <Local name="{each}" type="num" xsi:type="array" size="1" />\n' for each in LOCALS)
-    counter = f"    <Locals>\n{locals_}    </Locals>\n"
+def _program(name: str, code: str) -> str:
+    used = [word for word in LOCALS if word in code]
+    lines = [f'      <Local name="{word}" type="num" xsi:type="array" size="1" />\n' for word in used]
+    declared = f"    <Locals>\n{''.join(lines)}    </Locals>\n" if used else ""
     return (
         f'{HEADER}<Programs xmlns:xsi="{INSTANCE}" xmlns="{PROGRAM}">\n'
-        f'  <Program name="{name}" access="public">\n{counter if local else ""}'
+        f'  <Program name="{name}" access="public">\n{declared}'
         f"    <Code><![CDATA[begin\n{code}end]]></Code>\n  </Program>\n</Programs>\n"
     )
 
@@ -139,7 +140,8 @@ def _plain_moves(program: Program, number: int, rows: slice, events: dict[int, l
     """Return plain motion lines of a part: lines and arcs of the tool, joint moves where they stand alone."""
     alone, stops, arcs = program.alone(linear=True).tolist(), program.stops(linear=True).tolist(), program.arcs.tolist()
     lines = _wait_for(events.get(-1, []) if rows.start == 0 else [])
-    speeds: dict[str, str] = {}
+    speeds, zone = dict[str, str](), f"{1e3 * ZONES['val3'].size:g}"
+    whole, zones = zone, 1e3 * find_zones(program, ZONES["val3"])[1]
     quick = through = 0
     for index, row in enumerate(range(rows.start, rows.stop)):
         if alone[row]:
@@ -149,6 +151,9 @@ def _plain_moves(program: Program, number: int, rows: slice, events: dict[int, l
             how, speed = "mEnd" if stops[row] else "mPath", f"{program.feed[row]:.4f}"
             lines += [f"  {how}.tvel={speed}"] if speeds.get(how) != speed else []
             speeds[how] = speed
+            space = zone if stops[row] else whole if np.isinf(zones[row]) else f"{zones[row]:.3f}"
+            lines += [f"  mPath.{word}={space}" for word in ("leave", "reach")] if space != zone else []
+            zone = space
             target = f"pPath{number}[{index}],tTool,{how})"
             lines.append(f"  movec(pVia{number}[{through}],{target}" if arcs[row] else f"  movel({target}")
             through += arcs[row]

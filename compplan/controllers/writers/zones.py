@@ -6,7 +6,7 @@ controller uses (`blend_share`).
 
 A parabola that begins r before a corner and ends r behind it passes the corner at r |t' - t| / 4, t and t' the
 directions of travel before and behind it. Where that is more than a program allows there (`Program.corner`), its zone
-is made smaller.
+is made smaller. At a corner that the plan rounds the zone has the size that passes it at the same distance.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ ZONES = {
     "sinumerik": BlendZone(1e-4, "assumed of G642"),
 }
 #: Languages that stop exactly where their own zone leads too far.
-STOPPING = frozenset({"val3", "inform"})
+STOPPING = frozenset({"inform"})
 #: Zone of a language that is not listed, such as a post of one's own.
 OTHER = BlendZone(1e-4, "assumed")
 
@@ -120,9 +120,13 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
         slopes = program.bend[kept][k]
         leaves[k], comes[k] = slopes / np.maximum(np.linalg.norm(slopes, axis=1), 1e-12)[:, None]
     turn = np.linalg.norm(np.r_[leaves[1:], comes[-1:]] - comes, axis=1)
-    most = 4.0 * program.corner[kept] / (np.maximum(program.blend_share, 1e-3) * np.maximum(turn, 1e-12))
-    stated = np.where(size > most, np.maximum(np.floor(most / STEP), 1.0) * STEP, np.inf)
-    return np.minimum(size, stated)[row], stated[row], size[row]
+    corners, beside = program.corners[kept], program.corner[kept]
+    if program.corner_shift is not None:
+        beside = np.where(corners, np.linalg.norm(program.corner_shift[kept], axis=1), beside)
+    most = 4.0 * beside / (np.maximum(program.blend_share, 1e-3) * np.maximum(turn, 1e-12))
+    most = np.where(corners, np.minimum(most, room), most)
+    stated = np.where((size > most) | (corners & ~stops), np.maximum(np.floor(most / STEP), 1.0) * STEP, np.inf)
+    return np.where(corners & ~stops, stated, np.minimum(size, stated))[row], stated[row], size[row]
 
 
 def stop_at_corners(program: Program, language: str) -> Program:
@@ -133,16 +137,18 @@ def stop_at_corners(program: Program, language: str) -> Program:
         language: Name of the language.
 
     """
-    stated = np.isfinite(find_zones(program, ZONES[language])[1])
-    if not stated.any():
+    _, stated, own = find_zones(program, ZONES[language])
+    narrow = stated < own
+    if not narrow.any():
         return program
-    return replace(program, exact=stated if program.exact is None else program.exact | stated)
+    return replace(program, exact=narrow if program.exact is None else program.exact | narrow)
 
 
 def mark_corner_stops(program: Program, languages: Sequence[str]) -> NDArray[np.bool_]:
     """Tell at which rows of a program, not yet fitted, `stop_at_corners` stops in any of some languages. Shape (n,)."""
     may = np.zeros(len(program), bool)
     for language in STOPPING & {*languages} if program.form != "joint" else ():
-        fitted = fit_moves(program, arcs=language == "val3")
-        may[fitted.rows[np.isfinite(find_zones(fitted.program, ZONES[language])[1])]] = True
+        fitted = fit_moves(program, arcs=False)
+        _, stated, own = find_zones(fitted.program, ZONES[language])
+        may[fitted.rows[stated < own]] = True
     return may

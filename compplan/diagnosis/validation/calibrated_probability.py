@@ -32,15 +32,17 @@ from compplan.robot import Array
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
-#: The map from evidence to log odds, fitted by penalised logistic regression to 59 claims of 50 drawn and example
+#: The map from evidence to log odds, fitted by penalised logistic regression to 79 claims of 61 drawn and example
 #: campaigns (study: python -m benchmarks.ablation prints the map of a suite): constant, margin (arsinh of it over its
-#: scale), and logarithm of the likeness of what is left with its sign turned. No weight may be negative. The number of
-#: values of a form does not stand here: the margin has paid for it.
-CONSTANT, WEIGHTS = -5.11, np.array([0.93, 2.36])
+#: scale), logarithm of the likeness of what is left with its sign turned, and of the motion in noise floors. No weight
+#: may be negative. The number of values of a form does not stand here: the margin has paid for it.
+CONSTANT, WEIGHTS = -4.86, np.array([0.74, 1.62, 1.24])
 #: Margins beyond this count by their logarithm alone (assumed).
 MARGIN_SCALE = 5.0
 #: Less than a tenth of a claim's own motion left along it says nothing, and neither does more than all of it (assumed).
 LEAST_ALIKE = 0.1
+#: Motions below this are told apart no more (assumed). [noise floors]
+LEAST_FLOORS = 0.05
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,10 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin and likeness. Shape (2,)."""
+    """Return what the map weighs: margin, likeness, motion. Shape (3,)."""
     margin = np.arcsinh(min(evidence.margin, evidence.plain) / MARGIN_SCALE)
-    return np.array([margin, -np.log(np.clip(evidence.likeness, LEAST_ALIKE, 1.0))])
+    alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, 1.0))
+    return np.array([margin, -alike, np.log(max(evidence.floors, LEAST_FLOORS))])
 
 
 def calibrate_probability(evidence: Evidence) -> float:

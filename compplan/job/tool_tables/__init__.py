@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
+from compplan.io.parsing import guard_parser
 from compplan.io.plugins import Registry
 from compplan.io.provenance import note_input
 from compplan.io.tables import read_text
@@ -76,16 +77,13 @@ def _read(path: Path) -> str:
         return read_text(path)
     content = path.read_bytes()
     note_input(path, content)
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            found = [info for info in archive.infolist() if info.filename.lower().endswith(".json")]
-            if len(found) != 1:
-                raise InputError("does not hold one tools.json, expected a zipped tool library of Fusion", file=path)
-            if found[0].file_size > LARGEST:
-                raise InputError(f"unpacks to more than {LARGEST // 1_000_000} MB of tools", file=path)
-            return archive.read(found[0]).decode("utf-8-sig")
-    except (OSError, zipfile.BadZipFile, UnicodeDecodeError, RuntimeError) as error:
-        raise InputError(f"is no zipped tool library: {error}", file=path) from None
+    with guard_parser(path, "is no zipped tool library"), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        found = [info for info in archive.infolist() if info.filename.lower().endswith(".json")]
+        if len(found) != 1:
+            raise InputError("does not hold one tools.json, expected a zipped tool library of Fusion", file=path)
+        if found[0].file_size > LARGEST:
+            raise InputError(f"unpacks to more than {LARGEST // 1_000_000} MB of tools", file=path)
+        return archive.read(found[0]).decode("utf-8-sig")
 
 
 def take_tool(tools: Sequence[LibraryTool], number: int, name: str, path: str | Path) -> LibraryTool | None:

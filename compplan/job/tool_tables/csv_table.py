@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
+from compplan.io.parsing import guard_parser
 from compplan.job.tool_tables.listed import LibraryTool, check_number, check_whole, name_kind
 
 words = "CSV (number, length_mm, ..)"
@@ -37,10 +38,15 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
         raise InputError(f"unknown column {unknown[0]!r}, choose from {allowed}", file=path, where=1)
     if "length_mm" not in names:
         raise InputError("missing column length_mm: from the gauge line of the spindle to the tip", file=path, where=1)
-    for row in rows:
+    for row in _guard_rows(rows, path):
         entry = {(key or "").strip().lower(): (value or "").strip() for key, value in row.items() if key is not None}
         if any(entry.values()) and not entry.get("number", "").startswith("#"):
             yield make_tool(entry, path, rows.line_num)
+
+
+def _guard_rows(rows: csv.DictReader[str], path: Path) -> Iterator[dict[str, str]]:
+    with guard_parser(path, "is not a table", lambda: rows.line_num + 1):
+        yield from rows
 
 
 def make_tool(entry: Mapping[str, str], path: Path, line: int) -> LibraryTool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
+from compplan.io.parsing import guard_parser
 from compplan.job.tool_tables.listed import (
     LibraryTool,
     as_mapping,
@@ -30,12 +31,11 @@ def recognise(text: str) -> bool:
 
 def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
     """Read the tools."""
-    try:
+    with guard_parser(path, "is no tool library"):
         data = json.loads(text.lstrip("\ufeff"))
-        entries = data["data"]
-        assert isinstance(entries, list) and len(entries) <= MOST_TOOLS
-    except (ValueError, KeyError, TypeError, AssertionError, RecursionError):
-        raise InputError("is no tool library: expected a list data of tools in JSON", file=path) from None
+    entries = as_mapping(data).get("data")
+    if not isinstance(entries, list) or len(entries) > MOST_TOOLS:
+        raise InputError(f"is no tool library: expected a list data of at most {MOST_TOOLS} tools in JSON", file=path)
     for entry in entries:
         if not isinstance(entry, Mapping) or entry.get("type") in ("holder", "probe"):
             continue

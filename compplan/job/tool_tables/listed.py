@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from compplan.errors import InputError
+from compplan.io.parsing import GREATEST
 
 INCH = 25.4
 #: Shapes of cutters that no force model here has.
@@ -57,8 +58,8 @@ def check_number(word: object, path: Path, where: int | None, what: str) -> floa
         value = float(str(word).replace(",", "."))
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{what} is {str(word)[:40]!r}, expected a number", file=path, where=where)
+    if not math.isfinite(value) or abs(value) > GREATEST:
+        raise InputError(f"{what} is {str(word)[:40]!r}, expected a number up to {GREATEST:g}", file=path, where=where)
     return value
 
 

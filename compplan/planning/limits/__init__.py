@@ -6,11 +6,12 @@ A new limit is one file with a class that has what `Limit` has, and one line in 
 from __future__ import annotations
 
 from compplan.planning.limits.acceleration import AccelerationLimit
-from compplan.planning.limits.band import BandLimit
+from compplan.planning.limits.band import BandLimit, read_band, spread_tip
 from compplan.planning.limits.clearance import ClearanceLimit, linearise_clearance
 from compplan.planning.limits.correction import CorrectionLimit
 from compplan.planning.limits.joint_range import JointRange
 from compplan.planning.limits.pose import PoseEquation
+from compplan.planning.limits.torque import TorqueLimit, read_torques
 from compplan.planning.limits.velocity import VelocityLimit
 from compplan.planning.problem import Limit
 
@@ -23,6 +24,7 @@ LIMITS: dict[str, type] = {
     "acceleration": AccelerationLimit,
     "band": BandLimit,
     "clearance": ClearanceLimit,
+    "torque": TorqueLimit,
 }
 
 __all__ = [
@@ -34,6 +36,10 @@ __all__ = [
     "JointRange",
     "Limit",
     "PoseEquation",
+    "TorqueLimit",
     "VelocityLimit",
     "linearise_clearance",
+    "read_band",
+    "read_torques",
+    "spread_tip",
 ]

@@ -13,7 +13,7 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class AccelerationLimit:
-    """|q'' x + q' x' / 2| <= a_max, x the square of the speed.
+    """|q'' x + q' x' / 2| <= a_max on both sides of a station, x the square of the speed.
 
     Attributes:
         most: Limits. Shape (nq,). [rad/s^2 or m/s^2]
@@ -30,10 +30,11 @@ class AccelerationLimit:
         return "|q'' x + q' x' / 2| <= a_max"
 
     def rows(self, station: Station) -> ca.SX:
-        """Return accelerations as shares of their limits."""
-        return (station.change * station.square + station.rate * station.push) / ca.DM(self.most)
+        """Return accelerations behind and before the station as shares of their limits."""
+        sides = [station.change * station.square + station.rate * push for push in (station.push, station.push_before)]
+        return ca.vertcat(*(side / ca.DM(self.most) for side in sides))
 
     def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return the bounds of the shares."""
-        shape = (len(problem), len(self.most))
+        shape = (len(problem), 2 * len(self.most))
         return -np.ones(shape), np.ones(shape)

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain
 from compplan.statics.kinematics import SymbolicFrames, locate_symbolic
+from compplan.statics.sensitivity import attain_pose
+from compplan.uncertainty.assumed import robot_uncertainty
+from compplan.uncertainty.band import Slopes, split_covariance
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    measure_force_slopes,
+    measure_slopes,
+    pick_rows,
+    unload_model,
+)
+from compplan.uncertainty.touch_off import subtract_touch
 
 #: 95 % quantile of the standard normal distribution.
 QUANTILE = 1.6449
+#: Rows at which what the columns of the band do not hold is measured, and its least share of the variance.
+REST_ROWS, LEAST_REST = 40, 1e-4
+#: Rows of the cut at which the band of a finished posture is measured.
+BAND_ROWS = 120
 
 
 @dataclass(frozen=True)
@@ -121,3 +138,63 @@ class BandLimit:
         outputs = [ca.vec(ca.horzcat(*self.columns(*parts))), self.radius(*parts)]
         columns, radius = ca.Function("band", list(symbols.values()), outputs).map(len(q))(q.T, theta.T, wrench.T)
         return np.array(columns).T.reshape(len(q), -1, 3).swapaxes(1, 2), np.array(radius)[0]
+
+
+def read_band(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> BandLimit:
+    """Read how the 95 % band depends on the posture; what the columns do not hold stays as it is at the start.
+
+    Args:
+        task: The task at its start.
+        force: How surely the force is known.
+        rows: Stations. Shape (k,).
+
+    """
+    chain, robot, known = task.chain, task.robot, robot_uncertainty(task.robot)
+    zeros, turns, springs = np.zeros(len(chain.names)), np.zeros(len(chain.names)), np.zeros(chain.n_springs)
+    element, at = dict(zip(robot.joint_names, chain.joint_elements.tolist(), strict=True)), 0
+    for unknown in known.unknowns:
+        square = known.width[at : at + len(unknown.keys)] ** 2
+        at += len(unknown.keys)
+        joint = element.get(str(unknown.joint), -1)
+        if joint >= 0 and unknown.effect in ("joint_offset", "transmission_error"):
+            zeros[joint] += square.mean()
+        elif joint >= 0 and unknown.effect == "backlash":
+            zeros[joint] += 0.25 * square.sum()
+        elif joint >= 0 and unknown.effect == "link_geometry" and str(unknown.axis).startswith("r"):
+            turns[joint] += square.sum()
+        elif unknown.effect in ("joint_stiffness", "link_compliance"):
+            axis = unknown.axis or "own"
+            for s, name in enumerate(chain.spring_names):
+                if name == f"{unknown.joint}.{axis}" and chain.compliance[s, s] > 0.0:
+                    springs[s] += square.sum() / chain.compliance[s, s] ** 2
+    level = float(np.hypot(force.level, force.path))
+    band = BandLimit(chain, np.sqrt(zeros), np.sqrt(turns / 3.0), np.sqrt(springs), level, force.direction,
+                     np.zeros((3, 3)), 1.0, task.cut[rows])  # fmt: skip
+    some = pick_rows(task.cut, REST_ROWS)
+    exact = spread_tip(task, force, some)
+    own = _evaluate(band, task, some)[0]
+    value, vector = np.linalg.eigh((exact - own @ np.swapaxes(own, 1, 2)).mean(axis=0))
+    least = LEAST_REST * float(np.trace(exact.mean(axis=0)))
+    band = replace(band, rest=vector @ np.diag(np.maximum(value, least)) @ vector.T)
+    return replace(band, reference=float(_evaluate(band, task, rows)[1][task.cut[rows]].max()))
+
+
+def _evaluate(band: BandLimit, task: PlanTask, rows: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Evaluate columns and radius of the band at some waypoints of the start."""
+    loaded = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
+    theta = np.zeros((len(rows), task.chain.n_springs)) if loaded.theta is None else loaded.theta
+    return band.evaluate(task.q_start[rows], task.wrench[rows], theta)
+
+
+def spread_tip(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> Array:
+    """Return the covariance of the tip at some waypoints, before correction and vibration. Shape (k, 3, 3). [m^2]."""
+    known = robot_uncertainty(task.robot)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
+    rest = unload_model(scene, rows)
+    shared, local = measure_force_slopes(scene, rows, force, rest)
+    model = subtract_touch(measure_slopes(scene, known.unknowns, rows, rest), rest.position, task.touched,
+                           known.unknowns)  # fmt: skip
+    if task.touched is not None:
+        shared = np.concatenate([shared, task.touched.spread_part(rest.position)], axis=2)
+    slopes = Slopes(rows, rest.position, model, shared, local, touched=task.touched)
+    return np.asarray(sum(split_covariance(slopes, known).values()))

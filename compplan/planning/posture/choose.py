@@ -6,16 +6,15 @@ the search repeated, so that only a small part of the nodes is ever tested.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
+from compplan.planning.posture.configuration import MARGIN_SAMPLES, solve_default_posture
 from compplan.planning.posture.costs import Weights, choose_weights
-from compplan.planning.posture.default_posture import MARGIN_SAMPLES, solve_default_posture
-from compplan.planning.posture.finished import Meter, RobotMeasure, choose_finished, find_meter, measure_posture
 from compplan.planning.posture.lattice import (
     COLLISION,
     JOINT_LIMIT,
@@ -67,7 +66,6 @@ class Task:
         axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
         settings: What may vary and what it is chosen for.
         margin: By how much postures keep clear, or None.
-        meter: Measures finished postures as their preset is meant, or None.
 
     """
 
@@ -79,13 +77,11 @@ class Task:
     axes: Array
     settings: PostureSettings
     margin: Margin | None = None
-    meter: Meter | None = None
 
 
 def choose_posture_path(
     robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings | None = None, *,
     axes: Array | None = None, margin: Margin | None = None,
-    measures: Mapping[str, RobotMeasure] | None = None,
 ) -> PostureSummary:  # fmt: skip
     """Choose configuration, rotation about the tool axis, extra axes and lean along a path.
 
@@ -97,28 +93,15 @@ def choose_posture_path(
         axes: Axes in whose components the wrench errs, as columns in base axes (the part's); base axes if left out.
             Shape (3, 3).
         margin: Tells by how much postures keep clear; what does not leaves the graph.
-        measures: How costs of finished postures are worked out, for presets that compare those; the graph alone
-            chooses if left out.
 
     Raises:
         InfeasibleError: If nothing leads along the path; with the waypoint and what stands there.
 
     """
     settings = settings or PostureSettings()
-    meter = None if settings.weights else find_meter(robot, settings.preset, measures or {})
-    task = Task(
-        robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float),
-        np.eye(3) if axes is None else axes, settings, margin, meter,
-    )  # fmt: skip
-    if meter is None:
-        stance = _choose_line(task)
-    else:
-        stance = choose_finished(
-            lambda preset: _choose_line(replace(task, settings=replace(settings, preset=preset))),
-            settings.preset, meter,
-        )  # fmt: skip
-    stance = _prefer_still(task, stance)
-    return stance
+    axes = np.eye(3) if axes is None else axes
+    task = Task(robot, build_chain(robot), build_arm(robot), nominal, np.asarray(tool_x, float), axes, settings, margin)
+    return _prefer_still(task, _choose_line(task))
 
 
 def _choose_line(task: Task) -> PostureSummary:
@@ -225,7 +208,6 @@ def _prefer_still(task: Task, stance: PostureSummary) -> PostureSummary:
     if still is None:
         return stance
     chosen = stance.costs
-    still = measure_posture(still, task.meter, "one configuration, tool x fixed" if stance.compared else "")
     costs = still.costs
     still, stance = replace(still, plain=costs), replace(stance, plain=costs)
     for name, asked in (
@@ -238,7 +220,7 @@ def _prefer_still(task: Task, stance: PostureSummary) -> PostureSummary:
     ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
     gained = ours < GAINS[settings.preset] * theirs
     keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
-    return replace(stance, compared=still.compared) if keeps else still
+    return stance if keeps else still
 
 
 def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool = False) -> float:
@@ -246,9 +228,7 @@ def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool 
     if preset == "smooth":
         return costs["joint_travel_deg"]
     if preset == "fast":
-        return costs.get("driven_s", costs["time_s"])
-    if "band_mm" in costs:
-        return costs["band_mm"]
+        return costs["time_s"]
     return sum_errors(costs) if preset == "promise" or counts_travel else costs["sensitivity_rms_mm"]
 
 

@@ -6,6 +6,8 @@ starts from what it returns and may rotate about the tool axis from there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -13,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import Array, Robot
-from compplan.statics.chain import joint_jacobian, locate_frames
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm, middle_of_limits, refine_ik, solve_branches
+from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import Toolpath
 
 #: Waypoints that the choice looks at; the chosen configuration is then solved at every waypoint.
 SAMPLES = 400
@@ -246,3 +251,41 @@ def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, wish
     distance = float(np.linalg.norm(position[sample] - first, axis=1).min())
     where = f"its nearest waypoint is {distance:.2f} m from the first axis, the stretched arm {_reach(arm):.2f} m long"
     return f"the part is out of reach in position or orientation of the tool: {where}; move [part] or turn the tool"
+
+
+#: Waypoints of a finished line whose margin is looked at.
+MARGIN_SAMPLES = 600
+
+
+def solve_default_posture(
+    robot: Robot, nominal: Toolpath, tool_x: Array, stance: PostureSummary, axes: Array,
+    margin: Callable[[Array, NDArray[np.int_]], Array] | None,
+) -> PostureSummary | None:  # fmt: skip
+    """Return the plain posture; None where it is not reached or does not keep clear.
+
+    Args:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, with its predicted wrench.
+        tool_x: Where x of the TCP points, base axes. Shape (3,).
+        stance: What the graph chose, with its settings.
+        axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
+        margin: By how much joint positions at waypoints keep clear, or None. [m]
+
+    """
+    settings, rotation = stance.settings, tool_axes(nominal, tool_x)
+    start = None if settings.start is None else np.array(settings.start)
+    try:
+        plain = choose_posture(robot, nominal.position, rotation, Preference(**settings.configuration, start=start))
+    except InputError:
+        return None
+    if plain.missed.any():
+        return None
+    rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
+    if margin is not None and (margin(plain.q[rows], rows) < 0).any():
+        return None
+    none = np.zeros(len(nominal))
+    return replace(
+        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
+        changes=(), map=replace(stance.map, chosen=np.zeros(len(stance.map.chosen))), instead_of=stance.costs,
+        costs=summarise_costs(build_chain(robot), robot, nominal, plain.q, settings, axes),
+    )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,13 +13,10 @@ from compplan.errors import InfeasibleError, InputError
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.clearance import ClearanceProfile, measure_clearance, measure_margin
 from compplan.planning.posture.collision_scene import CollisionScene, compute_model_loads
-from compplan.planning.posture.configuration import Preference, choose_posture
+from compplan.planning.posture.configuration import Preference, choose_posture, solve_default_posture
 from compplan.planning.posture.contacts import describe_contact
 from compplan.planning.posture.costs import ErrorModel
-from compplan.planning.posture.default_posture import solve_default_posture
-from compplan.planning.posture.few_joints import follow_path
-from compplan.planning.posture.finished import RobotMeasure, describe_finished
-from compplan.planning.posture.follow import follow_from
+from compplan.planning.posture.follow import follow_from, follow_path
 from compplan.planning.posture.partial import find_partial
 from compplan.planning.posture.settings import PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
@@ -39,6 +36,16 @@ FOUR_JOINTS = (
 )
 
 
+#: Costs in words: what is best, what postures were, and what it means that they tie.
+WORDS = {
+    "driven_s": ("the fastest", "timed", "the programmed feed sets the time, not the posture"),
+    "band_mm": ("that with the smallest 95 % band", "measured", "the posture does not set the 95 % band"),
+    "joint_travel_deg": ("that with the least motion", "measured", "the path sets the motion, not the posture"),
+}
+#: Postures whose measures differ by less than this share tie.
+TIED = 1e-3
+
+
 @dataclass(frozen=True)
 class PostureRequest:
     """What a job asks of the posture.
@@ -48,7 +55,6 @@ class PostureRequest:
         axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
         scene: What may touch what, or None.
         wanted: Clearance that is asked for. [m]
-        measures: How costs of finished postures are worked out, by their names.
 
     """
 
@@ -56,7 +62,6 @@ class PostureRequest:
     axes: Array
     scene: CollisionScene | None = None
     wanted: float = 0.0
-    measures: Mapping[str, RobotMeasure] = field(default_factory=dict)
 
 
 class Easing(NamedTuple):
@@ -79,25 +84,21 @@ class Bettered:
     """What the program of time, posture and promise made of the posture that the graph chose.
 
     Attributes:
-        graph: The graph's start.
         time: Time of the run before and after, nothing corrected. [s]
         band: Widest 95 % band before and after, nothing corrected. [mm]
         least_time: Time of the programmed feed, of rapid moves, and of smoothing at both ends of every run. [s]
         origin: Where it started: "search" (the posture search) or "programmed" (x of the tool as programmed).
         steps: Iterations of the program.
         names: What was free: "spin", "lead", "lean", or extra axes.
-        energy: Work of the motors before and after, None where it does not count. [J]
 
     """
 
-    graph: Start
     time: tuple[float, float]
     band: tuple[float, float]
     least_time: float
     origin: str
     steps: int
     names: tuple[str, ...]
-    energy: tuple[float, float] | None = None
 
     def describe(self) -> dict[str, object]:
         """Describe it for plan.json."""
@@ -106,14 +107,12 @@ class Bettered:
             "time_s": {"graph": self.time[0], "program": self.time[1]},
             "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
             "least_time_s": self.least_time,
-            **({} if self.energy is None else {"motor_work_J": {"graph": self.energy[0], "program": self.energy[1]}}),
         }  # fmt: skip
 
     def sentence(self, pace: Easing | None = None) -> str:
         """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
         (before, after), (wide, narrow) = self.time, self.band
         most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
-        work = "" if self.energy is None else f", work of the motors {self.energy[0]:.3g} -> {self.energy[1]:.3g} J"
         eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
         eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
         head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
@@ -123,7 +122,7 @@ class Bettered:
             head = f"Posture and speed are chosen together ({posture})"
         return (f"{head}: run {before:.4g} -> {after:.4g} s "
                 f"(the programmed feed takes {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
-                f"{narrow:.3g} mm{work}, before correction{eased}.")  # fmt: skip
+                f"{narrow:.3g} mm, before correction{eased}.")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -305,8 +304,7 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
 
 def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest) -> PostureSummary:
     return choose_posture_path(
-        robot, nominal, tool_x, request.settings, axes=request.axes, margin=_state_margin(request),
-        measures=request.measures,
+        robot, nominal, tool_x, request.settings, axes=request.axes, margin=state_margin(request),
     )  # fmt: skip
 
 
@@ -326,13 +324,38 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
     if start.stance is None or start.request is None or start.stance.instead_of is not None:
         return None
     request = start.request
-    stance = solve_default_posture(robot, nominal, tool_x, start.stance, request.axes, _state_margin(request))
+    stance = solve_default_posture(robot, nominal, tool_x, start.stance, request.axes, state_margin(request))
     return None if stance is None else stand(replace(stance, instead_of=None), nominal, request)
 
 
-def _state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]], Array] | None:
+def state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]], Array] | None:
     """State by how much joint positions at waypoints keep clear; None where nothing is in the way."""
     scene = request.scene
     if scene is None:
         return None
     return lambda q, waypoints: measure_margin(scene, q, request.wanted)
+
+
+def describe_finished(stance: PostureSummary) -> str:
+    """Say what the postures come to that were compared, "" where none were."""
+    if len(stance.compared) < 2:
+        return ""
+    values, unit = stance.compared.values(), stance.compared_by.rpartition("_")[2]
+    best, done, tied = WORDS[stance.compared_by]
+    head = f"Preset {stance.settings.preset}: "
+    if max(values) <= (1.0 + TIED) * min(values):
+        said = f"{'take' if unit == 's' else 'come to'} {min(values):.4g} {unit}, within 0.1 %"
+        return f"{head}the {len(values)} postures that were {done} {said}; {tied}."
+    listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in stance.compared.items())
+    return f"{head}{best} of the postures that were {done} is driven ({listed})."
+
+
+def compare_postures(robot: Robot, start: Start, tool_x: Array) -> tuple[dict[str, float], dict[str, float]] | None:
+    """Return costs of the graph's way and of the plain posture; None where either is not known."""
+    stance, request = start.stance, start.request
+    if stance is None or request is None:
+        return None
+    if stance.plain is not None:
+        return stance.instead_of or stance.costs, stance.plain
+    plain = solve_default_posture(robot, start.nominal, tool_x, stance, request.axes, None)
+    return None if plain is None else (stance.costs, plain.costs)

@@ -21,7 +21,7 @@ from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.planning.posture.configuration import Preference
 from compplan.planning.posture.initial_branches import PostureRequest, Start, find_start
-from compplan.planning.posture.slides import least_strokes, steady_slide
+from compplan.planning.posture.motion import least_strokes, steady_slide
 from compplan.planning.posture.summary import summarise_costs
 from compplan.planning.posture.trace import reach_tip_and_axis
 from compplan.robot import Array, Robot, load_robot

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError, InputError
 from compplan.job.frames import PartTable
 from compplan.job.job import Job
 from compplan.job.loading import load_nominal
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.clearance import measure_margin
 from compplan.planning.posture.costs import ErrorModel, measure_nodes
-from compplan.planning.posture.initial_branches import read_request
+from compplan.planning.posture.initial_branches import read_request, state_margin
 from compplan.planning.posture.lattice import build_options, follow_axis, orient_tool, pick_stations
 from compplan.planning.posture.search import measure_rungs
 from compplan.planning.posture.settings import PostureSettings
@@ -31,9 +30,6 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import Arm, build_arm, solve_branches
 from compplan.toolpath.toolpath import Toolpath
-
-if TYPE_CHECKING:
-    from compplan.planning.posture.collision_scene import CollisionScene
 
 #: Stations, step of rotation [rad] and positions of extra axes that the grid is rated with.
 STATIONS, SPIN_STEP, HELD_STEPS = 14, float(np.radians(20.0)), 5
@@ -131,9 +127,9 @@ def place_part(
     announce("place: refine, and search postures at the best places")
     candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
-    trial = Trial(job, robot, errors)
-    stance, position, turn = _decide(trial, candidates)
-    before = trial.posture_at(here, 0.0)
+    search = partial(_search_posture, job, robot, errors)
+    stance, position, turn = _decide(search, job.place.step_mm, candidates)
+    before = search(here, 0.0)
     if before is not None and _rank(before) <= _rank(stance):
         stance, position, turn = before, here, 0.0
     low, high = (v * 1e-3 for v in job.place.base_height_mm)
@@ -291,31 +287,17 @@ def _refine(
     return refined
 
 
-@dataclass(frozen=True)
-class Trial:
-    """What the full search of a posture needs at any place."""
-
-    job: Job
-    robot: Robot
-    errors: ErrorModel | None
-
-    def posture_at(self, place: Array, turn: float) -> PostureSummary | None:
-        """Search the posture with the part at a place; None where nothing leads along the path."""
-        moved = _move_job(self.job, place, turn)
-        nominal, request = load_nominal(moved), read_request(moved, self.robot, self.errors)
-        scene: CollisionScene | None = request.scene
-
-        def margin(q: Array, waypoints: NDArray[np.int_]) -> Array:
-            assert scene is not None
-            return measure_margin(scene, q, request.wanted)
-
-        try:
-            return choose_posture_path(
-                self.robot, nominal, moved.tool_x_base, request.settings, axes=request.axes,
-                margin=None if scene is None else margin,
-            )  # fmt: skip
-        except InfeasibleError:
-            return None
+def _search_posture(
+    job: Job, robot: Robot, errors: ErrorModel | None, place: Array, turn: float
+) -> PostureSummary | None:
+    """Search the posture with the part at a place; None where nothing leads along the path."""
+    moved = _move_job(job, place, turn)
+    request = read_request(moved, robot, errors)
+    given = robot, load_nominal(moved), moved.tool_x_base, request.settings
+    try:
+        return choose_posture_path(*given, axes=request.axes, margin=state_margin(request))
+    except InfeasibleError:
+        return None
 
 
 def _rank(stance: PostureSummary) -> float:
@@ -323,19 +305,23 @@ def _rank(stance: PostureSummary) -> float:
     return stance.costs["sensitivity_rms_mm"]
 
 
-def _decide(trial: Trial, candidates: list[tuple[float, Array, float]]) -> tuple[PostureSummary, Array, float]:
+def _decide(
+    search: Callable[[Array, float], PostureSummary | None],
+    step_mm: float,
+    candidates: list[tuple[float, Array, float]],
+) -> tuple[PostureSummary, Array, float]:  # fmt: skip
     """Search postures at the best places that lie apart, and take the best."""
     best: tuple[PostureSummary, Array, float] | None = None
     tried: list[tuple[Array, float]] = []
     for bound, place, turn in candidates:
-        if any(np.linalg.norm(place - p) < 0.4e-3 * trial.job.place.step_mm and turn == t for p, t in tried):
+        if any(np.linalg.norm(place - p) < 0.4e-3 * step_mm and turn == t for p, t in tried):
             continue
         if best is not None and (len(tried) >= TRIED or 1e3 * bound >= _rank(best[0])):
             break
         if len(tried) >= 5 * TRIED:
             break
         tried.append((place, turn))
-        stance = trial.posture_at(place, turn)
+        stance = search(place, turn)
         if stance is not None and (best is None or _rank(stance) < _rank(best[0])):
             best = stance, place, turn
     if best is None:
@@ -362,3 +348,60 @@ def _move_job(job: Job, place: Array, turn: float) -> Job:
     moved = job.model_copy(update={"part": part})
     moved._file = job.file
     return moved
+
+
+#: Distances and heights of the path's middle that are tried, as shares of the length of the stretched links.
+OUT, UP = np.linspace(0.15, 0.85, 11), np.linspace(-0.2, 0.5, 8)
+#: Where it is put before an arm without a closed form of inverse kinematics, which is slow to try; shares of the same.
+ASSUMED = np.array([0.45, 0.0, 0.15])
+#: Places are given in steps of this. [m]
+ROUND = 0.01
+
+
+@dataclass(frozen=True)
+class FirstPlace:
+    """A place, and whether the arm was tried there.
+
+    Attributes:
+        position: Origin of the part, base frame. Shape (3,). [m]
+        tried: Whether the arm was found to reach stations of the path there.
+
+    """
+
+    position: Array
+    tried: bool
+
+
+def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
+    """Find a position of the part in whose surroundings the arm reaches its path; None where none is found.
+
+    Args:
+        job: The job; where its part stands does not matter.
+        robot: The robot with its tool.
+
+    Raises:
+        InputError: If the toolpath cannot be read as the job has it.
+
+    """
+    nominal = load_nominal(job)
+    cut = nominal.position[~nominal.rapid]
+    middle = 0.5 * (cut.min(axis=0) + cut.max(axis=0))
+    here = job.T_base_part[:3, 3]
+    rater = Rater(robot, read_request(job, robot).settings)
+    if rater.arm.solver is None:
+        return FirstPlace(_round(here + ASSUMED * robot.longest_reach - middle), tried=False)
+    out, up = (robot.longest_reach * shares for shares in (OUT, UP))
+    places = np.stack(np.meshgrid(out, [0.0], up, indexing="ij"), axis=-1).reshape(-1, 3)
+    bound = rater.rate(nominal, job.tool_x_base, job.T_base_part[:3, :3], places - middle).reshape(len(OUT), len(UP))
+    reached = np.isfinite(bound)
+    if not reached.any():
+        return None
+    from scipy.ndimage import distance_transform_edt
+
+    depth = distance_transform_edt(np.pad(reached, 1))[1:-1, 1:-1]
+    best = min(np.argwhere(depth == depth.max()).tolist(), key=lambda cell: float(bound[tuple(cell)]))
+    return FirstPlace(_round(here + np.array([out[best[0]], 0.0, up[best[1]]]) - middle), tried=True)
+
+
+def _round(place: Array) -> Array:
+    return np.asarray(np.round(place / ROUND) * ROUND)

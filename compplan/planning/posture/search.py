@@ -39,6 +39,8 @@ RATE_SHARE = 0.5
 BLOCK = 60_000
 #: Cost of one change of configuration in a rapid move, far above everything else.
 CHANGE = 1e6
+#: Costs that differ by less are equal: the first of them is taken.
+TIE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,13 @@ def _sweep(
     if not np.isfinite(best).any():
         _refuse(lattice, k - 1, cost)
     option, slot = np.empty(k, int), np.empty(k, int)
-    option[-1], slot[-1] = np.unravel_index(int(np.argmin(best)), best.shape)
+    # of equal costs the one that ends nearest the middle of the joints' ranges
+    width = robot.upper - robot.lower
+    between = np.isfinite(width) & (width > 0.0)  # neither endless nor held
+    share = (q[-1] - np.where(between, robot.lower, 0.0)) / np.where(between, width, 1.0) - 0.5
+    middle = np.where(between, share, 0.0)
+    away = np.where(best <= best.min() + TIE, (middle**2).sum(axis=2), np.inf)
+    option[-1], slot[-1] = np.unravel_index(int(_first_least(away.reshape(1, -1))[0]), best.shape)
     for i in range(k - 1, 0, -1):
         option[i - 1], slot[i - 1] = divmod(int(back[i, option[i], slot[i]]), b)
     return option, slot, float(best.min())
@@ -232,13 +240,18 @@ def _step(
             edge = _cost_edges(source[:, rows], at[:, rows, t], change, i - 1, rungs, weights, joints)
             edge += value[rows]
             edge[np.isnan(edge)] = np.inf
-            choice = np.argmin(edge, axis=1)
+            choice = _first_least(edge)
             least = edge[np.arange(len(rows)), choice]
-            better = least < best[rows, t]
+            better = least < best[rows, t] - TIE
             rows, t = rows[better], t[better]
             best[rows, t] = least[better]
             back[rows, t] = around[rows, choice[better]] * b + s
     return best, back
+
+
+def _first_least(cost: Array) -> NDArray[np.int_]:
+    """Return the first place of each row whose cost is the least but for rounding: ties do not turn on last digits."""
+    return np.argmax(cost <= cost.min(axis=1, keepdims=True) + TIE, axis=1)
 
 
 def _near_rows(

@@ -36,7 +36,6 @@ class PostureSettings:
         stations: Waypoints that the graph is built at, at most; those between follow.
         reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
         singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
-        energy: What a share of the motors' work weighs beside one of the time, once the posture is bettered.
         limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
         limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
         most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
@@ -60,7 +59,6 @@ class PostureSettings:
     stations: int = 240
     reconfigure: bool = True
     singularity_margin: float = 0.03
-    energy: float = 0.0
     limit_margin: float = float(np.radians(10.0))
     limit_room: float = float(np.radians(2.0))
     most_step: float = float(np.radians(20.0))
@@ -105,7 +103,6 @@ def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> P
         lean=float(np.radians(table.lean_deg)),
         reconfigure=table.reconfigure == "rapid",
         singularity_margin=table.singularity_margin,
-        energy=table.energy,
         limit_margin=float(np.radians(table.limit_margin_deg)),
         motion=_read_motion(robot) if errors is None else _leave_to_band(_read_motion(robot)),
         errors=errors,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from compplan.planning.posture.lattice import Options, orient_tool
-from compplan.planning.posture.slides import least_strokes, steady_slide
+from compplan.planning.posture.motion import least_strokes, steady_slide
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches

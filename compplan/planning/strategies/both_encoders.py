@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compplan.planning.strategies.answer import Answer
-from compplan.planning.strategies.path_map import PathMaps
+from compplan.planning.strategies.online import Answer, PathMaps
 from compplan.planning.task import PlanTask
 from compplan.statics.encoders import combined_gain
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from compplan.planning.strategies.answer import Answer
-from compplan.planning.strategies.path_map import PathMaps
+from compplan.planning.strategies.online import Answer, PathMaps
 from compplan.planning.task import PlanTask
 
 words = "force sensor"

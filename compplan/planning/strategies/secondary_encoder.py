@@ -5,8 +5,7 @@ What bends beside the encoders stays: links, bearings, and springs beside the ax
 
 from __future__ import annotations
 
-from compplan.planning.strategies.answer import Answer
-from compplan.planning.strategies.path_map import PathMaps
+from compplan.planning.strategies.online import Answer, PathMaps
 from compplan.planning.task import PlanTask
 
 words = "encoders behind the gears"

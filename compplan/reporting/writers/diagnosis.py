@@ -93,12 +93,17 @@ def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: 
         InputError: If the folder predicts other positions than the model that was judged.
     """
     campaign = diagnosis.fit.problem.campaign
-    gap = predict_campaign(robot, campaign, registration=delivery.state.registration, later=False).gap
+    registration = delivery.state.registration
+    gap = predict_campaign(robot, campaign, registration=registration, later=False).gap
+    expected = delivery.residual
+    if registration is not None and registration.contacts:  # the places of contacts are fitted anew by a prediction
+        in_memory = diagnosis.robot_of(delivery)
+        expected = predict_campaign(in_memory, campaign, registration=registration, later=False).gap
     good = campaign.usable.copy()
     alike = good
     if any(effect.name == "backlash" for effect in delivery.state.effects):
         alike = good & ~campaign.first_visit  # their approach is fitted, no folder holds it
-    off = float(np.abs(gap[alike] - delivery.residual[alike]).max(initial=0.0))
+    off = float(np.abs(gap[alike] - expected[alike]).max(initial=0.0))
     if off > SAME_POSITION:
         raise InputError(f"the robot as read differs by {1e3 * off:.3g} mm from the one that was judged", file=folder)
     good[diagnosis.outliers] = False

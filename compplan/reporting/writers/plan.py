@@ -28,6 +28,7 @@ from compplan.planning.result import Plan, replace_said, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.events import ENDING, Event, find_halts
 from compplan.toolpath.toolpath import WRENCH_HEADERS
 
@@ -109,10 +110,32 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     tip = np.hstack([1e3 * position, axis, predict_rows(plan)])
     coarser = np.r_[np.ones(first), plan.task.coarser, np.ones(len(back.q))]
     sent = np.vstack([way.q, plan.sent, back.q])
+    program = make_program(plan)
     stops = STOPPING.intersection(job.output.programs)
-    may_stop = mark_corner_stops(make_program(plan), job.output.programs) if stops else np.zeros(len(rows), bool)
+    may_stop = mark_corner_stops(program, job.output.programs) if stops else np.zeros(len(rows), bool)
     table = choose_rows(plan)
-    wanted = Commanded(q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent)
+    none = np.zeros((len(rows), 3))
+    beside = none[:, 0] if program.corner is None else program.corner
+    asked = none[:, 0] if program.asked is None else program.asked
+    corner = none if program.corner_shift is None else program.corner_shift
+    wanted = Commanded(
+        q,
+        time,
+        tip,
+        rows,
+        (first, last),
+        feed,
+        stands,
+        may_stop,
+        free,
+        table,
+        coarser,
+        sent,
+        asked,
+        beside,
+        corner,
+        1e3 * job.output.bound_fit(plan.task.tolerance),
+    )
 
     def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
         judge = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
@@ -348,13 +371,21 @@ def make_program(plan: Plan) -> Program:
     output, motion = plan.job.output, load_motion(plan.robot)[0]
     coarser = np.r_[np.ones(before), plan.task.coarser, np.ones(after)]
     zones = bound_zones(plan.task, motion)
-    zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
     drawn, lines = (
         None if marks is None else np.r_[np.zeros(before, int), marks, np.zeros(after, int)]
         for marks in (plan.task.nominal.arc, plan.task.nominal.line)
     )
+    path, shift = plan.task.nominal, None
+    if program.tcp is not None and not plan.robot.carrying:
+        tip = program.tcp[before : before + len(path), :3, 3]
+        shift = find_corner_shifts(path, tip, zones["corner"])
+    if shift is not None:
+        shift = np.vstack([np.zeros((before, 3)), shift, np.zeros((after, 3))])
+    zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
+    asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
-        program, tolerance=1e-3 * output.fit_tolerance_mm, coarser=coarser, cycle=motion.cycle, free=free,
+        program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser,
+corner_shift=shift, asked=asked, cycle=motion.cycle, free=free,
         form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
         pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip

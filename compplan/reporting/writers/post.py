@@ -11,6 +11,7 @@ from compplan.errors import InputError
 from compplan.io.tomlfile import read_named_table, read_toml
 from compplan.job.job import Job, check_job
 from compplan.job.operations import split_job
+from compplan.job.profile import read_profile
 from compplan.planning.operations import worst_status
 from compplan.planning.plan import plan_job
 from compplan.planning.result import Plan
@@ -51,8 +52,9 @@ class Posted:
 
 
 def post(
-    camfile: str | Path, *, robot: str | Path, part: Table | Sequence[float], program: str | Sequence[str],
-    tool: Table | None = None, tools: Table | Sequence[Mapping[str, Any]] | None = None, process: Table | None = None,
+    camfile: str | Path, *, robot: str | Path | None = None, part: Table | Sequence[float] | None = None,
+    program: str | Sequence[str] = (), profile: str | Path | None = None, tool: Table | None = None,
+    tools: Table | Sequence[Mapping[str, Any]] | None = None, process: Table | None = None,
     cam: Table | None = None, plan: Table | None = None, output: Table | None = None, out: str | Path | None = None,
 ) -> Posted:  # fmt: skip
     """Read a CAM file, plan it and write its programs: one plan and program for each tool that it calls.
@@ -66,6 +68,7 @@ def post(
         robot: A folder in robots/ or a path.
         part: Part frame seen from the robot base: X Y Z [mm], with a rotation vector [deg] if six numbers; or [part].
         program: Language, or languages.
+        profile: Shop profile that stands under all of these; robot, part and program may be left out where it has them.
         tool: [tool]; left out: the robot folder's TCP.
         tools: For a file that calls several tools: a list of [[tool]], or a tool table (its file, or [tools]).
         process: [process]; left out: no force is predicted.
@@ -80,8 +83,8 @@ def post(
     """
     folder = Path("out" if out is None else out)
     job = make_post_job(
-        camfile, robot=robot, part=part, program=program, tool=tool, tools=tools, process=process, cam=cam, plan=plan,
-        output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
+        camfile, robot=robot, part=part, program=program, profile=profile, tool=tool, tools=tools, process=process,
+        cam=cam, plan=plan, output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
     )  # fmt: skip
     jobs = split_job(job)
     plans = tuple(note_programs(plan_job(one)) for one in jobs)
@@ -93,8 +96,9 @@ def post(
 
 
 def make_post_job(
-    camfile: str | Path, *, robot: str | Path, part: Table | Sequence[float], program: str | Sequence[str],
-    tool: Table | None, tools: Table | Sequence[Mapping[str, Any]] | None, process: Table | None, cam: Table | None,
+    camfile: str | Path, *, robot: str | Path | None, part: Table | Sequence[float] | None,
+    program: str | Sequence[str], profile: str | Path | None, tool: Table | None,
+    tools: Table | Sequence[Mapping[str, Any]] | None, process: Table | None, cam: Table | None,
     plan: Table | None, output: Table | None, stands_in: Path,
 ) -> Job:  # fmt: skip
     """Make the job that a call of `post` stands for; arguments as there.
@@ -104,6 +108,7 @@ def make_post_job(
         robot: The robot.
         part: The part frame.
         program: Languages.
+        profile: Shop profile.
         tool: [tool].
         tools: Several tools.
         process: [process].
@@ -116,20 +121,28 @@ def make_post_job(
         InputError: If a table is not what it has to be.
 
     """
-    find_robot_folder(robot)
     languages = [program] if isinstance(program, str) else list(program)
     data: dict[str, Any] = {
-        "schema": 1,
-        "name": Path(camfile).stem,
-        "robot": str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot),
-        "toolpath": str(Path(camfile).absolute()),
-        "part": read_part(part),
-        "process": dict(NO_FORCE),
-    }
+        "schema": 1, "name": Path(camfile).stem, "toolpath": str(Path(camfile).absolute()), "process": dict(NO_FORCE)
+    }  # fmt: skip
+    under = {} if profile is None else read_profile(Path(profile))
+    if profile is not None:
+        data["profile"] = str(Path(profile).absolute())
+        data = {key: value for key, value in data.items() if key != "process" or key not in under}
+    stated = {"robot": robot, "part": part, "program": program or under.get("output", {}).get("programs")}
+    for option, value in stated.items():
+        if not value and option not in under:
+            raise InputError(f"--{option} is missing, and no profile states it")
+    if robot is not None:
+        find_robot_folder(robot)
+        data["robot"] = str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot)
+    if part is not None:
+        data["part"] = read_part(part)
     for name, table in (("tool", tool), ("process", process), ("cam", cam), ("plan", plan), ("output", output)):
         if table is not None:
             data[name] = read_table_of_job(name, table)
-    data["output"] = {**data.get("output", {}), "programs": [language.lower() for language in languages]}
+    if languages:
+        data["output"] = {**data.get("output", {}), "programs": [language.lower() for language in languages]}
     if tools is not None:
         key, value = read_tools(tools)
         data[key] = value

@@ -1,94 +1,59 @@
-"""APT cutter location files (ISO 4343): GOTO and arcs in their dialects, feeds and units."""
+"""APT cutter location files (ISO 4343): GOTO, arcs in their dialects, cycles, feeds, units, machine records."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.apt_arcs import INCH, ArcReader
-from compplan.toolpath.readers.apt_cycles import FEED_OUT, AptCycle, read_cycle
-from compplan.toolpath.readers.apt_events import RECORDS, TEXT, AptMachine
-from compplan.toolpath.readers.apt_words import NUMBER, read_numbers, split_fields, split_records
-from compplan.toolpath.readers.arcs import Point, combine
+from compplan.toolpath.readers.apt_words import (
+    NUMBER,
+    AptCycle,
+    find_numbers,
+    read_cycle,
+    read_numbers,
+    split_fields,
+    split_records,
+)
+from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
+from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, Machine
+from compplan.toolpath.readers.cnc.state import INCH, State
 from compplan.toolpath.readers.lines import count_lines
-from compplan.toolpath.readers.moves import CamFile
+from compplan.toolpath.readers.moves import CamFile, MoveLog
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
-
-REFUSED = {
-    "COPY": "repeated paths",
-    "TRACUT": "transformed paths",
-    "MACRO": "macros",
-    "CALL": "macros",
-    "LOOPST": "loops",
-    "SPLINE": "splines",
-    "BSPLINE": "splines",
-    "POCKET": "pocket cycles",
-    "GOLFT": "part programs",
-    "GORGT": "part programs",
-    "GOUP": "part programs",
-    "GODOWN": "part programs",
-    "GOBACK": "part programs",
-    "GO": "part programs",
-    "HELIX": "helix records",
-    "REFSYS": "transformed paths",
-    "MIRROR": "mirrored paths",
-    "SCALE": "scaled paths",
-    "INDEX": "repeated paths",
-    "BSPLN": "splines",
-    "PITCH": "threads",
-    "PLUNGE": "plunge moves",
-}
-SILENT = {
-    "MACHIN",
-    "TLDATA",
-    "SELECT",
-    "CUTTER",
-    "INTOL",
-    "TOLER",
-    "OUTTOL",
-    "PAINT",
-    "DISPLAY",
-    "END-OF-PATH",
-    "FINI",
-    "SEQNO",
-    "REWIND",
-    "MULTAX",
-    "END",
-    "LEADER",
-    "CLEARP",
-    "CLDIST",
-    "PROBE",
-    "CLRSRF",
-    "OPSKIP",
-    "TLCOMP",
-    "CUTCOM",
-    "ARCSLP",
-    "LINTOL",
-    "MAXDPM",
-    "MAXANG",
-    "DISPLY",
-    "PROGRAM",
-    *RECORDS,
-}
-#: mm/s for one unit of feed; None: a revolution of the spindle.
-FEED_UNITS = {
-    "MMPM": 1.0 / 60.0,
-    "MMPMIN": 1.0 / 60.0,
-    "MPM": 1000.0 / 60.0,
-    "MMPS": 1.0,
-    "IPM": INCH / 60.0,
-    "FPM": 12 * INCH / 60.0,
-}
-REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
-#: Tangent arcs that must speak against the sense that is assumed before it is turned round.
-FEWEST_VOTES = 3
-
+from compplan.toolpath.readers.start import find_start, refuse_unit
 
 name = "apt"
 suffixes = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
+
+REFUSED = {
+    "COPY": "repeated paths", "INDEX": "repeated paths", "TRACUT": "transformed paths", "REFSYS": "transformed paths",
+    "MIRROR": "mirrored paths", "SCALE": "scaled paths", "MACRO": "macros", "CALL": "macros", "LOOPST": "loops",
+    "SPLINE": "splines", "BSPLINE": "splines", "BSPLN": "splines", "POCKET": "pocket cycles", "HELIX": "helix records",
+    "PITCH": "threads", "PLUNGE": "plunge moves",
+    **dict.fromkeys(("GOLFT", "GORGT", "GOUP", "GODOWN", "GOBACK", "GO"), "part programs"),
+}  # fmt: skip
+#: Records that switch the machine, that hold text, and that say nothing of the path.
+RECORDS = {"SPINDL", "COOLNT", "LOADTL", "LOAD", "TLCHG", "DELAY", "DWELL", "STOP", "OPSTOP", "AUXFUN"}
+TEXT = ("PARTNO", "PPRINT", "REMARK", "TPRINT", "TITLES", "TOOL PATH", "LETTER", "$$")
+SILENT = {
+    "MACHIN", "TLDATA", "SELECT", "CUTTER", "INTOL", "TOLER", "OUTTOL", "PAINT", "DISPLAY", "END-OF-PATH", "FINI",
+    "SEQNO", "REWIND", "MULTAX", "END", "LEADER", "CLEARP", "CLDIST", "PROBE", "CLRSRF", "OPSKIP", "TLCOMP", "CUTCOM",
+    "ARCSLP", "LINTOL", "MAXDPM", "MAXANG", "DISPLY", "PROGRAM", *RECORDS,
+}  # fmt: skip
+#: mm/s for one unit of feed; mm for one unit of feed a revolution, None: a unit of length.
+FEED_UNITS = {"MMPM": 1.0 / 60.0, "MMPMIN": 1.0 / 60.0, "MPM": 1000.0 / 60.0, "MMPS": 1.0, "IPM": INCH / 60.0,
+              "FPM": 12 * INCH / 60.0}  # fmt: skip
+REVOLUTION_UNITS = {"MMPR": 1.0, "IPR": INCH, "PERREV": None, "UPR": None}
+#: Cycles that leave the hole with the feed.
+FEED_OUT = ("BORE", "TAP", "REAM", "THREAD")
+CLOCKWISE, ANTICLOCKWISE = {"CLW", "CLOCKWISE", "CW"}, {"CCLW", "CCW", "ANTICLOCKWISE", "COUNTERCLOCKWISE"}
+#: Tangent arcs that must speak against the sense that is assumed before it is turned round.
+FEWEST_VOTES = 3
+#: Greatest number of turns of one arc.
+MOST_TURNS = 10_000
 
 
 def recognise(text: str) -> bool:
@@ -113,64 +78,84 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             macros, repeated or transformed paths, part programs whose geometry is not resolved.
 
     """
-    reader = _AptReader(file, options, flipped=False)
-    reader.run(text)
-    forwards, backwards = reader.votes
-    if options.circle_sense == "auto" and backwards >= FEWEST_VOTES and backwards > 4 * forwards:
-        reader = _AptReader(file, options, flipped=True)
-        reader.run(text)
+    reader = _AptReader(options, flipped=False)
+    for flipped in (False, True):
+        reader = _AptReader(options, flipped=flipped)
+        try:
+            reader.run(text)
+        except (InputError, ValueError) as fault:
+            message = fault.message if isinstance(fault, InputError) else str(fault)
+            raise InputError(message, file=file, where=reader.line) from None
+        forwards, backwards = reader.votes
+        if flipped or options.circle_sense != "auto" or backwards < FEWEST_VOTES or backwards <= 4 * forwards:
+            break
+    if reader.flipped:
         note = "arcs run against the usual sense of their axis: only so they leave the moves before them smoothly"
         reader.log.note(note, 1)
-    return reader.log.finish(file, "apt", reader.unit or "not stated", count_lines(text))
+    return reader.log.finish(file, name, reader.unit or "not stated", count_lines(text))
 
 
-class _AptReader(ArcReader):
+@dataclass(frozen=True)
+class _Pending:
+    """Hold an arc record until the point that ends it: a point of its axis [mm], the axis, sense, turns, radius."""
+
+    centre: Point
+    normal: Point
+    right_hand: bool
+    turns: int = 1
+    radius: float | None = None
+
+
+class _AptReader:
     """Follow a file record by record."""
 
-    def __init__(self, file: Path, options: CamTable, *, flipped: bool) -> None:
-        super().__init__(file, options, flipped=flipped)
-        self.cycle: AptCycle | None = None
+    def __init__(self, options: CamTable, *, flipped: bool) -> None:
+        self.options, self.flipped = options, flipped
+        self.line = self.first = 0  # the line that is read, and that of the first point
+        self.log = MoveLog(options.chord_tolerance_mm, self)
+        self.state = State()
+        self.machine = Machine(self.state, self.log, frozenset(), frozenset())
+        self.scale = INCH if options.unit == "inch" else 1.0
+        self.unit = ""
+        self.feed: float | None = None
+        self.revolution_feed: float | None = None
         self.feed_before: tuple[float | None, float | None] = (None, None)
+        self.rapid = self.placed = self.nx = self.away = False
+        self.cycle: AptCycle | None = None
+        self.arc: _Pending | None = None
+        self.direction: Point | None = None
+        #: Direction of the cut before, and how many arcs go on from it, and turn back on it.
+        self.before: Point | None = None
+        self.votes = [0, 0]
         self.frames: set[tuple[float, ...]] = set()
-        #: Line of the first point.
-        self.first = 0
-        self.machine = AptMachine(self.log)
 
     def run(self, text: str) -> None:
-        """Read every record.
-
-        Raises:
-            InputError: With the line, if a record is not what it has to be.
-
-        """
-        try:
-            self._run(text)
-        except ValueError as fault:
-            raise self.error(str(fault)) from None
-        except InputError as fault:
-            raise fault if fault.file else self.error(fault.message) from None
-
-    def _run(self, text: str) -> None:
+        """Read every record."""
         for self.line, record in split_records(text):
             major, _, minor = record.partition("/")
             major = re.sub(r"^N?\d+\s+", "", major.strip().upper())
             if major.startswith(TEXT):
                 self.nx = self.nx or major.startswith("TOOL PATH")
-                self.machine.tell(record, self.line)
-                continue
-            if major.startswith("INSERT"):
-                self.log.note(f"text for the control is not read: {record[:40]!r}", self.line)
-                continue
-            if major == "FINI":
+                words = re.sub(r"^(PPRINT|REMARK|TPRINT|\$\$)\s*/?\s*", "", record.strip(), flags=re.IGNORECASE)
+                if words:
+                    self.log.happen("comment", self.line, text=words)
+            elif major.startswith("INSERT"):
+                self.note(f"text for the control is not read: {record[:40]!r}")
+            elif major == "FINI":
                 break
-            self._carry_out(major, minor.strip(), record)
+            else:
+                self._carry_out(major, minor.strip(), record)
         self.machine.end(self.line)
         if not self.unit and self.options.unit is None and self.first:
             self.line = self.first
             raise refuse_unit("UNITS, or a unit of FEDRAT")
 
+    def note(self, message: str) -> None:
+        self.log.note(message, self.line)
+
     def _carry_out(self, major: str, minor: str, record: str) -> None:
         """Carry out one record."""
+        words = minor.upper()
         if major == "GOTO":
             self._goto(read_numbers(minor))
         elif major == "GODLTA":
@@ -178,83 +163,115 @@ class _AptReader(ArcReader):
         elif major == "RAPID":
             self.rapid = True
         elif major in ("FEDRAT", "FEED"):
-            self._set_feed(minor.upper())
-        elif major == "SPINDL":
-            self.spindle = float(next(iter(NUMBER.findall(minor)), self.spindle))
-            self.machine.switch(major, minor.upper(), self.line)
+            self._set_feed(words)
         elif major in RECORDS:
-            self.machine.switch(major, minor.upper(), self.line)
+            self._switch(major, words)
         elif major in ("UNITS", "UNIT"):
-            self._set_unit(minor.upper())
+            self._set_unit(words)
         elif major == "FROM":
-            point = self._point(read_numbers(minor))
+            self.log.place(*self._point(read_numbers(minor)))
             self.placed = True
-            self.log.place(point[0], point[1])
         elif major == "TLAXIS":
-            self.log.axis = self._axis(read_numbers(minor)[:3])
+            self.log.axis = _axis(read_numbers(minor)[:3])
         elif major in ("CIRCLE", "MOVARC", "ARC"):
-            self._note_arc(minor.upper())
+            self._note_arc(words)
         elif major == "INDIRV":
-            self.direction = self._axis(read_numbers(minor)[:3])
+            self.direction = _axis(read_numbers(minor)[:3])
         elif "GOFWD" in major:
-            self._follow_circle(minor.upper())
-        elif major.startswith("CYCLE"):
-            self._set_cycle(major, minor.upper())
+            self._follow_circle(words)
+        elif major == "CYCLE":
+            self._set_cycle(words)
         elif major in ("MSYS", "CSYS", "ORIGIN", "TRANS", "ROTABL", "ROTATE", "ROTHED"):
             self._change_frame(major, minor)
-        elif major.startswith("NURB"):
-            raise self.error(f"{major} (NURBS) is not read; write the path out as GOTO and CIRCLE in the CAM system")
-        elif major in REFUSED:
-            raise self.error(f"{major} ({REFUSED[major]}) is not read; write the path out as GOTO and CIRCLE")
-        elif major == "MODE" and "INCR" in minor.upper():
-            raise self.error("MODE/INCR (incremental coordinates) is not read; write absolute coordinates")
+        elif major.startswith("NURB") or major in REFUSED:
+            raise InputError(f"{major} ({REFUSED.get(major, 'NURBS')}) is not read; write the path out as GOTO and "
+                             "CIRCLE in the CAM system")  # fmt: skip
+        elif major == "MODE" and "INCR" in words:
+            raise InputError("MODE/INCR (incremental coordinates) is not read; write absolute coordinates")
         elif "=" in major or ("=" in record and major not in SILENT):
-            raise self.error(f"part program statement {record[:40]!r} is not read, only cutter location files are")
-        else:
-            self._pass_over(major)
-
-    def _pass_over(self, major: str) -> None:
-        self.nx = self.nx or major == "TLDATA"
-        if major in ("CUTCOM", "TLCOMP"):
-            self.log.note(f"{major} is left out: the points of a cutter location file are the tool's", self.line)
+            raise InputError(f"part program statement {record[:40]!r} is not read, only cutter location files are")
+        elif major in ("CUTCOM", "TLCOMP"):
+            self.note(f"{major} is left out: the points of a cutter location file are the tool's")
         elif major == "GOHOME":
-            self.log.note("GOHOME is left out", self.line)
+            self.note("GOHOME is left out")
             self.placed, self.away = False, True
         elif major not in SILENT:
-            self.log.note(f"record {major[:20]} is not read", self.line)
+            self.note(f"record {major[:20]} is not read")
+        self.nx = self.nx or major == "TLDATA"
+
+    def _switch(self, major: str, words: str) -> None:
+        """Carry out a record that switches the machine."""
+        number, machine, line = next((float(text) for text in NUMBER.findall(words)), None), self.machine, self.line
+        if major == "SPINDL" and ("OFF" in words or number == 0.0):
+            machine.stop([5.0], line)
+        elif major == "SPINDL":
+            self.state.spindle = self.state.spindle if number is None else number
+            machine.switch_on([4.0 if re.search(r"\bC?CCLW\b|\bCCW\b|COUNTER", words) else 3.0], line)
+        elif major == "COOLNT" and ("OFF" in words or "NONE" in words):
+            machine.stop([9.0], line)
+        elif major == "COOLNT":
+            machine.switch_on([7.0 if "MIST" in words else 8.0], line)
+        elif major in ("LOADTL", "LOAD", "TLCHG"):
+            self.state.tool, self.state.tool_name = number or 0.0, "" if number is not None else words[:32]
+            machine.change_tool(line)
+        elif major in ("DELAY", "DWELL"):
+            self.log.happen("dwell", line, value=max(number or 0.0, 0.0))
+        elif major != "AUXFUN":
+            self.log.happen("stop" if major == "STOP" else "optional_stop", line)
+        elif number in STARTING:
+            machine.switch_on([number], line)
+        elif number in STOPPING:
+            machine.stop([number], line)
+        else:
+            self.note(f"AUXFUN/{-1.0 if number is None else number:g} is not read")
+
+    def _begin_cut(self, axis: Point) -> None:
+        """Let a cut begin where the tool is; refuse it where that is not known."""
+        if self.placed:
+            return
+        reason = "after GOHOME" if self.away else "no FROM or RAPID comes before it"
+        start = find_start(self.log.position, range(3), self.options.from_mm, reason)
+        if self.log.waypoints:
+            self.log.rapid(start, axis)
+        else:
+            self.log.place(start, axis)
+        self.placed = True
 
     def _point(self, numbers: list[float]) -> tuple[Point, Point]:
         """Return tip and tool axis of a record; the axis stays where it is not given."""
         if len(numbers) not in (2, 3, 6) and len(numbers) < 6:
-            raise self.error(f"{len(numbers)} numbers, expected x, y, z or x, y, z, i, j, k")
+            raise InputError(f"{len(numbers)} numbers, expected x, y, z or x, y, z, i, j, k")
         if len(numbers) == 2 and not self.placed:
-            raise self.error("x, y without z before any place of the tool is known, expected x, y, z")
+            raise InputError("x, y without z before any place of the tool is known, expected x, y, z")
         x, y, z = [*numbers, self.log.position[2] / self.scale][:3]
-        axis = self._axis(numbers[3:6]) if len(numbers) >= 6 else self.log.axis
-        return (x * self.scale, y * self.scale, z * self.scale), axis
+        return self._scaled([x, y, z]), _axis(numbers[3:6]) if len(numbers) >= 6 else self.log.axis
+
+    def _scaled(self, numbers: list[float]) -> Point:
+        return numbers[0] * self.scale, numbers[1] * self.scale, numbers[2] * self.scale
 
     def _shift(self, numbers: list[float]) -> None:
+        """Carry out GODLTA: a step, or a distance along the tool axis."""
         if len(numbers) not in (1, 3):
-            raise self.error(f"{len(numbers)} numbers, expected dx, dy, dz or a distance along the tool axis")
-        self.begin_cut(self.log.axis)
+            raise InputError(f"{len(numbers)} numbers, expected dx, dy, dz or a distance along the tool axis")
         axis = self.log.axis
+        self._begin_cut(axis)
         step = (numbers[0], numbers[1], numbers[2]) if len(numbers) == 3 else combine(numbers[0], axis, 0.0, axis)
         self._goto(list(combine(1.0 / self.scale, self.log.position, 1.0, step)))
 
     def _set_unit(self, words: str) -> None:
         unit = "inch" if words.startswith("IN") else "mm" if words.startswith(("MM", "MILLI")) else ""
         if not unit:
-            raise self.error(f"unit {words!r}, choose from MM, INCHES")
+            raise InputError(f"unit {words!r}, choose from MM, INCHES")
         self.scale = INCH if unit == "inch" else 1.0
         self.unit = unit if self.unit in ("", unit) else "mm, inch"
 
     def _set_feed(self, words: str) -> None:
-        numbers = self._numbers(words)
+        numbers, units = find_numbers(words), re.findall(r"[A-Z]+", words)
         if not numbers:
-            self.log.note(f"feed {words[:20]!r} is not read", self.line)
+            self.note(f"feed {words[:20]!r} is not read")
             return
         self.revolution_feed = None
-        for word in re.findall(r"[A-Z]+", words):
+        for word in units:
             if word in FEED_UNITS:
                 self.feed = numbers[0] * FEED_UNITS[word]
                 self._infer_unit(word.startswith("I"))
@@ -263,25 +280,30 @@ class _AptReader(ArcReader):
                 self.revolution_feed = numbers[0] * (REVOLUTION_UNITS[word] or self.scale)
                 return
         self.feed = numbers[0] * self.scale / 60.0  # PERMIN, UPM, or no word at all
-        if unknown := [word for word in re.findall(r"[A-Z]+", words) if word not in ("PERMIN", "UPM", "FEED")]:
-            self.log.note(f"feed unit {unknown[0][:20]!r} is not known: feeds are taken per minute", self.line)
-        if not re.search(r"[A-Z]", words):
-            self.log.note("feeds without a unit are taken per minute", self.line)
+        if unknown := [word for word in units if word not in ("PERMIN", "UPM", "FEED")]:
+            self.note(f"feed unit {unknown[0][:20]!r} is not known: feeds are taken per minute")
+        if not units:
+            self.note("feeds without a unit are taken per minute")
 
     def _infer_unit(self, inch: bool) -> None:
         """Take the unit of lengths from that of the feed where none is stated."""
         if self.unit or self.options.unit:
             return
         if inch and (self.placed or self.log.waypoints):
-            raise self.error("a feed in inches follows points whose unit is not stated; state it with --unit")
-        self.unit = "inch" if inch else "mm"
-        self.scale = INCH if inch else 1.0
-        self.log.note(f"no unit is stated before the first feed: {self.unit} is taken from it", self.line)
+            raise InputError("a feed in inches follows points whose unit is not stated; state it with --unit")
+        self.unit, self.scale = ("inch", INCH) if inch else ("mm", 1.0)
+        self.note(f"no unit is stated before the first feed: {self.unit} is taken from it")
 
-    def _set_cycle(self, major: str, words: str) -> None:
-        if major != "CYCLE":
-            self.log.note(f"record {major[:20]} is not read", self.line)
-            return
+    def _speed(self) -> float:
+        """Return the feed in mm/s, 0 where none is known."""
+        feed, spindle = self.feed, self.state.spindle
+        if self.revolution_feed is not None:
+            feed = self.revolution_feed * spindle / 60.0 if spindle > 0.0 else None
+        if feed is None:
+            self.note("cutting moves before any feed have none")
+        return feed or 0.0
+
+    def _set_cycle(self, words: str) -> None:
         if self.cycle is not None:
             self.feed, self.revolution_feed = self.feed_before
         self.cycle = None
@@ -295,30 +317,32 @@ class _AptReader(ArcReader):
         """Go to a hole, and cut it where holes are cut; pecks, dwells and turned tools are left out."""
         log = self.log
         if self.options.cycles != "expand":
-            log.note("drilling cycles are left out: the tool moves rapidly above the holes (option cycles)", self.line)
+            self.note("drilling cycles are left out: the tool moves rapidly above the holes (option cycles)")
             log.rapid(point, axis)
             return
         if cycle.depth is None:
-            raise self.error(f"CYCLE/{cycle.kind} states no depth (DEPTH, FEDTO), so its holes cannot be cut")
-        above, begin = (combine(1.0, point, way * self.scale, axis) for way in (cycle.retract, cycle.clear))
+            raise InputError(f"CYCLE/{cycle.kind} states no depth (DEPTH, FEDTO), so its holes cannot be cut")
+        levels = (cycle.retract, cycle.clear, -cycle.depth)
+        above, begin, bottom = (combine(1.0, point, level * self.scale, axis) for level in levels)
         log.rapid(above, axis)
         log.rapid(begin, axis)
-        log.line(combine(1.0, point, -cycle.depth * self.scale, axis), self._speed(), axis)
-        if cycle.kind.startswith(tuple(FEED_OUT)):
+        log.line(bottom, self._speed(), axis)
+        if cycle.kind.startswith(FEED_OUT):
             log.line(begin, self._speed(), axis)
         log.rapid(above, axis)
 
     def _change_frame(self, major: str, minor: str) -> None:
-        if major in ("TRANS", "ROTABL", "ROTATE", "ROTHED"):
-            if any(self._numbers(minor)):
-                raise self.error(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
+        numbers = find_numbers(minor)
+        if major not in ("MSYS", "CSYS", "ORIGIN"):
+            if any(numbers):
+                raise InputError(f"{major}/{minor[:30]} turns or shifts the path and is not read; write the path out")
             return
-        self.frames.add(tuple(self._numbers(minor)))
+        self.frames.add(tuple(numbers))
         if len(self.frames) > 1 and major == "MSYS":
-            raise self.error("MSYS changes on the way: points of several machine coordinate systems are not joined; "
+            raise InputError("MSYS changes on the way: points of several machine coordinate systems are not joined; "
                              "write one file a system, or all points in one")  # fmt: skip
         if len(self.frames) > 1:
-            self.log.note(f"{major} changes on the way: all coordinates are taken in one frame", self.line)
+            self.note(f"{major} changes on the way: all coordinates are taken in one frame")
 
     def _goto(self, numbers: list[float]) -> None:
         """Move to a point: rapidly, above a hole, along a pending arc, or straight."""
@@ -327,8 +351,8 @@ class _AptReader(ArcReader):
         rapid, self.rapid = self.rapid, False
         arc, self.arc = self.arc, None
         if not rapid and self.cycle is None:
-            self.begin_cut(axis)
-        start = self.log.position
+            self._begin_cut(axis)
+        start, self.placed = self.log.position, True
         if self.cycle is not None:
             with self.log.hole():
                 self._drill(self.cycle, point, axis)
@@ -336,10 +360,91 @@ class _AptReader(ArcReader):
             self.log.rapid(point, axis)
         elif arc is not None:
             self._cut_arc(arc, start, point, axis)
-            self.placed = True
             return
         else:
             self.log.line(point, self._speed(), axis)
-        self.placed = True
         length = math.dist(point, start)
         self.before = combine(1.0 / length, point, -1.0 / length, start) if length > 1e-6 and not rapid else None
+
+    def _note_arc(self, words: str) -> None:
+        """Keep an arc record until the GOTO that ends it."""
+        if re.match(r"\s*[XYZIJKR]\s*,", words):
+            self._cut_lettered(words)
+            return
+        if "(" in words:
+            raise InputError(f"arc record {words[:40]!r} is not read, expected x, y, z, i, j, k, r")
+        angle = re.search(r"ANGLE\s*,\s*([-+.\d]+)", words)
+        times = re.search(r"TIMES\s*,\s*([\d.]+)", words)
+        plain = re.sub(r",?\s*(ANGLE|TIMES)\s*,\s*[-+.\d]+", "", words).strip(", ")
+        numbers = find_numbers(plain)
+        if len(numbers) < 6:
+            raise InputError(f"arc record with {len(numbers)} numbers, expected x, y, z, i, j, k, r")
+        found = set(re.findall(r"[A-Z]+", plain))
+        clockwise = bool(found & CLOCKWISE) or (not found & ANTICLOCKWISE and (self.nx or len(numbers) >= 11))
+        if self.options.circle_sense != "auto":
+            clockwise = self.options.circle_sense == "left_hand"
+        count = abs(float(angle.group(1))) / 360.0 - 1e-6 if angle else float(times.group(1)) if times else 1.0
+        if count > MOST_TURNS:
+            raise InputError(f"arc of {count:g} turns, at most {MOST_TURNS} are read")
+        turns = max(1, math.ceil(count) if angle else int(count))
+        radius = numbers[6] * self.scale if len(numbers) > 6 else None
+        centre, normal = self._scaled(numbers), _axis(numbers[3:6])
+        self.arc = _Pending(centre, normal, clockwise == self.flipped, turns, radius)
+
+    def _cut_lettered(self, words: str) -> None:
+        """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
+        pairs = re.findall(r"([XYZIJK])\s*,\s*([-+]?(?:\d+\.?\d*|\.\d+))", words)
+        values = {letter: float(number) * self.scale for letter, number in pairs}
+        if values.keys().isdisjoint("IJK"):
+            raise InputError(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")
+        self._begin_cut(self.log.axis)
+        start = self.log.position
+        x, y, z = (values.get(letter, old) for letter, old in zip("XYZ", start, strict=True))
+        i, j, k = (values.get(letter, 0.0) for letter in "IJK")
+        anticlockwise = not ANTICLOCKWISE.isdisjoint(re.findall(r"[A-Z]+", words))
+        pending = _Pending(combine(1.0, start, 1.0, (i, j, k)), self.log.axis, anticlockwise)
+        self._cut_arc(pending, start, (x, y, z), self.log.axis)
+
+    def _follow_circle(self, words: str) -> None:
+        """Read TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,x,y,z): the line ends where the arc ends (CATIA)."""
+        circle = re.search(r"\(\s*CIRCLE\s*/([^()]*)\)", words)
+        end = re.search(r"\(\s*(?:LINE|POINT)\s*/([^()]*)\)", words)
+        centre, last = (find_numbers(found.group(1)) if found else [] for found in (circle, end))
+        if len(centre) < 4 or len(last) < 3 or self.direction is None:
+            raise InputError(
+                f"motion {words[:40]!r} is not read, expected INDIRV and GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/..)"
+            )
+        self._begin_cut(self.log.axis)
+        start, middle, normal = self.log.position, self._scaled(centre), self.log.axis
+        right_hand = dot(cross(normal, combine(1.0, start, -1.0, middle)), self.direction) > 0.0
+        self._cut_arc(_Pending(middle, normal, right_hand), start, self._scaled(last[-3:]), normal)
+
+    def _cut_arc(self, pending: _Pending, start: Point, end: Point, axis: Point) -> None:
+        """Cut along an arc, and keep how it leaves for the arc after it."""
+        arc = arc_about(start, end, pending.centre, pending.normal, right_hand=pending.right_hand, turns=pending.turns)
+        if not fits_circle(arc.radius, arc.end_radius):
+            raise InputError(f"arc starts {arc.radius:.4f} mm from its axis and ends {arc.end_radius:.4f} mm from it, "
+                             "expected the same radius")  # fmt: skip
+        if pending.radius is not None and abs(pending.radius - arc.radius) > max(0.1, 0.02 * arc.radius):
+            self.note(f"an arc record states the radius {pending.radius:g} mm, its points lie on {arc.radius:.4g} mm: "
+                      "the points are taken")  # fmt: skip
+        self._vote(arc)
+        self.log.arc(arc, end, self._speed())
+        if max(abs(one - other) for one, other in zip(axis, self.log.axis, strict=True)) > 1e-6:
+            self.note("the tool axis turns at the end of an arc, not along it")
+            self.log.line(end, self._speed(), axis)
+        self.before = arc.tangent(arc.sweep)
+
+    def _vote(self, arc: Arc) -> None:
+        """Count whether an arc goes on from the move before it, or turns back on it."""
+        along = 0.0 if self.before is None else dot(arc.tangent(0.0), self.before)
+        if abs(along) > 0.99:
+            self.votes[0 if along > 0.0 else 1] += 1
+
+
+def _axis(vector: list[float]) -> Point:
+    """Return the direction of a tool axis."""
+    length = math.hypot(*vector)
+    if len(vector) != 3 or not 1e-3 < length < 1e3:
+        raise InputError(f"tool axis {vector} is no direction")
+    return vector[0] / length, vector[1] / length, vector[2] / length

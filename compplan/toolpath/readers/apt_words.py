@@ -1,23 +1,32 @@
-"""The records of an APT file and their fields: numbers are numbers whole, or they are refused."""
+"""The records of an APT file and their fields: numbers are numbers whole, or they are refused; drilling cycles."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+from compplan.errors import InputError
 from compplan.toolpath.readers.lines import LONGEST_LINE, split_lines
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
 WORD = re.compile(r"[A-Z][A-Z0-9._+\-/ ]*")
 #: Words that begin with digits: 1STPECK, 3DCUT, 5AXIS; a number with a letter O for a zero, or an exponent, is none.
 ORDINAL = re.compile(r"\d{1,2}(?!O+\b)[A-Z]{3,}[A-Z0-9_\-]*")
+#: Words of a cycle: its depth, the level that the feed begins at, the one that the tool goes back to, its feed.
+DEPTH, CLEAR, RETRACT = ("DEPTH", "DEEP", "FEDTO"), ("RAPTO", "CLEAR", "CLEARANCE"), ("RTRCTO", "RETURN")
+FEED_WORDS = {"MMPM", "MMPMIN", "IPM", "MMPR", "IPR", "PERMIN", "PERREV", "FEDRAT", "UPM", "UPR", "FPM", "MPM"}
+#: Words followed by a number that does not shape the path.
+OTHER = {"1STPECK", "BACKFEED", "BOTTOM", "BRKCHP", "CAM", "CHIP", "CSINK", "DECR", "DWELL", "DWELLR", "INCR", "LEAD",
+         "MINPECK", "MMPP", "NUMBER", "OPTION", "ORIENT", "PECK", "PECKMIN", "PITCH", "REV", "RPM", "SEC", "SPINDL",
+         "STEP", "STEP1", "STEP2", "SUBPECK", "TIMES", "TPI"}  # fmt: skip
 
 
 def split_records(text: str) -> Iterator[tuple[int, str]]:
     """Yield each record with the line that it begins in; $ continues it, $$ begins a comment: whole lines are yielded.
 
     Raises:
-        ValueError: If a record is longer than any line may be.
+        InputError: If a record is longer than any line may be.
 
     """
     pending, first = "", 0
@@ -30,10 +39,9 @@ def split_records(text: str) -> Iterator[tuple[int, str]]:
         if line.endswith("$"):
             pending += line[:-1]
             if len(pending) > LONGEST_LINE:
-                raise ValueError(f"record of more than {LONGEST_LINE} characters in line {first}; no more are read")
+                raise InputError(f"record of more than {LONGEST_LINE} characters in line {first}; no more are read")
             continue
-        record = (pending + line).strip()
-        pending = ""
+        record, pending = (pending + line).strip(), ""
         if record:
             yield first, record
     if pending.strip():
@@ -44,11 +52,10 @@ def split_fields(minor: str) -> list[float | str]:
     """Return the fields of a record, numbers as such.
 
     Raises:
-        ValueError: If a field is neither a number nor a word: 1O, 1.2.3, nothing between two commas.
+        InputError: If a field is neither a number nor a word: 1O, 1.2.3, nothing between two commas.
 
     """
-    texts = minor.upper().split(",") if "," in minor else minor.upper().split()
-    texts = [text.strip() for text in texts]
+    texts = [text.strip() for text in (minor.upper().split(",") if "," in minor else minor.upper().split())]
     if len(texts) > 3 and not texts[-1]:
         texts.pop()
     fields: list[float | str] = []
@@ -58,19 +65,81 @@ def split_fields(minor: str) -> list[float | str]:
         elif WORD.fullmatch(text) or ORDINAL.fullmatch(text):
             fields.append(text)
         else:
-            raise ValueError(f"field {text[:20]!r} is neither a number nor a word")
+            raise InputError(f"field {text[:20]!r} is neither a number nor a word")
     return fields
 
 
-def read_numbers(minor: str) -> list[float]:
-    """Return the fields of a record that holds numbers alone.
+def find_numbers(minor: str) -> list[float]:
+    """Return the numbers of a record that may hold words as well."""
+    return [field for field in split_fields(minor) if not isinstance(field, str)] if minor else []
 
-    Raises:
-        ValueError: If a field is no number.
+
+def read_numbers(minor: str) -> list[float]:
+    """Return the fields of a record that holds numbers alone."""
+    for field in split_fields(minor) if minor else ():
+        if isinstance(field, str):
+            raise InputError(f"field {field[:20]!r} is no number")
+    return find_numbers(minor)
+
+
+@dataclass(frozen=True)
+class AptCycle:
+    """Hold a drilling cycle, in the unit of the file.
+
+    Args:
+        kind: DRILL, TAP, ...
+        depth: How far below the programmed point the hole ends, along the tool axis; None: not said.
+        clear: How far above it the feed begins.
+        retract: How far above it the tool comes and goes.
+        feed: Feed words of the record, as those of FEDRAT, "" without any.
 
     """
-    fields = split_fields(minor) if minor else []
-    for field in fields:
+
+    kind: str
+    depth: float | None
+    clear: float
+    retract: float
+    feed: str
+
+
+def read_cycle(fields: Sequence[float | str]) -> AptCycle:
+    """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
+
+    A depth is of either sign. In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or
+    CYCLE/kind, d, f, IPM, c.
+
+    Raises:
+        InputError: If a number belongs to no word that is known.
+
+    """
+    if not fields:
+        raise InputError("a cycle has no kind, expected CYCLE/DRILL, ..")
+    kind = word = str(fields[0])
+    depth: float | None = None
+    levels: dict[str, float] = {}
+    feed, bare = "", list[float]()
+    for field in fields[1:]:
         if isinstance(field, str):
-            raise ValueError(f"field {field[:20]!r} is no number")
-    return [field for field in fields if not isinstance(field, str)]
+            word = field
+            if word in FEED_WORDS and len(bare) == 2 and depth is None and not feed:
+                feed, word = f"{bare.pop()!r},{word}", kind
+            continue
+        if word in DEPTH:
+            depth = abs(field)
+        elif word in CLEAR or word in RETRACT:
+            levels[word] = field
+        elif word in FEED_WORDS:
+            feed = f"{field!r},{word}" if word != "FEDRAT" else f"{field!r}"
+        elif word in ("", kind):
+            bare.append(field)
+        elif word not in OTHER:
+            raise InputError(f"number {field:g} after {word} in a cycle is not known")
+        word = kind
+    if bare and depth is None:
+        depth = abs(bare.pop(0))
+    if bare:
+        levels.setdefault("CLEAR", bare.pop(0))
+    if bare:
+        raise InputError(f"number {bare[0]:g} in a cycle is not known")
+    clear = next((levels[word] for word in (*CLEAR, *RETRACT) if word in levels), 0.0)
+    return AptCycle(kind, depth, clear, max([clear, *levels.values()]), feed)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.errors import InputError
 from compplan.io.tables import Array
 
 Point = tuple[float, float, float]
@@ -19,6 +20,10 @@ MISMATCH_MM = 0.02
 MISMATCH_SHARE = 2e-3
 #: ... and never more than this, as in LinuxCNC. [mm]
 MOST_MISMATCH_MM = 0.5
+#: Greatest coordinate that is taken for true: a hundred kilometres; greatest radius of an arc: a kilometre. [mm]
+FARTHEST, LARGEST_RADIUS = 1e8, 1e6
+#: Greatest angle of a circle: a hundred turns. [rad]
+MOST_ANGLE = 200.0 * math.pi
 #: Angles [rad] and lengths [mm] below this count as zero.
 NOTHING = 1e-9
 
@@ -143,6 +148,43 @@ def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *
     sign = 1.0 if right_hand == (radius > 0.0) else -1.0
     middle = combine(1.0, start, 0.5, across)
     return combine(1.0, middle, sign * height / chord, cross(normal, across))
+
+
+def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
+    """Return the arc from start over a point to an end.
+
+    With u from start to via, v from start to end and n = u x v, the centre lies at
+    (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
+
+    Args:
+        start: Start. [mm]
+        via: Point on the way. [mm]
+        end: End. [mm]
+        angle: Angle of the arc in place of the one that ends at `end`. [rad]
+
+    Raises:
+        InputError: If the points lie on a line.
+
+    """
+    u, v = combine(1.0, via, -1.0, start), combine(1.0, end, -1.0, start)
+    normal = cross(u, v)
+    size, uu, vv = math.hypot(*normal), dot(u, u), dot(v, v)
+    farthest = max(map(abs, (*start, *via, *end)))
+    if not farthest < FARTHEST:
+        raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
+    if size <= 1e-9 * max(uu, vv, 1e-9):
+        raise InputError("start, middle and end of a circle lie on a line")
+    offset = combine(vv, cross(normal, u), uu, cross(v, normal))
+    centre = combine(1.0, start, 0.5 / (size * size), offset)
+    arc = arc_about(start, end, centre, combine(1.0 / size, normal, 0.0, normal), right_hand=True)
+    if arc.radius > LARGEST_RADIUS:
+        raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
+    if angle is None:
+        return arc
+    if not 0.0 < abs(angle) <= MOST_ANGLE:
+        most = f"expected at most {math.degrees(MOST_ANGLE):g} and not 0"
+        raise InputError(f"angle of a circle is {math.degrees(angle):g} deg, {most}")
+    return Arc(arc.centre, arc.first, arc.normal, arc.radius, arc.radius, angle, 0.0)
 
 
 def sample_arcs(arcs: Sequence[Arc], chord: float) -> tuple[Array, NDArray[np.int64]]:

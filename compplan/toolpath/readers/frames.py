@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-from compplan.toolpath.readers.arcs import Arc, Point, combine, cross, dot
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 
 Rows = tuple[Point, Point, Point]
 UNIT: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -20,7 +16,7 @@ NOWHERE: Point = (0.0, 0.0, 0.0)
 class Frame:
     """Hold an affine map: p_part = rows p + origin; rows is a rotation, mirrored or not, times a scale.
 
-    `invert`, `scale` and `mirrored` are those of a similarity, whose scale is one; `undo` takes a scale for each axis.
+    `scale` is that of a similarity.
 
     Args:
         rows: Rows of the matrix.
@@ -59,34 +55,21 @@ class Frame:
         """Return the frame of the part as seen from this one."""
         if self.rows is UNIT:
             return Frame(UNIT, (-self.origin[0], -self.origin[1], -self.origin[2]))
-        square = dot(self.rows[0], self.rows[0])
-        rows = tuple(tuple(self.rows[j][i] / square for j in range(3)) for i in range(3))
+        a, b, c = self.rows
+        columns = cross(b, c), cross(c, a), cross(a, b)
+        size = dot(a, columns[0])
+        rows = tuple(tuple(column[i] / size for column in columns) for i in range(3))
         back = Frame(rows)  # type: ignore[arg-type]
         x, y, z = back.turn(self.origin)
         return Frame(back.rows, (-x, -y, -z))
 
-    def undo(self, point: Point) -> Point:
-        """Return the point of the frame that stands here; its axes may be scaled apart from each other."""
-        return as_point(np.linalg.solve(np.array(self.rows), np.subtract(point, self.origin)))
-
-    def measure_scale(self) -> float | None:
-        """Return by what lengths grow, negative where it mirrors; None where not all directions grow alike."""
-        gram = np.array(self.rows) @ np.array(self.rows).T
-        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=1e-9, atol=1e-12):
-            return None
-        return math.copysign(math.sqrt(gram[0, 0]), float(np.linalg.det(np.array(self.rows))))
-
-    def place_arc(self, arc: Arc) -> Arc | None:
-        """Return what becomes of an arc; None where it would be one of an ellipse."""
-        scale = self.measure_scale()
-        if scale is None:
-            return None
-        size, sense = abs(scale), math.copysign(1.0, scale)
-        return replace(
-            arc, centre=self.apply(arc.centre), first=combine(1.0 / size, self.turn(arc.first), 0.0, arc.first),
-            normal=combine(1.0 / size, self.turn(arc.normal), 0.0, arc.normal), radius=arc.radius * size,
-            end_radius=arc.end_radius * size, sweep=arc.sweep * sense, rise=arc.rise * size,
-        )  # fmt: skip
+    @property
+    def similar(self) -> bool:
+        """Whether lengths grow alike in all directions."""
+        a, b, c = self.rows
+        size = dot(a, a)
+        apart = (dot(a, b), dot(b, c), dot(c, a), dot(b, b) - size, dot(c, c) - size)
+        return max(map(abs, apart)) <= 1e-9 * size
 
     @property
     def mirrored(self) -> bool:
@@ -143,32 +126,12 @@ def stand_on(first: Point, normal: Point) -> Frame:
     return Frame(tuple(zip(x, y, z, strict=True)))  # type: ignore[arg-type]
 
 
-def as_point(numbers: Sequence[float] | np.ndarray) -> Point:
-    """Return three numbers as a point, without negative zeros."""
-    return float(numbers[0]) + 0.0, float(numbers[1]) + 0.0, float(numbers[2]) + 0.0
-
-
-def turn_about(centre: Point, turn: Rotation) -> Frame:
-    """Return a rotation about a point [mm]."""
-    matrix = turn.as_matrix()
-    rows = as_point(matrix[0]), as_point(matrix[1]), as_point(matrix[2])
-    return Frame(rows, combine(1.0, centre, -1.0, as_point(matrix @ np.array(centre))))
-
-
 def scale_about(centre: Point, scales: Point) -> Frame:
     """Return a scaling of each axis about a point [mm]; negative scales mirror."""
-    rows = (scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])
-    return Frame(rows, as_point([centre[axis] * (1.0 - scales[axis]) for axis in range(3)]))
+    x, y, z = (centre[axis] * (1.0 - scales[axis]) for axis in range(3))
+    return Frame(((scales[0], 0.0, 0.0), (0.0, scales[1], 0.0), (0.0, 0.0, scales[2])), (x, y, z))
 
 
-def tilt_plane(origin: Point, turn: Rotation, zero: Point) -> Frame:
-    """Return a tilted work plane: its coordinates count from `origin`, which itself counts from the program's zero.
-
-    Args:
-        origin: Origin of the plane. [mm]
-        turn: Rotation of its axes, as seen from the part.
-        zero: Where the program's zero stands. [mm]
-
-    """
-    turned = turn_about(zero, turn)
-    return replace(turned, origin=combine(1.0, turned.origin, 1.0, origin))
+def turn_about(centre: Point, turn: Frame) -> Frame:
+    """Return a rotation about a point [mm]."""
+    return Frame(turn.rows, combine(1.0, centre, -1.0, turn.turn(centre)))

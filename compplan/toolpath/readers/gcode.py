@@ -5,11 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.moves import OffCircleError
-from compplan.toolpath.readers.cnc.rs274 import find_code
-from compplan.toolpath.readers.cnc.state import State
+from compplan.toolpath.readers.cnc.course import OffCircleError
+from compplan.toolpath.readers.cnc.rs274 import Rs274
+from compplan.toolpath.readers.cnc.state import INCH, State
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable
@@ -62,11 +60,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     lines = split_lines(text)
     changes_by_t, printer = CHANGE.search(text) is None, PRINTER.search(text) is not None
     for reading in readings:
+        scale = INCH if options.unit == "inch" else 1.0
         state = State(
-            25.4 if options.unit == "inch" else 1.0, reading, changes_by_t=changes_by_t, printer=printer,
+            scale, feed_scale=scale, centres=reading, changes_by_t=changes_by_t, printer=printer,
             siemens=file.suffix.lower() in (".mpf", ".spf"),
         )  # fmt: skip
-        reader = Interpreter(file, options, state, find_code)
+        reader = Rs274(file, options, state)
         try:
             reader.run(lines)
         except OffCircleError as fault:
@@ -74,14 +73,12 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
             if state.centres_stated:
                 break
             continue
-        except InputError as fault:
-            raise fault if fault.file else reader.error(fault.message) from None
         if first_fault is not None:
-            if len(reader.motion.proofs) < FEWEST_PROOFS:
+            if len(reader.it.motion.proofs) < FEWEST_PROOFS:
                 continue
             meaning = {"absolute": "absolute", "reversed": "counted from the centre to the start"}[reading]
             note = f"arc centres I J K are read as {meaning}: only so every arc of the file lies on a circle"
-            reader.log.note(note, int(first_fault.where or 1))
-        return reader.log.finish(file, "gcode", ", ".join(state.units) or "not stated", len(lines))
+            reader.it.log.note(note, int(first_fault.where or 1))
+        return reader.it.finish("gcode", ", ".join(state.units) or "not stated", len(lines))
     assert first_fault is not None
     raise first_fault

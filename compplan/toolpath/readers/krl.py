@@ -4,39 +4,45 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.krl_flow import ProgramReader
-from compplan.toolpath.readers.krl_words import (
-    AGGREGATE,
-    ANGLES,
-    ASKED,
-    ASSIGN,
-    AXES,
-    BAS,
-    CALL,
-    CLOSES,
-    ENDING,
-    EXTERNAL,
-    ITEM,
-    MOTION,
-    OPENS,
-    OUTPUT,
-    PLACE,
-    SILENT,
-    WAITS,
-    read_pose,
-)
+from compplan.toolpath.readers.krl_flow import CALL, KrlFlow
 from compplan.toolpath.readers.lines import count_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, RobotMoves, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
+
+ITEM = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'[BH][0-9A-F]+')\s*(?:,|$)")
+AGGREGATE = re.compile(r"\{\s*(?:[A-Z]\w*\s*:)?([^{}]*)\}")
+ASSIGN = re.compile(
+    r"(?:DECL\s+|GLOBAL\s+|CONST\s+)*(?:[A-Z]\w*\s+)?(\$?[A-Z][\w.]*(?:\[\s*\d+\s*\])?(?:\.\w+)?)\s*=\s*(.+)$"
+)
+#: What may follow a position: approximation.
+ENDING = re.compile(r"(\s*C_[A-Z]+|\s*CA\s.*)*\s*$")
+OUTPUT = re.compile(r"(\$OUT\[\d+\])\s*=\s*(TRUE|FALSE)$")
+WAITS = re.compile(rf"WAIT\s+SEC\s+({NUMBER})$")
+#: Statements that a robot program of another language cannot repeat: the operator is asked.
+ASKED = re.compile(r"WAIT\b|PULSE\b|TRIGGER\b|\$A?N?OUT|ANOUT\b")
+MOTION = re.compile(r"(S?LIN|S?CIRC|S?PTP|SPL|SPLINE|ENDSPLINE|LIN_REL|PTP_REL|CIRC_REL|S\w+_REL)\b")
+OPENS = re.compile(r"(IF|FOR|WHILE|LOOP|REPEAT|SWITCH)\b")
+CLOSES = re.compile(r"(ENDIF|ENDFOR|ENDWHILE|ENDLOOP|UNTIL|ENDSWITCH)\b")
+BAS = re.compile(r"BAS\s*\(\s*#(\w+)\s*,\s*([^)]*)\)")
+PLACE, ANGLES, AXES = ("X", "Y", "Z"), ("A", "B", "C"), tuple(f"A{number}" for number in range(1, 7))
+EXTERNAL = tuple(f"E{number}" for number in range(1, 7))
+#: Statements that say nothing about the path.
+SILENT = re.compile(
+    r"DECL|INT|REAL|BOOL|CHAR|EXT|INTERRUPT|GLOBAL|WAIT|HALT|CONTINUE|TRIGGER|SIGNAL|RETURN|BRAKE|PULSE|ENDFCT|ENUM|STRUC|"
+    r"DEFDAT|ENDDAT|ANOUT|ANIN|CASE|DEFAULT|ELSE|IMPORT|RESUME|CREAD|CWRITE|COPEN|CCLOSE|E6POS|E6AXIS|FRAME|POS|AXIS|"
+    r"CHANNEL|CONFIRM|FDAT|LDAT|PDAT|ON_ERROR_PROCEED|TIME_BLOCK|CONST_VEL"
+)
 
 
 def recognise(text: str) -> bool:
@@ -60,18 +66,29 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
     """
     reader = _KrlReader(file, options)
-    reader.run(text)
+    reader.flow.run(text)
     return reader.moves.log.finish(file, "krl", "mm", count_lines(text))
 
 
-class _KrlReader(ProgramReader):
+def read_pose(numbers: Mapping[str, float]) -> Array:
+    """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
+    a, b, c = (math.radians(numbers[key]) for key in ANGLES)
+    sa, ca, sb, cb, sc, cc = math.sin(a), math.cos(a), math.sin(b), math.cos(b), math.sin(c), math.cos(c)
+    return np.array([
+        [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc, numbers["X"]],
+        [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc, numbers["Y"]],
+        [-sb, cb * sc, cb * cc, numbers["Z"]],
+        [0.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
+
+
+class _KrlReader:
     """Follow a program statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        super().__init__(file)
-        self.options = options
-        self.moves = RobotMoves(options)
-        self.moves.log.reader = self
+        self.program = RobotProgram(file, options)
+        self.options, self.moves, self.note = options, self.program.moves, self.program.note
+        self.flow = KrlFlow(self.program, self.carry_out, self.assign)
         self.feed = 0.0
         self.own: float | None = None
         self.frames: dict[str, Array] = {"$NULLFRAME": np.eye(4)}
@@ -81,52 +98,36 @@ class _KrlReader(ProgramReader):
         self.positions: dict[str, str] = {}
         self.last: dict[str, float] = {}
         self.spline: list[Array] | None = None
-        self.called = ""
 
     def carry_out(self, statement: str) -> None:
         if OPENS.match(statement):
-            self.blocks += 1
+            self.program.blocks += 1
         elif CLOSES.match(statement):
-            self.blocks = max(0, self.blocks - 1)
+            self.program.blocks = max(0, self.program.blocks - 1)
         elif re.match(r"GOTO\b", statement):
-            raise self.error("GOTO is not read; write the moves out in a row")
+            raise InputError("GOTO is not read; write the moves out in a row")
         elif re.match(r"ASY?S?PTP\b|ASYPTP\b", statement):
-            raise self.error("ASYPTP (external axes on their own) is not read; write positions with E1 .. E6")
+            raise InputError("ASYPTP (external axes on their own) is not read; write positions with E1 .. E6")
         elif MOTION.match(statement) and not re.match(r"\w+\s*(=|\()", statement):
-            if self.blocks:
-                raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+            self.program.check_row(statement)
             self._move(statement)
         elif BAS.match(statement):
             self._set_up(*BAS.match(statement).groups())  # type: ignore[union-attr]
         elif self._switch(statement) or self.assign(statement) or SILENT.match(statement) or statement.endswith(":"):
             pass
         elif CALL.match(statement):
-            self.call(statement)
+            self.flow.call(statement)
         else:
-            self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
-
-    def tell(self, raw: str) -> None:
-        """Keep a comment; folds are the editor's."""
-        text = raw.partition(";")[2].strip() if ";" in raw else ""
-        if text and not re.match(r"(END)?FOLD\b|%\{", text, re.IGNORECASE):
-            self.moves.log.happen("comment", self.line, text=text)
+            self.note(f"statement {statement.split()[0][:20]} is not read")
 
     def _switch(self, statement: str) -> bool:
         """Carry out a statement that waits, stops or sets a signal; return whether it is one."""
-        log, output, waits = self.moves.log, OUTPUT.match(statement), WAITS.match(statement)
-        if self.blocks and (output or waits or ASKED.match(statement) or statement == "HALT"):
-            log.happen("call", self.line, text=f"in a loop or a branch: {statement}")
-        elif output:
-            log.happen("output", self.line, value=float(output.group(2) == "TRUE"), text=output.group(1))
-        elif waits:
-            log.happen("dwell", self.line, value=max(float(waits.group(1)), 0.0))
-        elif statement == "HALT":
-            log.happen("stop", self.line)
-        elif ASKED.match(statement):
-            log.happen("call", self.line, text=statement)
-        else:
-            return False
-        return True
+        output, waits = OUTPUT.match(statement), WAITS.match(statement)
+        return self.program.switch(
+            statement, output=(output.group(1), output.group(2) == "TRUE") if output else None,
+            wait=float(waits.group(1)) if waits else None, halts=statement == "HALT",
+            asked=ASKED.match(statement) is not None,
+        )  # fmt: skip
 
     def assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
@@ -139,19 +140,19 @@ class _KrlReader(ProgramReader):
         if target in ("$BASE", "$TOOL", "$IPO_MODE", "$VEL", "$VEL.CP"):
             self._set_system(target, statement, value)
         elif whole in ("$BASE", "$TOOL"):
-            raise self.error(f"a part of {whole} is set ({statement[:30]}); write the whole frame")
+            raise InputError(f"a part of {whole} is set ({statement[:30]}); write the whole frame")
         elif whole in self.positions or whole in self.frames:
             self._set_position(whole, part, value)
-        elif target.startswith("BASE_DATA[") and not self.blocks:
+        elif target.startswith("BASE_DATA[") and not self.program.blocks:
             self.frames[target] = self._frame(value)
-        elif AGGREGATE.match(value) and not target.startswith("$") and not self.blocks:
+        elif AGGREGATE.match(value) and not target.startswith("$") and not self.program.blocks:
             self.positions[target] = value
         return True
 
     def _set_position(self, name: str, part: str, value: str) -> None:
         """Give a position or a frame that is known another value, or forget it where the value is not known."""
         position, frame = self.positions.pop(name, None), self.frames.pop(name, None)
-        if self.blocks:
+        if self.program.blocks:
             return
         if position is not None and not part and (AGGREGATE.match(value) or value in self.positions):
             self.positions[name] = self.positions.get(value, value)
@@ -162,30 +163,30 @@ class _KrlReader(ProgramReader):
             self.positions[name] = "{" + ",".join(f"{key} {number!r}" for key, number in numbers.items()) + "}"
 
     def _set_system(self, target: str, statement: str, value: str) -> None:
-        if self.blocks and target != "$TOOL":
-            raise self.error(f"{target} is set in a loop or a branch; write the program out")
+        if self.program.blocks and target != "$TOOL":
+            raise InputError(f"{target} is set in a loop or a branch; write the program out")
         if target == "$BASE":
             self._use_base(value.strip())
         elif target == "$TOOL" and self.moves.pose is not None:
-            self.moves.note_tool(self.line)
+            self.moves.note_tool()
         elif target == "$IPO_MODE" and "TCP" in value:
-            raise self.error("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
+            raise InputError("$IPO_MODE=#TCP (the part in the robot's hand) is not read")
         elif target.startswith("$VEL") and re.search(r"\bCP\b", statement):
             speed = re.search(rf"\bCP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", statement)
             if not speed and self.options.feed_mm_s is None:
-                raise self.error(f"{statement[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
+                raise InputError(f"{statement[:40]!r} sets no speed in m/s; state one with feed_mm_s (--feed)")
             self.feed = float(speed.group(1)) * 1e3 if speed else 0.0
 
     def _set_up(self, word: str, value: str) -> None:
         """Carry out BAS(#word, value)."""
         if word == "VEL_CP":
             if not re.fullmatch(NUMBER, value.strip()):
-                raise self.error(f"speed {value!r} is no number")
+                raise InputError(f"speed {value!r} is no number")
             self.feed = float(value) * 1e3
         elif word == "BASE":
             self._use_base("$NULLFRAME" if value.strip() == "0" else f"BASE_DATA[{value.strip()}]")
         elif word == "TOOL" and self.moves.pose is not None:
-            self.moves.note_tool(self.line)
+            self.moves.note_tool()
 
     def _use_base(self, value: str) -> None:
         """Put a base in force; the path stays in the one that was in force at its first position."""
@@ -197,7 +198,7 @@ class _KrlReader(ProgramReader):
             return
         if known is None or self.base is None:
             before = self.base_name or "the one before"
-            raise self.error(f"base changes from {before} to {value}, and their places are not both known")
+            raise InputError(f"base changes from {before} to {value}, and their places are not both known")
         self.moves.frame = self.moves.frame @ np.linalg.inv(self.base) @ known
         self.base, self.base_name, self.last = known, value, {}
 
@@ -209,17 +210,17 @@ class _KrlReader(ProgramReader):
         """Return the numbers of {X 1,Y 2,..}."""
         found = AGGREGATE.match(text.strip())
         if not found:
-            raise self.error(f"position {text.strip()[:30]!r} is not read, expected {{X 1,Y 2,Z 3,A 0,B 0,C 0}}")
+            raise InputError(f"position {text.strip()[:30]!r} is not read, expected {{X 1,Y 2,Z 3,A 0,B 0,C 0}}")
         inside, place = found.group(1).strip(), 0
         numbers: dict[str, float] = {}
         while place < len(inside):
             item = ITEM.match(inside, place)
             if not item or item.group(1) in numbers:
                 text = inside[place : place + 20].strip()
-                raise self.error(f"position {text!r} is not read, expected numbers by name, each once")
+                raise InputError(f"position {text!r} is not read, expected numbers by name, each once")
             numbers[item.group(1)] = 0.0 if item.group(2).startswith("'") else float(item.group(2))
             if not abs(numbers[item.group(1)]) < FARTHEST:
-                raise self.error(f"coordinate {item.group(0).strip(' ,')}, less than {FARTHEST:g} is allowed")
+                raise InputError(f"coordinate {item.group(0).strip(' ,')}, less than {FARTHEST:g} is allowed")
             place = item.end()
         return numbers
 
@@ -232,10 +233,10 @@ class _KrlReader(ProgramReader):
         else:
             word = re.match(r"\$?[A-Z]\w*(\[\d+\])?", text)
             if not word or word.group(0) not in self.positions:
-                raise self.error(f"position {text[:24]!r} is not known here or in the .dat file")
+                raise InputError(f"position {text[:24]!r} is not known here or in the .dat file")
             end, position = word.end(), self.positions[word.group(0)]
         if not ENDING.match(text, end):
-            raise self.error(f"{text[end : end + 24].strip()!r} after a position is not read, expected C_DIS and such")
+            raise InputError(f"{text[end : end + 24].strip()!r} after a position is not read, expected C_DIS and such")
         return self._numbers(position)
 
     def _read_with(self, extra: str) -> None:
@@ -243,24 +244,24 @@ class _KrlReader(ProgramReader):
         self.own = None
         for item in split_fields(extra, "{", "}"):
             if re.match(r"\s*\$(BASE|TOOL|IPO_MODE)\b", item):
-                raise self.error(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
+                raise InputError(f"{item.strip()[:30]!r} for one move is not read; write it as a statement")
             if "$VEL" not in item or "CP" not in item:
                 continue
             speed = re.search(rf"CP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", item)
             if speed:
                 self.own = float(speed.group(1)) * 1e3
             else:
-                raise self.error(f"{item.strip()[:40]!r} sets no speed in m/s")
+                raise InputError(f"{item.strip()[:40]!r} sets no speed in m/s")
 
     def _pose(self, numbers: dict[str, float]) -> Array:
         """Return a pose; coordinates that are not named stay."""
         turned = {key: abs(value - self.last.get(key, value)) for key, value in numbers.items() if key in EXTERNAL}
         if max(turned.values(), default=0.0) > 1e-6:
-            self.moves.log.note("external axes move: the path is taken in the base as it is written", self.line)
+            self.note("external axes move: the path is taken in the base as it is written")
         full = {**self.last, **numbers}
         missing = [key for key in (*PLACE, *ANGLES) if key not in full]
         if missing:
-            raise self.error(f"position without {' '.join(missing)}, which nothing before it states")
+            raise InputError(f"position without {' '.join(missing)}, which nothing before it states")
         self.last, self.placed = full, True
         return read_pose(full)
 
@@ -268,60 +269,60 @@ class _KrlReader(ProgramReader):
         statement, _, extra = statement.partition(" WITH ")
         kind, rest = re.match(r"(\w+)\s*(.*)$", statement).groups()  # type: ignore[union-attr]
         if extra and kind == "SPL":
-            raise self.error("SPL with data of its own (WITH) is not read; give them to the SPLINE")
+            raise InputError("SPL with data of its own (WITH) is not read; give them to the SPLINE")
         if self.spline is None:
             self._read_with(extra)
         if kind.endswith("_REL"):
-            raise self.error(f"{kind} (relative moves) is not read; write absolute positions")
+            raise InputError(f"{kind} (relative moves) is not read; write absolute positions")
         if kind == "SPLINE":
             self.spline = []
             return
         if kind == "ENDSPLINE":
             poses, self.spline = self.spline, None
             if poses:
-                self.moves.spline(poses, self._speed(), self.line)
+                self.moves.spline(poses, self._speed())
             return
         if self.spline is not None and kind != "SPL":
-            raise self.error(f"{kind} within SPLINE is not read, only SPL is")
+            raise InputError(f"{kind} within SPLINE is not read, only SPL is")
         parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
         if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
             note = f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file"
-            self.moves.log.note(note, self.line)
+            self.note(note)
             self.moves.lose()
             return
         numbers = self._target(parts[0])
         if kind in ("PTP", "SPTP"):
             self._joint(numbers)
         elif kind in ("LIN", "SLIN"):
-            self.moves.straight(self._pose(numbers), self._speed(), self.line)
+            self.moves.straight(self._pose(numbers), self._speed())
         elif kind == "SPL":
             if self.spline is None:
-                raise self.error("SPL outside of SPLINE is not read")
+                raise InputError("SPL outside of SPLINE is not read")
             self.spline.append(self._pose(numbers))
         else:
             self._circle(numbers, parts[1:])
 
     def _joint(self, numbers: dict[str, float]) -> None:
         if numbers.keys() & set(AXES):
-            self.moves.lose_joint_move(self.line)
+            self.moves.lose_joint_move()
         else:
-            self.moves.rapid(self._pose(numbers), self.line)
+            self.moves.rapid(self._pose(numbers))
 
     def _circle(self, via: dict[str, float], parts: list[str]) -> None:
         if not parts:
-            raise self.error("circle has no end position")
+            raise InputError("circle has no end position")
         middle = np.array([{**self.last, **via}.get(key, math.nan) for key in PLACE])
         if np.isnan(middle).any():
-            raise self.error("circle has no middle position")
+            raise InputError("circle has no middle position")
         words = re.search(rf"\bCA\s*=?\s*({NUMBER})", " ".join(parts))
         angle = math.radians(float(words.group(1))) if words else None
-        self.moves.circle(middle, self._pose(self._target(parts[0])), self._speed(), self.line, angle=angle)
+        self.moves.circle(middle, self._pose(self._target(parts[0])), self._speed(), angle=angle)
 
     def _speed(self) -> float:
         feed = self.feed if self.own is None else self.own
         if feed <= 0.0:
-            where = f", {self.called} may set it" if self.called else ""
+            where = f", {self.flow.called} may set it" if self.flow.called else ""
             note = f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)"
-            self.moves.log.note(note, self.line)
+            self.note(note)
         return feed

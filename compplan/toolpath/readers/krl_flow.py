@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from abc import abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.krl_words import CALL, FOR, HEAD, clean_line
-from compplan.toolpath.readers.lines import MOST_LINES, read_bounded, split_lines
-from compplan.toolpath.readers.robot_moves import DEEPEST, RobotMoves
+from compplan.toolpath.readers.lines import read_bounded, split_lines
+from compplan.toolpath.readers.robot_moves import RobotProgram
 
+#: A loop whose bounds are numbers.
+FOR = re.compile(r"FOR\s+([A-Z]\w*)\s*=\s*([-+]?\d+)\s+TO\s+([-+]?\d+)(?:\s+STEP\s+([-+]?\d+))?\s*$")
+CALL = re.compile(r"([A-Z_]\w{0,60})\s*\((.*)\)\s*$")
+HEAD = re.compile(r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+(\w+)\s*\(")
 #: Data of a module that every program of the controller sees.
 PUBLIC = re.compile(r"DEFDAT\s+\w+\s+PUBLIC\b")
 SHARED = re.compile(r"(?:DECL\s+)?GLOBAL\s+(?:DECL\s+)?(?:CONST\s+)?\w+\s+(\w+)")
@@ -18,47 +21,40 @@ SHARED = re.compile(r"(?:DECL\s+)?GLOBAL\s+(?:DECL\s+)?(?:CONST\s+)?\w+\s+(\w+)"
 MOST_FILES = 200
 
 
-class ProgramReader:
-    """Follow programs statement by statement; what a statement does is the reader's."""
+def clean_line(raw: str) -> str:
+    """Return a statement in capitals, without its comment."""
+    text = raw.partition(";")[0].strip()
+    return "" if text.startswith("&") else text.upper()
 
-    moves: RobotMoves
 
-    def __init__(self, file: Path) -> None:
-        self.file, self.line = file, 0
+class KrlFlow:
+    """Follow programs statement by statement.
+
+    Args:
+        program: The program that is read.
+        carry_out: Carries out a statement.
+        assign: Carries out an assignment; returns whether a statement is one.
+
+    """
+
+    def __init__(self, program: RobotProgram, carry_out: Callable[[str], None], assign: Callable[[str], bool]) -> None:
+        self.program, self.carry_out, self.assign = program, carry_out, assign
         self.programs: dict[str, tuple[list[str], int, Path]] = {}
-        #: Loops and branches that are open and not carried out, calls, statements so far.
-        self.blocks = self.depth = self.executed = 0
         self.counters: dict[str, int] = {}
         self.called = ""
-
-    @abstractmethod
-    def carry_out(self, statement: str) -> None:
-        """Carry out a statement."""
-
-    @abstractmethod
-    def assign(self, statement: str) -> bool:
-        """Carry out an assignment; return whether it is one."""
-
-    @abstractmethod
-    def tell(self, raw: str) -> None:
-        """Keep the comment of a line."""
-
-    def error(self, message: str) -> InputError:
-        """Return an error at the statement that is read."""
-        return InputError(message, file=self.file, where=self.line)
 
     def run(self, text: str) -> None:
         """Carry out the first program of the file."""
         lines = split_lines(text)
         self._load_shared(text.upper())
-        self._load_data(self.file)
-        first = self._find_programs(lines, self.file)
+        self._load_data(self.program.file)
+        first = self._find_programs(lines, self.program.file)
         self._run_lines(lines, first)
 
     def _load_shared(self, text: str) -> None:
         """Keep the GLOBAL positions of public .dat files beside the program that its text names."""
-        own = self.file.stem.lower()
-        data = sorted(path for path in self.file.parent.glob("*.[dD][aA][tT]") if path.stem.lower() != own)
+        own = self.program.file.stem.lower()
+        data = sorted(path for path in self.program.file.parent.glob("*.[dD][aA][tT]") if path.stem.lower() != own)
         keepers: dict[str, str] = {}
         for path in data[:MOST_FILES]:
             lines = [clean_line(raw) for raw in split_lines(read_bounded(path))]
@@ -67,14 +63,14 @@ class ProgramReader:
             names = {found.group(1) for line in lines if "GLOBAL" in line and (found := SHARED.match(line))}
             names = {name for name in names if re.search(rf"(?<!\w){name}(?!\w)", text)}
             for name in sorted(names & keepers.keys()):
-                raise self.error(f"{name} stands in {keepers[name]} and in {path.name}, both public; keep one")
+                raise self.program.error(f"{name} stands in {keepers[name]} and in {path.name}, both public; keep one")
             keepers.update(dict.fromkeys(names, path.name))
             whole = [line for line in lines if "=" in line and re.split(r"[\s\[=.]", line)[0] in names]
             for line in whole + [line for line in lines if "=" in line and "GLOBAL" in line]:
                 self.assign(line)
         if keepers:
             files = ", ".join(sorted(set(keepers.values())))
-            self.moves.log.note(f"positions of other files are read: {files}", 1)
+            self.program.log.note(f"positions of other files are read: {files}", 1)
 
     def _load_data(self, file: Path) -> None:
         """Keep the positions and frames that the .dat file beside a program declares."""
@@ -96,13 +92,11 @@ class ProgramReader:
         """Carry out statements; return whether the program ends."""
         index, last = first, len(lines) if last is None else last
         while index < last:
-            self.line = index + 1
-            self.executed += 1
-            if self.executed > MOST_LINES:
-                raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
+            self.program.line = index + 1
+            self.program.count()
             statement = clean_line(lines[index])
-            self.tell(lines[index])
-            if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.blocks):
+            self._keep_comment(lines[index])
+            if statement in ("END", "ENDFCT") or (statement == "RETURN" and not self.program.blocks):
                 return True
             if statement:
                 try:
@@ -114,19 +108,25 @@ class ProgramReader:
                     else:
                         self.carry_out(self._fill_in(statement) if self.counters else statement)
                 except InputError as fault:
-                    raise fault if fault.file else self.error(fault.message) from None
+                    raise self.program.place(fault) from None
             index += 1
         return False
+
+    def _keep_comment(self, raw: str) -> None:
+        """Keep a comment; folds are the editor's."""
+        text = raw.partition(";")[2].strip() if ";" in raw else ""
+        if text and not re.match(r"(END)?FOLD\b|%\{", text, re.IGNORECASE):
+            self.program.log.happen("comment", self.program.line, text=text)
 
     def _count_rounds(self, statement: str) -> tuple[str, range] | None:
         """Return counter and values of FOR i = 1 TO 9 STEP 2, None where its bounds are not known."""
         found = FOR.match(self._fill_in(statement))
-        if self.blocks or not found:
+        if self.program.blocks or not found:
             return None
         counter, start, stop, step = found.groups()
         by = int(step or 1)
         if by == 0:
-            raise self.error("FOR with STEP 0 never ends")
+            raise InputError("FOR with STEP 0 never ends")
         return counter, range(int(start), int(stop) + (1 if by > 0 else -1), by)
 
     def _find_end(self, lines: list[str], first: int, last: int, counter: str) -> int:
@@ -138,8 +138,8 @@ class ProgramReader:
             if depth == 0:
                 return index
             if statement == "EXIT" or (index > first and re.match(rf"{counter}\s*=(?!=)", statement)):
-                raise self.error(f"the loop ends where {statement[:24]!r} says; write its moves out in a row")
-        raise self.error("FOR has no ENDFOR")
+                raise InputError(f"the loop ends where {statement[:24]!r} says; write its moves out in a row")
+        raise InputError("FOR has no ENDFOR")
 
     def _run_rounds(self, lines: list[str], first: int, last: int, rounds: tuple[str, range]) -> bool:
         """Carry out a loop whose bounds are known; return whether the program ends in it."""
@@ -167,23 +167,21 @@ class ProgramReader:
         called = CALL.match(statement).group(1)  # type: ignore[union-attr]
         if called not in self.programs:
             beside = next((path for end in (".src", ".SRC") for word in (called, called.lower())
-                           if (path := self.file.with_name(word + end)).is_file()), None)  # fmt: skip
+                           if (path := self.program.file.with_name(word + end)).is_file()), None)  # fmt: skip
             if beside is not None:
                 self._find_programs(split_lines(read_bounded(beside)), beside)
         if called not in self.programs:
-            self.called = self.called or f"{statement[:24]} in line {self.line}"
+            self.called = self.called or f"{statement[:24]} in line {self.program.line}"
             note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"
-            self.moves.log.note(note, self.line)
-            where = "in a loop or a branch: " if self.blocks else ""
-            self.moves.log.happen("call", self.line, text=f"{where}{statement}")
+            self.program.note(note)
+            self.program.ask(statement)
             return
-        if self.blocks or self.depth >= DEEPEST:
-            raise self.error(f"call of {called}() in a loop, a branch or too deep; write the moves out")
+        self.program.check_call(f"{called}()")
         lines, first, file = self.programs[called]
-        here, at, self.file = self.line, self.file, file
+        here, at, self.program.file = self.program.line, self.program.file, file
         if file != at:
             self._load_data(file)
-        self.depth += 1
+        self.program.depth += 1
         self._run_lines(lines, first)
-        self.depth -= 1
-        self.line, self.file = here, at
+        self.program.depth -= 1
+        self.program.line, self.program.file = here, at

@@ -16,33 +16,21 @@ from numpy.typing import NDArray
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.events import Event, guard_cuts
-from compplan.toolpath.readers.arcs import Arc, Point, combine, count_chords, sample_arcs
+from compplan.toolpath.readers.arcs import FARTHEST, LARGEST_RADIUS, Arc, Point, combine, count_chords, sample_arcs
 from compplan.toolpath.toolpath import Toolpath
 
 #: Greatest number of waypoints that a file may make, chords of arcs counted.
 MOST_WAYPOINTS = 2_000_000
-#: Greatest coordinate that is taken for true: a hundred kilometres. [mm]
-FARTHEST = 1e8
 #: Moves shorter than this do not count as moves. [mm]
 STILL = 1e-9
 #: Greatest number of events, and of comments, that a file may have.
 MOST_EVENTS, MOST_COMMENTS = 1_000_000, 2_000
 #: Letters of a comment that are kept.
 LONGEST_TEXT = 200
-#: Greatest radius of an arc: a kilometre. [mm]
-LARGEST_RADIUS = 1e6
 #: Numbers of a row: tip, tool axis, feed, rapid, number of the flat arc that ends here, 0 for none, line.
 WIDTH = 10
-COUNTERS = (
-    "cutting_moves",
-    "rapid_moves",
-    "arcs",
-    "full_circles",
-    "helical_arcs",
-    "unmoved_blocks",
-    "rotary_only_moves",
-    "cycles",
-)
+COUNTERS = ("cutting_moves", "rapid_moves", "arcs", "full_circles", "helical_arcs", "unmoved_blocks",
+            "rotary_only_moves", "cycles")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -253,6 +241,17 @@ class MoveLog:
     def _started(self) -> bool:
         return bool(self._rows)
 
+    @property
+    def direction(self) -> Point | None:
+        """Direction of the last move on which the tip went on, from row to row; None without any."""
+        end = self.position
+        for first in range(len(self._rows) - 2 * WIDTH, -1, -WIDTH):
+            x, y, z = self._rows[first : first + 3]
+            length = math.dist(end, (x, y, z))
+            if length > STILL:
+                return combine(1.0 / length, end, -1.0 / length, (x, y, z))
+        return None
+
     def _start(self) -> None:
         """Put down where the first cut begins."""
         if not self._started:
@@ -320,18 +319,8 @@ class MoveLog:
         told = tuple(f"{file.name}, {note}." for note in notes)
         arc, line = table[:, 8:].astype(int).T
         rows = (table[:, :3] * 1e-3, table[:, 3:6], table[:, 6] * 1e-3, rapid)
-        return CamFile(
-            Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line),
-            CamFacts(
-                str(file),
-                kind,
-                unit,
-                lines,
-                cutting_length_mm=self.length,
-                box_mm=box,
-                arc_length_mm=self.arc_length,
-                waypoints=len(table),
-                notes=notes,
-                **facts,
-            ),
-        )
+        toolpath = Toolpath(*rows, None, "part", str(file), told, events, arc=arc if arc.any() else None, line=line)
+        return CamFile(toolpath, CamFacts(
+            str(file), kind, unit, lines, cutting_length_mm=self.length, box_mm=box, arc_length_mm=self.arc_length,
+            waypoints=len(table), notes=notes, **facts,
+        ))  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.lines import MOST_LINES, count_lines
+from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.rapid_words import split_statements
-from compplan.toolpath.readers.robot_moves import DEEPEST, NUMBER, RobotMoves, make_pose, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, make_pose, split_fields
 
 name = "rapid"
 suffixes = (".mod", ".modx", ".prg", ".sys")
@@ -41,6 +40,12 @@ SILENT = re.compile(
     r"(CONST|PERS|VAR|LOCAL|TASK|CONF[LJ]|ACCSET|VELSET|SINGAREA|WAIT\w*|SET\w*|RESET|TP\w+|PULSEDO|STOP|EXIT\w*|RETURN|"
     r"CLK\w+|GRIPLOAD|PATHACCLIM|WORLDACCLIM|MOTIONSUP|ACTUNIT|DEACTUNIT|INCR|DECR|ISIGNAL\w+|CONNECT|IDELETE|OPEN|CLOSE|"
     r"WRITE|USE\w*|RECORD|ENDRECORD|TRIGGIO|TRIGGEQUIP|MODULE|ENDMODULE|PROC|ENDPROC|ERROR|RAISE|RETRY|TRYNEXT)\b"
+)
+
+#: Lines that end without a semicolon.
+BARE = re.compile(
+    r"(MODULE|ENDMODULE|(LOCAL\s+)?(PROC|FUNC|TRAP|RECORD)|END(PROC|FUNC|TRAP|RECORD|IF|FOR|WHILE|TEST)|ELSE(IF)?|IF|FOR|"
+    r"WHILE|TEST|CASE|DEFAULT|ERROR|UNDO|BACKWARD)\b"
 )
 
 
@@ -69,13 +74,47 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     return reader.moves.log.finish(file, "rapid", "mm", count_lines(text))
 
 
+def split_statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield statements in capitals, text in quotes left out, with the line that each begins in.
+
+    Raises:
+        ValueError: If a quote is never closed, or a statement is longer than any may be.
+
+    """
+    pending, first = "", 0
+    for number, raw in enumerate(split_lines(text), start=1):
+        line = re.sub(r'"[^"]*"', '""', raw) if '"' in raw else raw
+        if not pending.strip() and raw.lstrip().startswith("!"):
+            yield number, raw.strip()
+            continue
+        line = line.partition("!")[0].upper()
+        if line.replace('""', "").count('"'):
+            raise ValueError(f'line {number}: a quote (") is opened and never closed')
+        if not pending.strip():
+            first = number
+            if re.match(r"\s*(%%%|VERSION:|LANGUAGE:)", line):
+                continue
+        if not pending.strip() and BARE.match(line.strip()) and ";" not in line:
+            yield number, " ".join(line.split())
+            continue
+        *whole, rest = (pending + " " + line).split(";")
+        for statement in whole:
+            if statement.strip():
+                yield first, " ".join(statement.split())
+            first = number
+        pending = rest
+        if len(pending) > LONGEST_LINE:
+            raise ValueError(f"statement of more than {LONGEST_LINE} characters in line {first}; no more are read")
+    if pending.strip():
+        yield first, " ".join(pending.split())
+
+
 class _RapidReader:
     """Follow a module statement by statement."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.line, self.options = file, 0, options
-        self.moves = RobotMoves(options)
-        self.moves.log.reader = self
+        self.program = RobotProgram(file, options)
+        self.options, self.moves, self.note = options, self.program.moves, self.program.note
         self.data: dict[tuple[str, str], str] = {}
         self.programs: dict[str, list[tuple[int, str]]] = {}
         self.wobj = self.tool = ""
@@ -83,99 +122,82 @@ class _RapidReader:
         self.placed = False
         self.external: Sequence[float] = ()
         self.share, self.fastest = 1.0, math.inf
-        self.blocks = self.depth = self.executed = 0
-
-    def error(self, message: str) -> InputError:
-        return InputError(message, file=self.file, where=self.line)
 
     def run(self, text: str) -> None:
         """Carry out main, or the first procedure."""
         loose: list[tuple[int, str]] = []
         current = loose
         try:
-            for self.line, statement in split_statements(text):
+            for line, statement in split_statements(text):
                 head = PROC.match(statement)
                 if head:
                     current = self.programs.setdefault(head.group(1), [])
                 elif statement.startswith("ENDPROC"):
                     current = loose
                 else:
-                    current.append((self.line, statement))
+                    current.append((line, statement))
                     found = DATA.match(statement)
                     if found:
                         self.data[found.group(1), found.group(2)] = found.group(3)
         except ValueError as fault:
-            raise InputError(str(fault), file=self.file) from None
+            raise InputError(str(fault), file=self.program.file) from None
         self._run(self.programs.get("MAIN") or next(iter(self.programs.values()), loose))
 
     def _run(self, statements: Sequence[tuple[int, str]]) -> None:
-        for self.line, statement in statements:
-            self.executed += 1
-            if self.executed > MOST_LINES:
-                raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
+        program = self.program
+        for program.line, statement in statements:
+            program.count()
             if re.match(r"(ERROR|UNDO|BACKWARD)\b", statement):
                 return
             try:
                 if self._carry_out(statement):
                     return
             except InputError as fault:
-                raise fault if fault.file else self.error(fault.message) from None
+                raise program.place(fault) from None
 
     def _carry_out(self, statement: str) -> bool:
         """Carry out a statement; return whether the procedure ends."""
         if statement.startswith("!"):
-            self.moves.log.happen("comment", self.line, text=statement[1:].strip())
+            self.moves.log.happen("comment", self.program.line, text=statement[1:].strip())
         elif OPENS.match(statement):
-            self.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
+            self.program.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
             if "MOVE" in statement:
-                raise self.error(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
+                raise InputError(f"{statement[:30]!r} holds a move in a branch; write the moves out in a row")
             if re.search(r"\b(SETDO|SET|RESET|PULSEDO|STOP)\b", statement):
-                self._ask(statement)
+                self.program.ask(statement)
         elif CLOSES.match(statement):
-            self.blocks = max(0, self.blocks - 1)
+            self.program.blocks = max(0, self.program.blocks - 1)
         elif MOVE.match(statement):
-            if self.blocks:
-                raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+            self.program.check_row(statement)
             self._move(*MOVE.match(statement).groups())  # type: ignore[union-attr]
         elif REFUSED.match(statement):
-            raise self.error(f"{statement.split()[0][:20]} is not read and may move the tool or its frame")
+            raise InputError(f"{statement.split()[0][:20]} is not read and may move the tool or its frame")
         elif self._switch(statement) or self._assign(statement):
             pass
-        elif re.match(r"(RETURN|EXIT)\b", statement) and not self.blocks:
+        elif re.match(r"(RETURN|EXIT)\b", statement) and not self.program.blocks:
             return True
         elif statement in self.programs or statement.split()[0] in self.programs:
             self._call(statement.split()[0])
         elif not SILENT.match(statement) and not statement.startswith("ELSE"):
-            self.moves.log.note(f"statement {statement.split()[0][:20]} is not read", self.line)
-            self._ask(statement)
+            self.note(f"statement {statement.split()[0][:20]} is not read")
+            self.program.ask(statement)
         return False
-
-    def _ask(self, statement: str) -> None:
-        """Let the operator do what no program of another language can repeat."""
-        where = "in a loop or a branch: " if self.blocks else ""
-        self.moves.log.happen("call", self.line, text=f"{where}{statement}")
 
     def _switch(self, statement: str) -> bool:
         """Carry out a statement that waits, stops or sets a signal or the speed; return whether it is one."""
-        log, output, waits, velset = self.moves.log, *(f.match(statement) for f in (OUTPUT, WAITS, VELSET))
+        output, waits, velset = (pattern.match(statement) for pattern in (OUTPUT, WAITS, VELSET))
         if statement.startswith("VELSET"):
-            if velset is None or self.blocks:
-                raise self.error(f"{statement[:30]!r} changes the speed and is not read, expected two numbers in a row")
+            if velset is None or self.program.blocks:
+                raise InputError(f"{statement[:30]!r} changes the speed and is not read, expected two numbers in a row")
             self.share, self.fastest = float(velset.group(1)) / 100.0, float(velset.group(2))
-        elif (output or waits or statement == "STOP" or ASKED.match(statement)) and self.blocks:
-            self._ask(statement)
-        elif output:
-            name, state, word, other = output.groups()
-            log.happen("output", self.line, value=float(state == "1" or word == "SET"), text=name or other)
-        elif waits:
-            log.happen("dwell", self.line, value=max(float(waits.group(1)), 0.0))
-        elif re.match(r"STOP\b", statement):
-            log.happen("stop", self.line)
-        elif ASKED.match(statement):
-            self._ask(statement)
-        else:
-            return False
-        return True
+            return True
+        signal = None
+        if output:
+            signal = output.group(1) or output.group(4), output.group(2) == "1" or output.group(3) == "SET"
+        return self.program.switch(
+            statement, output=signal, wait=float(waits.group(1)) if waits else None,
+            halts=re.match(r"STOP\b", statement) is not None, asked=ASKED.match(statement) is not None,
+        )  # fmt: skip
 
     def _assign(self, statement: str) -> bool:
         """Carry out an assignment; return whether it is one."""
@@ -185,60 +207,59 @@ class _RapidReader:
         name, part, value = found.groups()
         kind = next((kind for kind in ("ROBTARGET", "WOBJDATA", "SPEEDDATA") if (kind, name) in self.data), None)
         if kind is not None:
-            if part or self.blocks or not value.startswith("["):
-                raise self.error(f"{name} changes on the way ({statement[:30]}) and is not read; write the values out")
+            if part or self.program.blocks or not value.startswith("["):
+                raise InputError(f"{name} changes on the way ({statement[:30]}) and is not read; write the values out")
             self.data[kind, name] = value
         elif ("TOOLDATA", name) in self.data:
-            self.moves.note_tool(self.line)
+            self.moves.note_tool()
         return True
 
     def _call(self, called: str) -> None:
-        if self.blocks or self.depth >= DEEPEST:
-            raise self.error(f"call of {called} in a loop, a branch or too deep; write the moves out")
-        here = self.line
-        self.depth += 1
+        program, here = self.program, self.program.line
+        program.check_call(called)
+        program.depth += 1
         self._run(self.programs[called])
-        self.depth -= 1
-        self.line = here
+        program.depth -= 1
+        program.line = here
 
     def _move(self, word: str, rest: str) -> None:
         if word in ("MOVEABSJ", "MOVEEXTJ"):
-            self.moves.lose_joint_move(self.line)
+            self.moves.lose_joint_move()
             return
         fields = split_fields(POINT_ID.sub("", re.sub(r"^\s*CONC\s*,", "", rest)))
         circle = word.startswith(("MOVEC", "TRIGGC"))
         count = 2 if circle else 1
         if len(fields) < count + 3:
-            raise self.error(f"{word} with {len(fields)} arguments, expected target, speed, zone and tool")
+            raise InputError(f"{word} with {len(fields)} arguments, expected target, speed, zone and tool")
         switches = " ".join(fields)
         if re.search(r"\\T\s*:=", switches):
-            raise self.error(f"{word} with a time (\\T) is not read; give it a speed")
+            raise InputError(f"{word} with a time (\\T) is not read; give it a speed")
         self._use_wobj(switches)
         self._note_tool(fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)])
         poses = [self._target(field) for field in fields[:count]]
         self._carry_over(word, fields, poses, circle=circle)
         if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
-            self._ask(f"{word} {','.join(fields[count + 1 :])}")
+            self.program.ask(f"{word} {','.join(fields[count + 1 :])}")
         elif word.endswith("DO") and len(fields) >= count + 5:
             state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.moves.log.happen("output", self.line, value=state, text=fields[-2].strip())
+            self.moves.log.happen("output", self.program.line, value=state, text=fields[-2].strip())
 
     def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
         """Carry out the motion of a move."""
         if word.startswith(("MOVEJ", "TRIGGJ")):
-            self.moves.rapid(poses[0], self.line)
+            self.moves.rapid(poses[0])
         elif circle:
-            self.moves.circle(poses[0][:3, 3], poses[1], self._speed(fields[2]), self.line)
+            self.moves.circle(poses[0][:3, 3], poses[1], self._speed(fields[2]))
         elif fields[1].strip() == "VMAX":
-            self.moves.log.note("straight moves at vmax are read as rapid ones", self.line)
-            self.moves.rapid(poses[0], self.line)
+            self.note("straight moves at vmax are read as rapid ones")
+            self.moves.rapid(poses[0])
         else:
-            self.moves.straight(poses[0], self._speed(fields[1]), self.line)
+            self.moves.straight(poses[0], self._speed(fields[1]))
 
     def _note_tool(self, field: str) -> None:
         tool = field.partition("\\")[0].strip()
         if self.tool and tool != self.tool:
-            self.moves.note_tool(self.line)
+            self.moves.note_tool()
         self.tool = tool
 
     def _use_wobj(self, switches: str) -> None:
@@ -253,7 +274,7 @@ class _RapidReader:
             return
         one, other = self._work_object(self.wobj), self._work_object(wobj)
         if one is None or other is None:
-            raise self.error(f"work object changes from {self.wobj} to {wobj}, and their places are not both known")
+            raise InputError(f"work object changes from {self.wobj} to {wobj}, and their places are not both known")
         self.moves.frame = self.moves.frame @ np.linalg.inv(one) @ other
         self.wobj = wobj
 
@@ -266,12 +287,12 @@ class _RapidReader:
             return None
         fields = split_fields(text.strip()[1:-1])
         if len(fields) != 5:
-            raise self.error(f"work object {wobj} has {len(fields)} parts, expected 5")
+            raise InputError(f"work object {wobj} has {len(fields)} parts, expected 5")
         if fields[0].strip() == "TRUE":
-            raise self.error(f"work object {wobj} is held by the robot, which is not read")
+            raise InputError(f"work object {wobj} is held by the robot, which is not read")
         if fields[1].strip() == "FALSE":
             note = f"work object {wobj} moves with another unit: the path is taken in it as it is written"
-            self.moves.log.note(note, self.line)
+            self.note(note)
             return None
         user, thing = (self._pose(field, 2) for field in fields[3:])
         return user @ thing
@@ -283,7 +304,7 @@ class _RapidReader:
         if offset:
             parts = split_fields(offset.group(1))
             if len(parts) != 4:
-                raise self.error(f"Offs with {len(parts)} arguments, expected target, x, y, z")
+                raise InputError(f"Offs with {len(parts)} arguments, expected target, x, y, z")
             pose = self._target(parts[0])
             pose[:3, 3] += [self._coordinate(part) for part in parts[1:]]
             return pose
@@ -291,20 +312,20 @@ class _RapidReader:
         if in_tool:
             parts = split_fields(in_tool.group(1))
             if len(parts) != 4:
-                raise self.error(f"RelTool with {len(parts)} arguments, expected target, x, y, z")
+                raise InputError(f"RelTool with {len(parts)} arguments, expected target, x, y, z")
             pose = self._target(parts[0])
             pose[:3, 3] += pose[:3, :3] @ [self._coordinate(part) for part in parts[1:]]
             return pose
         if not field.startswith("["):
             if ("ROBTARGET", field) not in self.data:
-                raise self.error(f"target {field[:32]!r} is not known in this module")
+                raise InputError(f"target {field[:32]!r} is not known in this module")
             field = self.data["ROBTARGET", field].strip()
         parts = split_fields(field[1:-1])
         if len(parts) == 4:
             external = [self._number(part) for part in split_fields(parts[3].strip()[1:-1])]
             if self.external and any(abs(a - b) > 1e-6 for a, b in zip(external, self.external, strict=False)):
                 note = "external axes move: the path is taken in the work object as it is written"
-                self.moves.log.note(note, self.line)
+                self.note(note)
             self.external = external
         return self._pose(field, 4)
 
@@ -314,25 +335,25 @@ class _RapidReader:
         parts = split_fields(field[1:-1]) if field.startswith("[") and field.endswith("]") else []
         inside = [part.strip() for part in parts[:2]]
         if len(parts) != count or not all(part.startswith("[") and part.endswith("]") for part in inside):
-            raise self.error(f"pose {field[:30]!r} is not read, expected [[x, y, z], [q1, q2, q3, q4], ..]")
+            raise InputError(f"pose {field[:30]!r} is not read, expected [[x, y, z], [q1, q2, q3, q4], ..]")
         place = [self._coordinate(word) for word in split_fields(inside[0][1:-1])]
         turn = [self._number(word) for word in split_fields(inside[1][1:-1])]
         if len(place) != 3 or len(turn) != 4:
-            raise self.error(f"pose has {len(place)} coordinates and {len(turn)} of a quaternion, expected 3 and 4")
+            raise InputError(f"pose has {len(place)} coordinates and {len(turn)} of a quaternion, expected 3 and 4")
         size = float(np.linalg.norm(turn))
         if not abs(size - 1.0) <= 1e-2:
-            raise self.error(f"quaternion {turn} has length {size:.4g}, expected 1")
+            raise InputError(f"quaternion {turn} has length {size:.4g}, expected 1")
         return make_pose(np.array(place), Rotation.from_quat([*turn[1:], turn[0]]).as_matrix())
 
     def _number(self, word: str) -> float:
         if not re.fullmatch(NUMBER, word.strip()):
-            raise self.error(f"{word.strip()[:24]!r} is no number; write the program out")
+            raise InputError(f"{word.strip()[:24]!r} is no number; write the program out")
         return float(word)
 
     def _coordinate(self, word: str) -> float:
         number = self._number(word)
         if not abs(number) < FARTHEST:
-            raise self.error(f"coordinate {number:g} mm, less than {FARTHEST:g} mm is allowed")
+            raise InputError(f"coordinate {number:g} mm, less than {FARTHEST:g} mm is allowed")
         return number
 
     def _speed(self, field: str) -> float:
@@ -350,9 +371,9 @@ class _RapidReader:
             return self._number(split_fields(text[1:-1])[0])
         found = re.fullmatch(r"V(\d+)", text)
         if not found and self.options.feed_mm_s is not None:
-            self.moves.log.note(f"speed {field[:24]!r} is not known here", self.line)
+            self.note(f"speed {field[:24]!r} is not known here")
             return 0.0
         if not found:
             hint = "expected v100 or data of this module; state it with feed_mm_s (--feed)"
-            raise self.error(f"speed {field[:24]!r} is not known, {hint}")
+            raise InputError(f"speed {field[:24]!r} is not known, {hint}")
         return float(found.group(1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -11,8 +12,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, sample_arcs
-from compplan.toolpath.readers.moves import FARTHEST, LARGEST_RADIUS, MoveLog
+from compplan.toolpath.readers.arcs import Arc, Point, find_arc, sample_arcs
+from compplan.toolpath.readers.lines import MOST_LINES
+from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import find_start
 
@@ -24,10 +26,68 @@ DEEPEST = 20
 TURN_STEP = 1.0
 #: Turns of the tool axis below this are none. [rad]
 STEADY = 1e-6
-#: Greatest angle of a circle: a hundred turns. [rad]
-MOST_ANGLE = 200.0 * math.pi
 #: Points on each span of a spline.
 SPLINE_POINTS = 16
+
+
+class RobotProgram:
+    """Hold a robot program that is followed: its line, blocks that are open and not carried out, calls, its moves.
+
+    Args:
+        file: Its file.
+        options: What it does not say by itself.
+
+    """
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        self.file, self.options, self.line = file, options, 0
+        self.moves = RobotMoves(options, self)
+        self.log, self.note = self.moves.log, self.moves.note
+        self.blocks = self.depth = self.executed = 0
+
+    def error(self, message: str) -> InputError:
+        """Return an error at the statement that is read."""
+        return InputError(message, file=self.file, where=self.line)
+
+    def place(self, fault: InputError) -> InputError:
+        """Return an error with its file and line."""
+        return fault if fault.file else self.error(fault.message)
+
+    def count(self) -> None:
+        """Count a statement; refuse more than any program has."""
+        self.executed += 1
+        if self.executed > MOST_LINES:
+            raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
+
+    def check_row(self, statement: str) -> None:
+        """Refuse a move in a loop or a branch."""
+        if self.blocks:
+            raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+
+    def check_call(self, called: str) -> None:
+        """Refuse a call in a loop or a branch, or too deep."""
+        if self.blocks or self.depth >= DEEPEST:
+            raise self.error(f"call of {called} in a loop, a branch or too deep; write the moves out")
+
+    def ask(self, statement: str) -> None:
+        """Let the operator do what no program of another language can repeat."""
+        where = "in a loop or a branch: " if self.blocks else ""
+        self.log.happen("call", self.line, text=f"{where}{statement}")
+
+    def switch(self, statement: str, *, output: tuple[str, bool] | None, wait: float | None, halts: bool,
+               asked: bool) -> bool:  # fmt: skip
+        """Carry out a statement that sets a signal, waits, stops or asks; return whether it is one."""
+        if self.blocks and (output or wait is not None or asked or halts):
+            self.ask(statement)
+        elif output:
+            self.log.happen("output", self.line, value=float(output[1]), text=output[0])
+        elif wait is not None:
+            self.log.happen("dwell", self.line, value=max(wait, 0.0))
+        elif halts:
+            self.log.happen("stop", self.line)
+        elif asked:
+            self.ask(statement)
+        return bool(output or wait is not None or halts or asked)
 
 
 def split_fields(text: str, opening: str = "[(", closing: str = "])") -> list[str]:
@@ -47,8 +107,8 @@ class RobotMoves:
     The path stands in the frame that is in force at the first pose; `frame` is where the present one stands in it.
     """
 
-    def __init__(self, options: CamTable) -> None:
-        self.log = MoveLog(options.chord_tolerance_mm)
+    def __init__(self, options: CamTable, reader: HasLine) -> None:
+        self.reader, self.log = reader, MoveLog(options.chord_tolerance_mm, reader)
         self.frame = np.eye(4)
         self.pose: Array | None = None
         self.moved = False
@@ -56,9 +116,13 @@ class RobotMoves:
         self.direction = _direction(options.tool_direction or "z")
         self.assumed = options.tool_direction is None
 
-    def rapid(self, pose: Array, line: int) -> None:
+    def note(self, message: str) -> None:
+        """Note something that was assumed or read past, at the line that is read."""
+        self.log.note(message, self.reader.line)
+
+    def rapid(self, pose: Array) -> None:
         """Move rapidly to a pose: in joint space, where a program's path is not known."""
-        self._note(line)
+        self._note()
         self.pose = self.frame @ pose
         self.log.rapid(_point(self.pose), self._axis(self.pose))
 
@@ -66,23 +130,23 @@ class RobotMoves:
         """Forget the pose, where a joint move ends."""
         self.pose, self.moved = None, True
 
-    def lose_joint_move(self, line: int) -> None:
+    def lose_joint_move(self) -> None:
         """Leave out a move to joint positions: where it takes the tip is not known."""
-        self.log.note("joint moves to axis values are left out: where they take the tip is not known", line)
+        self.note("joint moves to axis values are left out: where they take the tip is not known")
         self.lose()
 
-    def note_tool(self, line: int) -> None:
+    def note_tool(self) -> None:
         """Note that another tool is taken."""
-        self.log.note("the tool changes on the way: the path is that of the tip of each", line)
+        self.note("the tool changes on the way: the path is that of the tip of each")
 
-    def _begin(self, end: Array, line: int) -> Array:
+    def _begin(self, end: Array) -> Array:
         """Return the pose at which a straight or circular move to a pose begins.
 
         Raises:
             InputError: If it is not known, and the user states no place.
 
         """
-        self._note(line)
+        self._note()
         if self.pose is None:
             reason = "after a joint move to axis values" if self.moved else "at the beginning of the program"
             place = find_start((0.0, 0.0, 0.0), range(3), self.stated, reason)
@@ -90,10 +154,10 @@ class RobotMoves:
             self.log.rapid(place, self._axis(end))
         return self.pose
 
-    def straight(self, pose: Array, feed: float, line: int) -> None:
+    def straight(self, pose: Array, feed: float) -> None:
         """Move straight to a pose with a feed in mm/s; the tool turns evenly on the way."""
         end = self.frame @ pose
-        before = self._begin(end, line)
+        before = self._begin(end)
         axis = self._axis(end)
         if math.dist(self._axis(before), axis) < STEADY:
             self.log.line(_point(end), feed, axis)
@@ -107,14 +171,13 @@ class RobotMoves:
         self.log.count_one(counts)
         self.pose = end
 
-    def circle(self, via: Array, pose: Array, feed: float, line: int, *, angle: float | None = None) -> None:
+    def circle(self, via: Array, pose: Array, feed: float, *, angle: float | None = None) -> None:
         """Move on the circle through a point to a pose; `angle` [rad]: go on about its axis for this angle instead.
 
         Args:
             via: Point on the way, in the frame in force. Shape (3,). [mm]
             pose: Pose at the end.
             feed: Feed. [mm/s]
-            line: Line, for notes.
             angle: Angle of the arc, positive from start over via to end, negative the other way round.
 
         Raises:
@@ -122,7 +185,7 @@ class RobotMoves:
 
         """
         end = self.frame @ pose
-        before = self._begin(end, line)
+        before = self._begin(end)
         through = self.frame[:3, :3] @ via + self.frame[:3, 3]
         arc = find_arc(_point(before), _tuple(through), _point(end), angle)
         last = _tuple(sample_arcs([arc], self.log.chord)[0][-1]) if angle is not None else _point(end)
@@ -136,7 +199,7 @@ class RobotMoves:
             self._turning_arc(arc, before, goal, feed)
         self.pose = goal
 
-    def spline(self, poses: list[Array], feed: float, line: int) -> None:
+    def spline(self, poses: list[Array], feed: float) -> None:
         """Move on a spline through poses.
 
         Raises:
@@ -144,9 +207,9 @@ class RobotMoves:
 
         """
         ends = [self.frame @ pose for pose in poses]
-        before = self._begin(ends[0], line)
-        self.log.note(
-            "splines are read as cubic ones through their points (assumed: the controller's own is not published)", line
+        before = self._begin(ends[0])
+        self.note(
+            "splines are read as cubic ones through their points (assumed: the controller's own is not published)"
         )
         points = np.array([before, *ends])
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points[:, :3, 3], axis=0), axis=1))]
@@ -189,48 +252,10 @@ class RobotMoves:
         axis = x + 0.0, y + 0.0, z + 0.0
         return self.log.axis if math.dist(axis, self.log.axis) < STEADY else axis
 
-    def _note(self, line: int) -> None:
+    def _note(self) -> None:
         if self.assumed:
             self.assumed = False
-            self.log.note("z of the TCP frame is taken to point out of the tool (option tool_direction)", line)
-
-
-def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -> Arc:
-    """Return the arc from start over a point to an end.
-
-    With u from start to via, v from start to end and n = u x v, the centre lies at
-    (|v|^2 (n x u) + |u|^2 (v x n)) / (2 |n|^2) from the start.
-
-    Args:
-        start: Start. [mm]
-        via: Point on the way. [mm]
-        end: End. [mm]
-        angle: Angle of the arc in place of the one that ends at `end`. [rad]
-
-    Raises:
-        InputError: If the points lie on a line.
-
-    """
-    a, b, c = (np.array(point) for point in (start, via, end))
-    u, v = b - a, c - a
-    normal = np.cross(u, v)
-    size = float(np.linalg.norm(normal))
-    farthest = float(np.abs([a, b, c]).max())
-    if not farthest < FARTHEST:
-        raise InputError(f"circle through a point as far off as {farthest:g} mm, expected less than {FARTHEST:g} mm")
-    if size <= 1e-9 * max(float(u @ u), float(v @ v), 1e-9):
-        raise InputError("start, middle and end of a circle lie on a line")
-    centre = a + (np.cross(normal, u) * (v @ v) + np.cross(v, normal) * (u @ u)) / (2.0 * size * size)
-    unit = _tuple(normal / size)
-    arc = arc_about(start, end, _tuple(centre), unit, right_hand=True)
-    if arc.radius > LARGEST_RADIUS:
-        raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
-    if angle is None:
-        return arc
-    if not 0.0 < abs(angle) <= MOST_ANGLE:
-        most = f"expected at most {math.degrees(MOST_ANGLE):g} and not 0"
-        raise InputError(f"angle of a circle is {math.degrees(angle):g} deg, {most}")
-    return Arc(arc.centre, arc.first, arc.normal, arc.radius, arc.radius, angle, 0.0)
+            self.note("z of the TCP frame is taken to point out of the tool (option tool_direction)")
 
 
 def make_pose(position: Array, rotation: Array) -> Array:

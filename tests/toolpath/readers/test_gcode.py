@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 import time
 from pathlib import Path
 
@@ -281,31 +280,6 @@ BLOCKS = (
     "M98 P5",
 )  # fmt: skip
 DRAWN = st.tuples(st.sampled_from(BLOCKS), st.integers(-90, 90), st.integers(-9, 9), st.integers(1, 9))
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.lists(DRAWN, max_size=25))
-def test_a_comment_changes_nothing_plain_blocks_are_read_as_any_other(blocks) -> None:
-    """Blocks of X Y Z F alone are read the short way; with a comment they are not."""
-    body = ["G90 G21 G17", "S1000 M3", "G0 X0 Y0 Z5", "G1 Z0 F100"]
-    body += [text.format(a=a, b=b, c=c) for text, a, b, c in blocks]
-    answers = []
-    with tempfile.TemporaryDirectory() as made:
-        file = Path(made) / "part.nc"
-        for end in ("", " ( )"):
-            file.write_text("".join(f"{line}{end}\n" for line in body))
-            try:
-                cam = read_cam(file)
-            except InputError as fault:
-                answers.append(str(fault))
-            else:
-                rows = cam.toolpath.position.tolist(), cam.toolpath.feed.tolist(), cam.toolpath.rapid.tolist()
-                answers.append((*rows, cam.facts.notes, cam.facts.cutting_length_mm))
-    assert answers[0] == answers[1]
-
-
-def test_leading_rapid_moves_from_an_unknown_place_are_no_waypoints(read) -> None:
-    assert ends(read("G21\nG0 Z5\nX1 Y1\nG1 Z0 F9\n")) == [[1, 1, 5], [1, 1, 0]]
 
 
 def test_long_programs_take_time_in_proportion(read) -> None:

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cam_files import read_cam_text
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, heidenhain
+from compplan.toolpath.readers import CamFile
+from compplan.toolpath.readers.cnc import heidenhain
 
 START = "BEGIN PGM P MM\nTOOL CALL 1 Z S3000\nL X+0 Y+0 Z+10 R0 FMAX M3\n"
 
@@ -404,29 +403,6 @@ def test_din_iso_programs_of_the_same_controls_are_refused_clearly(read) -> None
 
 def test_the_text_says_the_language_whatever_the_ending(tmp_path: Path) -> None:
     assert read_cam_text(tmp_path, FUSION, ".nc").facts.kind == "heidenhain"
-
-
-@settings(max_examples=60, deadline=None)
-@given(data=st.data())
-def test_numbers_case_spaces_and_comments_change_nothing(tmp_path_factory, data) -> None:
-    moves = "L X+10 Y-5 F600\nCC X+10 Y+5\nC X+20 Y+5 DR+\nCALL LBL 1\nLBL 2\nL IX+5\nCALL LBL 2 REP 2\n"
-    body = close(f"{moves}STOP M30\nLBL 1\nL Z-1\nLBL 0")
-    lines = []
-    for number, line in enumerate(body.splitlines()):
-        if data.draw(st.booleans()):
-            line = line.lower()
-        line = line.replace(" ", " " * data.draw(st.integers(1, 3))) + " " * data.draw(st.integers(0, 2))
-        if data.draw(st.booleans()):
-            line = f"{number} {line}"
-        if data.draw(st.booleans()):
-            line += data.draw(st.sampled_from(["; X+99", " ;L Z-99 FMAX", ";"]))
-        lines.append(line)
-        if data.draw(st.booleans()):
-            lines.append(data.draw(st.sampled_from(["", "; comment", "* - Operation 5"])))
-    folder = tmp_path_factory.mktemp("h")
-    plain, other = (read_cam_text(folder, text, ".h") for text in (body, "\r\n".join(lines) + "\n"))
-    assert np.array_equal(plain.toolpath.position, other.toolpath.position)
-    assert np.array_equal(plain.toolpath.feed, other.toolpath.feed)
 
 
 def test_a_compensated_contour_asks_what_the_file_holds(read) -> None:

@@ -6,14 +6,12 @@ import math
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 from cam_files import read_cam_text
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from compplan.errors import InputError
-from compplan.toolpath.readers import CamFile, sinumerik_flow
+from compplan.toolpath.readers import CamFile
+from compplan.toolpath.readers.cnc import flow
 
 HEAD = "G17 G71 G90 G40 G54\nT1 M6\nS3000 M3\nG0 X0 Y0\nG0 Z10\n"
 
@@ -224,8 +222,8 @@ def test_variables_loops_jumps_and_subprograms_carry_the_program_on(read, body: 
 
 
 def test_endless_loops_are_refused(read, monkeypatch) -> None:
-    assert sinumerik_flow.MOST_JUMPS == 200_000
-    monkeypatch.setattr(sinumerik_flow, "MOST_JUMPS", 2_000)
+    assert flow.MOST_JUMPS == 200_000
+    monkeypatch.setattr(flow, "MOST_JUMPS", 2_000)
     with pytest.raises(InputError, match=r"part.mpf:\d: more than 2000 jumps"):
         read(f"{HEAD}A1:\nGOTOB A1\nM30\n")
 
@@ -278,28 +276,6 @@ def test_the_text_says_the_language_whatever_the_ending(tmp_path: Path) -> None:
 def test_an_archive_runs_its_main_program_with_the_subprograms_of_the_archive(read) -> None:
     text = "%_N_SUB_SPF\n;$PATH=/_N_SPF_DIR\nG1 X10 F60\nM17\n%_N_MAIN_MPF\n;$PATH=/_N_MPF_DIR\n" + HEAD + "SUB\nM30\n"
     assert cuts(read(text)) == [[10, 0, 10]]
-
-
-@settings(max_examples=60, deadline=None)
-@given(data=st.data())
-def test_the_order_of_words_case_spaces_and_comments_change_nothing(tmp_path_factory, data) -> None:
-    blocks = ["G17 G71 G90", "G0 X0 Y0 Z10", "R1=5", "G1 X=R1*2 Y5 F600", "G3 X20 Y15 CR=10", "TRANS X5 Y1",
-              "G1 X1 Y2 Z3", "MCALL CYCLE81(20,0,2,-5)", "X7 Y8", "MCALL", "G1 X9 RND=1", "Y30", "G0 Z50"]  # fmt: skip
-    lines = []
-    for number, block in enumerate(blocks):
-        words = block.split(" ")
-        if words[0] not in ("TRANS", "MCALL"):
-            words = data.draw(st.permutations(words))
-        line = (" " * data.draw(st.integers(1, 2))).join(words)
-        line = line.lower() if data.draw(st.booleans()) else line
-        line = f"N{10 * number} {line}" if data.draw(st.booleans()) else line
-        lines.append(line + data.draw(st.sampled_from(["", " ; X99", ";G0 Z-99", "  "])))
-        lines.extend(data.draw(st.sampled_from([[], [""], ["; comment"], ['MSG("X5 Y5")'], ["STOPRE"]])))
-    folder = tmp_path_factory.mktemp("mpf")
-    texts = "\n".join(blocks), "\r\n".join(lines)
-    plain, other = (read_cam_text(folder, text, ".mpf", cycles="expand") for text in texts)
-    assert np.array_equal(plain.toolpath.position, other.toolpath.position)
-    assert np.array_equal(plain.toolpath.feed, other.toolpath.feed)
 
 
 def test_homes_that_only_the_machine_knows_and_traori_with_its_number_are_read(read) -> None:

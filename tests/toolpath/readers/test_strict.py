@@ -11,7 +11,7 @@ import pytest
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.toolpath.readers import CamFile, CamTable, read_cam
-from compplan.toolpath.readers.cnc.words import check_words, find_geometry
+from compplan.toolpath.readers.cnc.rs274_words import check_words, find_geometry
 from compplan.toolpath.reading import read_toolpath
 
 HEAD = "G21 G0 X0 Y0 Z0\n"
@@ -211,7 +211,7 @@ def test_corners_are_rounded_or_cut_off_as_asked(read, corner: str, expected: fl
         ("G1 X10 F9 ,R20\nY10\n", ":3: a corner of 20 mm takes 20 mm of moves of 10 mm"),
         ("G1 X10 F9 ,R2\nG0 Y10\n", ":3: a corner is rounded or cut between two straight moves"),
         ("G1 X10 F9 ,R2\nX0\n", ":3: the path turns back"),
-        ("G1 X10 F9 ,R2\n", ":2: a rounded or cut corner has no straight move after it"),
+        ("G1 X10 F9 ,R2\n", ":2: the rounded or cut corner of line 2 has no cutting move after it"),
     ],
 )
 def test_corners_that_cannot_be_cut_are_refused(read, text: str, sentence: str) -> None:

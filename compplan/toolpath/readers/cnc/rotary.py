@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine, dot
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.options import CamTable
@@ -15,7 +16,7 @@ UP: Point = (0.0, 0.0, 1.0)
 TILTS = frozenset("AB")
 
 
-class RotaryError(ValueError):
+class RotaryError(InputError):
     """Tell what is not known of the machine that turns A B C."""
 
 
@@ -143,10 +144,85 @@ def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
         head, table = order_axes(options.rotary or "", letters, options.rotary_axes)
     except RotaryError as fault:
         used = ", ".join(sorted(letters))
-        raise RotaryError(f"of rotary axes {used}, which carries the other is not known; state {fault}") from None
+        raise RotaryError(
+            f"of rotary axes {used}, which carries the other is not known; state {fault.message}"
+        ) from None
     signed = [tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in axes) for axes in (head, table)]
     centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
     return RotaryMachine(
         signed[0], signed[1], None if centre is None else (centre[0], centre[1], centre[2]),
         (offset[0], offset[1], offset[2]), options.pivot_mm,
     )  # fmt: skip
+
+
+class Rotary:
+    """Hold how the rotary axes of a program stand, and what they turn.
+
+    Args:
+        options: What the user says of the machine.
+
+    """
+
+    def __init__(self, options: CamTable) -> None:
+        self.options = options
+        self.angles: dict[str, float] = {}
+        #: Whether A B C are spatial angles of the tool, whatever the machine.
+        self.spatial = False
+        #: Whether the work offset turns with the table.
+        self.dynamic = False
+        self._turned: frozenset[str] = frozenset()
+        self._machine: RotaryMachine | None = None
+
+    @property
+    def turned(self) -> bool:
+        """Whether an axis does not stand at 0."""
+        return any(self.angles.values())
+
+    @property
+    def unknown(self) -> bool:
+        """Whether axes stand turned, and nobody says what they turn."""
+        return self.options.rotary is None and not self.spatial and self.turned
+
+    @property
+    def ignored(self) -> bool:
+        """Whether the user leaves rotary words out."""
+        return self.options.rotary == "ignore"
+
+    @property
+    def words(self) -> str:
+        """The axes that stand turned, as words of the program."""
+        return " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items() if angle)
+
+    @property
+    def machine(self) -> RotaryMachine:
+        """The machine that turns the axes which the program has turned so far."""
+        turned = self._turned.union(letter for letter, angle in self.angles.items() if angle)
+        if self._machine is None or turned != self._turned:
+            self._machine, self._turned = build_machine(self.options, turned), turned
+        return self._machine
+
+    def point_tool(self, angles: Mapping[str, float] | None = None) -> Point:
+        """Return the tool axis in the part, for these angles or for those in force."""
+        angles = self.angles if angles is None else angles
+        return self.machine.point_tool(angles) if any(angles.values()) and not self.ignored else UP
+
+    def place(self) -> Frame:
+        """Return where X Y Z of the machine stand in the part, without control of the tip.
+
+        Raises:
+            RotaryError: If the machine is not known.
+
+        """
+        if not self.turned or self.unknown or self.ignored or self.spatial:
+            return Frame()
+        machine = self.machine
+        if self.dynamic:
+            machine = replace(machine, centre=(0.0, 0.0, 0.0), offset=(0.0, 0.0, 0.0))
+        try:
+            return machine.place(self.angles)
+        except RotaryError as fault:
+            words = " ".join(f"{letter}{angle:g}" for letter, angle in self.angles.items())
+            raise RotaryError(
+                f"{words} without control of the tip (G43.4, TRAORI, M128): X Y Z are positions of the machine; "
+                f"state {fault.message}, or tip_control = true if they are the tip in the part frame"
+            ) from None

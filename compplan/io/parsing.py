@@ -1,0 +1,53 @@
+"""One guard for parsers of other packages: whatever a broken file leads to becomes one InputError with its name."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from json import JSONDecodeError
+from pathlib import Path
+from xml.etree.ElementTree import ParseError
+
+from compplan.errors import CompplanError, InputError
+
+#: Greatest size of a number that is read from a table, in the unit of its column or key.
+GREATEST = 1e12
+
+
+@contextmanager
+def guard_parser(file: str | Path, fault: str, line: Callable[[], int] | None = None) -> Iterator[None]:
+    """Turn every exception of a parser into an InputError with the file, and the line where the parser tells it.
+
+    Args:
+        file: The file that is parsed.
+        fault: What the message begins with, such as "is not TOML".
+        line: Tells how far the parser has come, where its errors do not.
+
+    Raises:
+        InputError: Where the parser fails. Errors of this package and a lack of memory pass.
+
+    """
+    try:
+        yield
+    except (CompplanError, MemoryError):
+        raise
+    except Exception as error:  # parsers raise whatever a broken file leads to
+        sentence, where = _describe(error)
+        where = line() if line is not None and where is None else where
+        raise InputError(" ".join(f"{fault}: {sentence}".split()), file=file, where=where) from None
+
+
+def _describe(error: Exception) -> tuple[str, int | None]:
+    """Return what a parser says, and the line if it says one."""
+    if isinstance(error, RecursionError):
+        return "nested too deeply", None
+    if isinstance(error, ParseError):
+        return error.msg, error.position[0]
+    if isinstance(error, JSONDecodeError):
+        return error.msg, error.lineno
+    if isinstance(error, tomllib.TOMLDecodeError):
+        sentence, _, place = str(error).partition(" (at ")
+        line = place.removeprefix("line ").partition(",")[0]
+        return sentence, int(line) if line.isdigit() else None
+    return f"{type(error).__name__}: {error}", None

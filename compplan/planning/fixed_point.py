@@ -1,0 +1,345 @@
+"""One fixed point of correction, timing, force and sampling.
+
+The force depends on the feed that is driven, inertia on the motion, the motion on the correction, the correction on
+the force. One loop works them out in turn, until no turn moves the loaded tip by more than `SETTLED` of the tolerance
+and no joint passes a limit:
+
+    command <- loads,   run <- command,   loads <- run,   slower where a limit is passed.
+
+A settled turn whose tip strays between waypoints divides those moves; one whose tip leaves the tolerance behind
+identified drives slows the run down there. Both go on with the same loop. The nonlinear program is solved for the loads
+that it ends with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.job.output import OutputTable
+from compplan.planning.between import Between, measure_between, wanted_pieces
+from compplan.planning.deflection import follow_links, plan_loads
+from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
+from compplan.planning.feed import FeedRequest, TorqueRules, time_run
+from compplan.planning.lost_motion import find_crossings, without_play
+from compplan.planning.run_timing import (
+    Timing,
+    cutting_runs,
+    find_slowdown,
+    state_timing,
+    time_between_cuts,
+    time_ends,
+)
+from compplan.planning.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
+from compplan.planning.strategies import command_path, nlp
+from compplan.planning.task import Command, PlanTask, attain_rows
+from compplan.robot import Array
+from compplan.simulation.vibration import build_dynamics, inertial_loads
+from compplan.statics.chain import Chain
+from compplan.statics.inertia import build_moving_chain
+from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.toolpath import interpolate
+
+#: Stated tolerance: force, feed and motion agree where a turn moves the tip by less than this share of the tolerance.
+SETTLED = 1e-3
+#: Turns between two divisions, divisions of the path, and rounds that slow the run down behind identified drives.
+TURNS, DIVISIONS, SLOWER = 12, 5, 4
+#: Shift of the tip that asks for no new correction. [m]
+EXACT = 1e-10
+#: Moves this near to a waypoint that fails are not divided for it.
+FAR = 8
+#: Moves on both sides of one that crosses lost motion that are divided as finely.
+EVEN = 4
+#: Greatest change of the deflection over one move, in chords.
+STEP_CHORDS = 4.0
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """A command with the time and the loads that belong to it.
+
+    Attributes:
+        task: The task as divided, with the feed programmed and the wrench at the feed driven.
+        strategy: The strategy; "none" where the correction lies below the robot's resolution.
+        command: The command.
+        timing: Its run.
+        between: Where the loaded tip goes between waypoints, by the planner's model.
+        executed: Where the controller takes the tip, None where it is not known.
+        excess: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
+        change: Shift of the tip that the last turn still made. [m]
+        turns: Turns of the loop.
+        notes: Sentences for the user.
+
+    """
+
+    task: PlanTask
+    strategy: str
+    command: Command
+    timing: Timing
+    between: Between
+    executed: ExecutedPath | None = None
+    excess: float = 0.0
+    change: float = 0.0
+    turns: int = 1
+    notes: tuple[str, ...] = ()
+
+
+def compensate(
+    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Compensation:  # fmt: skip
+    """Let a strategy command a task, with the run and the loads that belong to the command.
+
+    Inertia that keeps a plan from being one is left to the error band. A correction that lies below what the robot can
+    move is not made.
+
+    Args:
+        task: The task.
+        strategy: Name of the strategy.
+        wish: What the process asks of the feed.
+        output: What programs are asked for, if it is known.
+        progress: Told what is being done.
+
+    """
+    progress("sampling")
+    if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
+        task = replace(task, inertia=False)
+    found = _settle(task, strategy, wish, output, progress)
+    if found.task.inertia and (reason := _refuse_inertia(found)):
+        task = replace(task, inertia=False)
+        found = _settle(task, strategy, wish, output, progress)
+        note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
+        found = replace(found, notes=(*found.notes, note))
+    if floor := describe_floor(found.task, found.command.q):
+        found = _settle(task, "none", wish, output, progress)
+        found = replace(found, notes=(*found.notes, floor))
+    return found
+
+
+def _refuse_inertia(found: Compensation) -> str:
+    """Say what keeps a plan that compensates inertia from being one, "" where nothing does."""
+    task = found.task
+    if found.command.status != "solved":
+        return "a limit is not held"
+    if found.excess > 1.0:
+        return f"joint limits are passed by a factor of {found.excess:.3g}"
+    if found.change > SETTLED * task.tolerance:
+        return f"motion and correction do not settle (last turn {1e3 * found.change:.2g} mm)"
+    if ((driven := found.between.driven) > task.move_tolerance).any():
+        return f"the tip strays by {1e3 * float(driven.max(initial=0.0)):.2g} mm between waypoints"
+    return ""
+
+
+def _settle(
+    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None, progress: Callable[[str], None]
+) -> Compensation:
+    """Run the loop; arguments as of `compensate`.
+
+    Where the loads depend on the motion, the run is that of the uncorrected motion, so that it does not follow the
+    force; a turn only makes it slower. Rapid moves, and corrections that come in at rest, take the time of the command.
+    """
+    coupled = task.follows_feed or task.inertia
+    masses = build_moving_chain(task.robot) if task.inertia else None
+    task = _resolve_starts(task, wish) if task.inertia else task
+    mending, slow, run, command = Mending(), np.ones(len(task)), None, None
+    first: Compensation | None = None
+    turn, divisions, rounds = 0, 0, 0
+    while True:
+        turn += 1
+        if run is None:
+            progress(f"compensation of {len(task)} waypoints")
+        if coupled:
+            progress(f"force and feed, turn {turn}")
+        if command is None:
+            command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy)
+        excess, change = 0.0, 0.0
+        run = run or time_run(task, task.q_start if coupled else command.q, wish, slow)
+        driven, timing, notes = run
+        if coupled:
+            changed = _load(task, timing, command.q, masses)
+            change, task = _shift(task, changed, command.q), changed
+            if change > EXACT:
+                command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
+            time = time_between_cuts(task, command.q, timing.time)
+            rules = TorqueRules(task.robot, command.q, task.wrench) if wish.torque else None
+            slower = find_slowdown(task, command.q, time, rules)
+            excess = float(slower.max())
+            if excess > 1.0 or wish.torque:
+                slow, run = slow * np.minimum(slower, 3.0) * np.where(slower > 1.0, 1.02, 1.0), None
+            if (excess > 1.0 or change > SETTLED * task.tolerance) and turn % TURNS:
+                continue
+            timing = state_timing(driven, command.q, time)
+            driven = replace(driven, wrench=task.wrench, bias=task.bias)
+        if excess > 1.0:
+            notes = (*notes, f"Force and motion do not agree: joint limits are passed by a factor of {excess:.3g}.")
+        between = measure_between(driven, command.q, timing.time)
+        found = Compensation(driven, strategy, command, timing, between, None, excess, change, turn, notes)
+        stray, pieces = _missing_pieces(found)
+        pieces = mending.allow(task, pieces, stray)
+        if (pieces > 1).any() and divisions < DIVISIONS and not task.missed.any():
+            task, slow, command = _divide(task, pieces, slow, command, strategy)
+            divisions, run, turn = divisions + 1, None, 0
+            continue
+        if strategy == "nlp" and (coupled or "nlp" not in command.facts):
+            progress("compensation: nonlinear program")
+            found = _solve_program(found)
+        executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
+        found = replace(found, executed=executed)
+        first = first or found
+        use = None if wish.constant or found.command.status != "solved" else excess_executed(found.task, executed)
+        if use is None or rounds == SLOWER:
+            break
+        progress("slower where the drives leave the tolerance")
+        command, run, turn, rounds = found.command, None, 0, rounds + 1
+        slow = slow_around(task, timing, use, slow, rounds)
+    if not rounds or use is not None or found.command.status != "solved" or not (found.executed and first.executed):
+        return first
+    note = (f"The run is up to {slow.max():.3g} times slower where the drives as identified would take the tip beyond "
+            f"the tolerance ({1e3 * first.executed.most:.3g} mm, now {1e3 * found.executed.most:.3g}).")  # fmt: skip
+    return replace(found, notes=(*found.notes, note))
+
+
+def _load(task: PlanTask, timing: Timing, q: Array, masses: Chain | None) -> PlanTask:
+    """Return the task with the force at the feed that is driven and the inertia of the commanded motion."""
+    loads = predict_loads(task, _moving_feed(task, timing)) if task.follows_feed else task.wrench
+    changed = replace(task, wrench=loads, bias=None)
+    if masses is None:
+        return changed
+    changed = replace(changed, links=follow_links(task, q))
+    return replace(changed, bias=plan_loads(changed, time_between_cuts(task, q, timing.time), masses))
+
+
+def _divide(
+    task: PlanTask, pieces: NDArray[np.int_], slow: Array, command: Command, strategy: str
+) -> tuple[PlanTask, Array, Command | None]:
+    """Divide moves; slowness and correction go over linearly, a command of `nlp` by Newton steps."""
+    links, before = np.asarray(command.facts.get("links", command.q)), task.origin
+    finer = divide_by(task, pieces)
+    at = np.interp(finer.origin, before, np.arange(len(before)))
+    finer = replace(finer, wrench=interpolate(at, np.arange(len(before)), task.wrench)) if task.follows_feed else finer
+    slow = np.interp(at, np.arange(len(before)), slow)
+    if strategy != "nlp" or command.failures:
+        return finer, slow, None
+    q = finer.q_start + interpolate(at, np.arange(len(before)), links - task.q_start)
+    return finer, slow, nlp.correct_command(finer, Command(np.clip(q, task.robot.lower, task.robot.upper)))
+
+
+def _solve_program(found: Compensation) -> Compensation:
+    """Solve the nonlinear program for the loads that force, feed and motion have come to."""
+    task = found.task
+    command = nlp.command_path(task, found.command)
+    timing = state_timing(task, command.q, time_between_cuts(task, command.q, found.timing.time))
+    return replace(found, command=command, timing=timing, between=measure_between(task, command.q, timing.time))
+
+
+def _moving_feed(task: PlanTask, timing: Timing) -> Array:
+    """Return the feed at every waypoint: of two moves of a cut the means, each weighed by the other's time. [m/s].
+
+    That of the move before it alone would step where moves of different lengths meet.
+    """
+    feed, step = timing.feed.copy(), np.diff(timing.time)
+    feed[0] = feed[1]
+    inner = ~task.nominal.rapid[1:-1] & ~task.nominal.rapid[2:] & (step[1:] + step[:-1] > 0.0)
+    mean = (feed[1:-1] * step[1:] + feed[2:] * step[:-1]) / np.maximum(step[1:] + step[:-1], 1e-300)
+    feed[1:-1] = np.where(inner, mean, feed[1:-1])
+    return feed
+
+
+def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
+    """Return by how much the loads of another task would move the loaded tip at most. [m]."""
+    rows = np.flatnonzero(task.compensated)
+    biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
+    now, then = (
+        attain_pose(
+            task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows]
+        ).position
+        for each, bias in zip((task, other), biases, strict=True)
+    )
+    return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
+
+
+def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
+    """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
+    plain = replace(task, wrench=np.zeros_like(task.wrench))
+    every = np.arange(len(task))
+    bent = attain_rows(task, task.q_start, every, slope=False).position
+    bent = bent - attain_rows(plain, task.q_start, every, slope=False).position
+    change = np.linalg.norm(np.diff(bent, axis=0), axis=1)
+    change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
+    return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
+
+
+def _resolve_starts(task: PlanTask, wish: FeedRequest) -> PlanTask:
+    """Divide first and last moves of runs, in steps that grow away from the rest, until their rows tell the motion.
+
+    A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it
+    still rests; that falls with the cube root of the first step, and may bend the arm by half a chord.
+    """
+    dynamics, runs = build_dynamics(task.robot), cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    if not dynamics.known or not runs:
+        return task
+    time = time_run(task, task.q_start, wish)[1].time if wish.constant or wish.torque else time_ends(task, task.q_start)
+    rests = np.array(runs).ravel()
+    moves = rests - np.tile([0, 1], len(runs))
+    step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]
+    push = 2.0 * (task.q_start[moves + 1] - task.q_start[moves]) / step**2 * np.tile([[1.0], [-1.0]], (len(runs), 1))
+    loads, still = inertial_loads(dynamics, task.q_start[rests], np.zeros_like(push), push), task.wrench[rests]
+    bent, plain = (
+        attain_pose(task.chain, task.q_start[rests], still, slope=False, torque_bias=bias).position
+        for bias in (loads, None)
+    )
+    excess = np.linalg.norm(bent - plain, axis=1) / (0.5 * task.chord)
+    first = np.minimum(np.maximum(excess, 1.0), MOST_PIECES) ** -3.0
+    places = [grow_places(move, share, move == rest) for move, share, rest in zip(moves, first, rests, strict=True)]
+    return divide_task(task, np.unique(np.r_[np.arange(len(task)), *places]))
+
+
+def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
+    """Tell by how much more than their ends moves stray [m], and into how many pieces that asks to divide them."""
+    task, q, ways = found.task, found.command.q, found.between
+    links = found.command.facts.get("links")
+    if links is not None:  # division mends lost motion in the moves alone that cross it
+        task, q = without_play(task), links
+        ways = measure_between(task, q, found.timing.time)
+    attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
+    off = np.linalg.norm(attained - task.position, axis=1)
+    ends = np.maximum(off[:-1], off[1:])
+    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
+    if links is not None:
+        crosses = find_crossings(found.command.q, links)
+        for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
+            way[crosses] = np.maximum(way, whole)[crosses]
+    pieces = wanted_pieces(between, task.move_chord)
+    if task.follows_feed:
+        pieces = np.maximum(pieces, _force_pieces(task))
+    pieces[task.nominal.steps < 1e-6] = 1
+    pieces = _even_crossings(found, pieces)
+    for waypoint in found.command.failures:
+        pieces[max(waypoint - FAR, 0) : waypoint + FAR] = 1
+    return between.most, pieces
+
+
+def _even_crossings(found: Compensation, pieces: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Divide the neighbours of moves that cross lost motion as finely as these.
+
+    A curve through rows of one step in time swings beside a jump by an eighth of it; a short step among long ones
+    swings farther than the jump.
+    """
+    links = found.command.facts.get("links")
+    if links is None:
+        return pieces
+    step = np.diff(found.timing.time) / pieces
+    crossing = np.flatnonzero(find_crossings(found.command.q, links))
+    more = np.ones_like(pieces)
+    for move in crossing.tolist():
+        near = np.arange(max(move - EVEN, 0), min(move + EVEN + 1, len(pieces)))
+        finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
+        more[near] = np.maximum(more[near], np.maximum(finer, 1))
+    return pieces * more
+
+
+def _ways(between: Between) -> tuple[Array, Array, Array]:
+    return between.joint, between.cartesian, between.spline

@@ -1,0 +1,74 @@
+"""Joint torques stay within the robot's efforts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from compplan.planning.feed import TorqueRules
+from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.task import PlanTask
+from compplan.robot import Array
+from compplan.statics.chain import Chain, build_chain
+from compplan.statics.inertia import divide_body
+from compplan.statics.kinematics import locate_symbolic
+
+#: Gravity, base axes. [m/s^2]
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class TorqueLimit:
+    """|sum_b J_b^T m_b (p_b'' - g) - J^T w| <= tau_max, p_b the point masses that stand for the bodies.
+
+    With x the square of the speed, p_b'' = J_b (q'' x + q' x' / 2) + (J_b q')' q' x. Friction does not count.
+
+    Attributes:
+        chain: Joints and point masses of the stiff arm.
+        most: Limits. Shape (nq,). [N m or N]
+
+    """
+
+    chain: Chain
+    most: Array
+    name: str = "torque"
+    timed: bool = True
+    of_joints: bool = True
+    numbers: Array | None = None
+
+    def __str__(self) -> str:
+        return "|M q'' + c + g - J^T w| <= tau_max"
+
+    def rows(self, station: Station) -> ca.SX:
+        """Return torques as shares of their limits."""
+        frames = locate_symbolic(self.chain, station.q)
+        place = ca.vertcat(*frames.centre)
+        mass = ca.DM(np.repeat(self.chain.mass, 3))
+        speed = ca.jtimes(place, station.q, station.rate)
+        push = ca.jtimes(place, station.q, station.change) + ca.jtimes(speed, station.q, station.rate)
+        push = push * station.square + speed * station.push - ca.DM(np.tile(GRAVITY, len(self.chain.mass)))
+        torque = ca.jtimes(place, station.q, mass * push, True)
+        force, moment = station.wrench[:3], station.wrench[3:]
+        held = [
+            ca.dot(frames.axis[k], force if self.chain.translates[k]
+                   else moment + ca.cross(frames.position - frames.origin[k], force))
+            for k in self.chain.joint_elements.tolist()
+        ]  # fmt: skip
+        return (torque - ca.vertcat(*held)) / ca.DM(self.most)
+
+    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+        """Return the bounds of the shares."""
+        shape = (len(problem), len(self.most))
+        return -np.ones(shape), np.ones(shape)
+
+
+def read_torques(task: PlanTask) -> TorqueLimit | None:
+    """Read the torque limits of a task; None on a positioner or without masses, where the timing alone holds them."""
+    robot = task.robot
+    if robot.ground or not robot.bodies:
+        return None
+    points = tuple(point for body in robot.bodies for point in divide_body(body))
+    stiff = replace(robot, springs=(), link_elasticities=(), gravity=np.zeros(3), weights=(), bodies=points)
+    return TorqueLimit(build_chain(stiff), TorqueRules(robot, task.q_start, task.wrench).limits)

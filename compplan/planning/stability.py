@@ -1,0 +1,235 @@
+"""An answer where the arm buckles under its load, or its springs are too soft to hold it: waypoint and joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import ConvergenceError, InfeasibleError
+from compplan.planning.deflection import DAMPING
+from compplan.planning.task import PlanTask
+from compplan.process.cutting import CuttingForce
+from compplan.process.engagement import Engagement
+from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
+from compplan.process.materials import Coefficients
+from compplan.process.milling import THINNEST, edge_wrenches
+from compplan.robot import Array
+from compplan.simulation.vibration import build_dynamics, find_modes
+from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
+from compplan.statics.elastic import load_hessian, solve_equilibrium
+from compplan.toolpath.contact import path_axes
+
+#: Waypoints that are looked at.
+TRIED = 400
+
+
+def find_buckling(task: PlanTask, q: Array) -> dict[int, str]:
+    """Find waypoints at which the loaded arm stands in an equilibrium that does not hold, and name the joint."""
+    rows = np.flatnonzero(task.compensated)
+    if not len(rows) or not task.chain.n_springs:
+        return {}
+    size = np.linalg.norm(task.wrench[rows, :3], axis=1)
+    heavy = rows[np.argsort(size)[-TRIED // 2 :]]
+    rows = np.union1d(heavy, rows[np.linspace(0, len(rows) - 1, TRIED // 2).astype(int)])
+    share, spring = measure_buckling(task.chain, q[rows], task.wrench[rows])
+    return {
+        int(rows[k]): f"buckling of {task.chain.spring_names[spring[k]]} (load {share[k]:.3g} of the critical one)"
+        for k in np.flatnonzero(share >= 1.0)
+    }
+
+
+def measure_buckling(chain: Chain, q: Array, wrench: Array) -> tuple[Array, Array]:
+    """Measure how near loads are to those under which the arm buckles, dead ones: they keep direction and point.
+
+    With H = d(J^T w + tau_g)/dtheta the arm holds as long as C H has no eigenvalue of 1 and more; for one joint of
+    stiffness k under a force F along a lever l that is F l / k [Euler].
+
+    Args:
+        chain: The chain.
+        q: Joint positions. Shape (n, nq). [rad or m]
+        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+
+    Returns:
+        Greatest eigenvalue, shape (n,), and the spring that moves the most in its mode, shape (n,).
+
+    """
+    loaded = solve_equilibrium(chain, q, wrench, tolerance=1e-10)
+    values, modes = np.linalg.eig(chain.compliance @ load_hessian(chain, q, loaded.theta, wrench))
+    greatest = values.real.argmax(axis=1)
+    every = np.arange(len(values))
+    mode = np.abs(np.swapaxes(modes, 1, 2)[every, greatest])
+    return np.asarray(values.real[every, greatest]), np.asarray(mode.argmax(axis=1))
+
+
+def explain_buckling(task: PlanTask) -> InfeasibleError | None:
+    """Name waypoints at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
+    rows = np.flatnonzero(task.compensated)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), TRIED)).astype(int))]
+    failing = [int(row) for row in rows if not _settles(task, int(row))]
+    if not failing:
+        return None
+    row = slice(failing[0], failing[0] + 1)
+    frames = locate_frames(task.chain, task.q_start[row])
+    elements = task.chain.spring_elements
+    torque = load_elements(task.chain, frames, task.wrench[row])[0, elements]
+    give = task.chain.compliance @ torque
+    lever = np.linalg.norm(jacobian(task.chain, frames)[0, :3, elements], axis=1)
+    worst = int(np.argmax(np.abs(give) * lever))
+    name, slides = task.chain.spring_names[worst], task.chain.translates[elements[worst]]
+    size = f"{1e3 * abs(give[worst]):.3g} mm" if slides else f"{np.degrees(abs(give[worst])):.3g} deg"
+    message = (
+        f"the arm buckles at waypoint {failing[0]}: to first order the spring of {name} gives way by {size} under "
+        f"{abs(torque[worst]):.4g} {'N' if slides else 'N m'}, and no equilibrium is found "
+        f"({len(failing)} of {len(rows)} waypoints tried); check the compliances and the force"
+    )
+    return InfeasibleError(message, waypoints=failing, limits=[f"equilibrium of {name}"])
+
+
+def _settles(task: PlanTask, row: int) -> bool:
+    try:
+        solve_equilibrium(task.chain, task.q_start[row : row + 1], task.wrench[row : row + 1], tolerance=1e-9)
+    except ConvergenceError:
+        return False
+    return True
+
+
+#: Modes of the arm at a posture, and places of the cut that are looked at.
+MODES, PLACES = 5, 12
+#: Frequencies that a determinant is followed over: evenly, and beside each mode in widths of its peak.
+EVEN, NEAR = 600, np.sinh(np.linspace(-6.0, 6.0, 81))
+#: Depths that a limit is sought among, shares of the depth that is cut.
+SCALES = np.geomspace(0.02, 20.0, 120)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a tool on its arm.
+
+    Attributes:
+        omega: Angular frequencies, rising. Shape (m,). [rad/s]
+        shape: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
+        damping: Share of critical damping of each. Shape (m,).
+
+    """
+
+    omega: Array
+    shape: Array
+    damping: Array
+
+    def turn(self, axes: Array) -> Modes:
+        """Return the same, seen in other axes (columns). Shape of `axes`: (3, 3)."""
+        return replace(self, shape=axes.T @ self.shape)
+
+    def join(self, tool: ToolModeTable | None) -> Modes:
+        """Return these with the mode of the tool, alike along both path axes across the tool."""
+        if tool is None:
+            return self
+        omega = 2.0 * np.pi * tool.frequency_Hz
+        across = np.eye(3)[:, :2] * omega / np.sqrt(1e3 * tool.stiffness_N_mm)
+        every = np.append(self.omega, [omega, omega])
+        order = np.argsort(every)
+        shape = np.concatenate([self.shape, across], axis=1)
+        return Modes(every[order], shape[:, order], np.append(self.damping, [tool.damping] * 2)[order])
+
+
+def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
+    """Return the mean of A over a turn at every waypoint, path axes.
+
+    Args:
+        found: The engagement.
+        coefficients: Of the material; a Kienzle exponent is taken at the chip that is cut.
+        feed_per_tooth: Shape (n,). [m]
+
+    Returns:
+        Shape (n, 3, 3). [N/m]
+
+    """
+    edge, angle = found.cutter.slices, found.angles
+    force = edge_wrenches(edge, angle)[0][..., :3]
+    cos, sin = np.cos(angle), np.sin(angle)
+    out, up = edge.normal[:, :1], edge.normal[:, 1:]
+    normal = np.stack([out * cos, out * sin, up * np.ones_like(cos)], axis=-1)
+    speed = found.outward(angle)
+    chip = np.maximum(1e3 * feed_per_tooth[:, None, None] * speed, THINNEST)
+    gains = np.zeros((len(found), 3, 3))
+    for c in range(3):
+        m = coefficients.exponent[c]
+        slope = 1e6 * coefficients.cutting[c] * (1.0 - m) * chip**-m
+        weight = found.depth * slope * (edge.length[:, None] * (speed > 0.0)) / len(angle)
+        gains += np.einsum("nkm,kmi,kmj->nij", weight, force[c], normal)
+    return gains
+
+
+def compute_depth_limit(mean: Array, period: float, modes: Modes, scales: Array = SCALES) -> float:
+    """Return the least unstable depth as a share of the one that is cut; inf for none among the scales.
+
+    Args:
+        mean: B0 at the depth that is cut. Shape (3, 3). [N/m]
+        period: Tooth period. [s]
+        modes: Of the tool, same axes.
+        scales: Depths that are tried, rising.
+
+    """
+    last = 20.0 * modes.omega[-1]
+    near = modes.omega[:, None] * (1.0 + modes.damping[:, None] * NEAR / 2.0)
+    grid = np.linspace(0.0, last, int(np.clip(last * period, EVEN, 20 * EVEN)))
+    omega = np.unique(np.clip(np.concatenate([grid, near.ravel()]), 0.0, last))
+    peak = modes.omega**2 - omega[:, None] ** 2 + 2j * modes.damping * modes.omega * omega[:, None]
+    answer = np.einsum("im,wm,jm->wij", modes.shape, 1.0 / peak, modes.shape)
+    loop = (1.0 - np.exp(-1j * omega * period))[:, None, None] * (answer @ mean)
+    trace = np.einsum("wii->w", loop)
+    square = 0.5 * (trace**2 - np.einsum("wij,wji->w", loop, loop))
+    b = np.asarray(scales, float)[:, None]
+    turned = np.unwrap(np.angle(1.0 - b * trace + b**2 * square - b**3 * np.linalg.det(loop)), axis=1)
+    unstable = np.flatnonzero(np.rint(-(turned[:, -1] - turned[:, 0]) / np.pi) > 0)
+    return float(scales[unstable[0]]) if len(unstable) else float("inf")
+
+
+def describe_depth_limit(task: PlanTask, q: Array) -> str:
+    """Return a sentence on the least limit of depth along a plan; "" where no end mill cuts or masses are unknown.
+
+    Args:
+        task: The task.
+        q: Joint positions of the plan. Shape (n, nq). [rad or m]
+
+    """
+    cutting = None if task.law is None else task.law.cutting
+    if cutting is None or not isinstance(cutting.process, EndMillProcess):
+        return ""
+    dynamics = build_dynamics(task.robot)
+    touches = cutting.engagement.touches & ~cutting.rapid
+    if not dynamics.known or not touches.any():
+        return ""
+    rows = np.flatnonzero(touches)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, PLACES).astype(int))]
+    there = np.clip(np.searchsorted(task.nominal.arc_length, cutting.arc[rows] - 1e-12), 0, len(task.nominal) - 1)
+    limits = _compute_limits(cutting, task, rows, there, [
+        Modes(own.omega, own.tip, np.full(len(own.omega), DAMPING)) for own in find_modes(dynamics, q[there], MODES)
+    ])  # fmt: skip
+    worst = int(limits.argmin())
+    depth = float(cutting.engagement.axial[rows[worst]])
+    tool = cutting.process.tool_mode
+    known = (f"arm damped by {100 * DAMPING:.3g} % (assumed), "
+             + ("tool and holder rigid (process.tool_mode states their mode)" if tool is None else
+                f"tool mode of {tool.frequency_Hz:g} Hz"))  # fmt: skip
+    if not np.isfinite(limits[worst]):
+        return f"No chatter up to {SCALES[-1]:g} times the depth of cut by the zero-order solution ({known})."
+    word = "Chatter is expected: the" if limits[worst] <= 1.0 else "The"
+    return (f"{word} zero-order limit of depth is {1e3 * depth * limits[worst]:.2g} mm at waypoint "
+            f"{int(there[worst])}, where {1e3 * depth:.2g} mm are cut ({known}).")  # fmt: skip
+
+
+def _compute_limits(
+    cutting: CuttingForce, task: PlanTask, rows: NDArray[np.int_], there: Array, modes: list[Modes]
+) -> Array:
+    """Return the limits of depth at some waypoints, shares of the depth that is cut. Shape (r,)."""
+    process = cutting.process
+    assert isinstance(process, EndMillProcess)
+    spindle = process.spindle()
+    feed = spindle.feed_per_tooth(task.nominal.feed[there])
+    mean = spindle.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
+    period, axes = 1.0 / (spindle.speed * spindle.teeth), path_axes(task.nominal)[there]
+    return np.array([compute_depth_limit(b, period, own.turn(way).join(process.tool_mode))
+                     for b, own, way in zip(mean, modes, axes, strict=True)])  # fmt: skip

@@ -1,0 +1,333 @@
+"""Contours with rounded and cut corners: elements wait for the one after them where a corner lies between."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point, arc_about, centre_from_radius, combine, cross, dot
+from compplan.toolpath.readers.cnc.course import Course
+
+#: Angles below this count as none. [rad]
+STRAIGHT = 1e-6
+#: Greatest part of a line that may leave the plane of a corner.
+LEANING = 1e-6
+
+
+@dataclass(frozen=True)
+class Element:
+    """Hold a line or an arc of a contour, in the coordinates of the program.
+
+    Args:
+        start: Where it begins.
+        end: Where it ends.
+        named: Axes of the end that are absolute coordinates.
+        feed: Feed. [mm/s]
+        line: Line of its block.
+        centre: Centre of an arc, None for a line.
+        normal: Axis of an arc, or of the plane.
+        right_hand: Sense of an arc about the axis.
+        turns: 1 for less than a turn or a full circle; each further one adds a full turn.
+        axis: Tool axis at the end, in the part; None: it stays.
+        rapid: Whether a line is rapid.
+        run: Puts down an element on which rotary axes turn, in place of the usual line.
+
+    """
+
+    start: Point
+    end: Point
+    named: tuple[int, ...]
+    feed: float
+    line: int
+    centre: Point | None = None
+    normal: Point = (0.0, 0.0, 1.0)
+    right_hand: bool = True
+    turns: int = 1
+    axis: Point | None = None
+    rapid: bool = False
+    run: Callable[[], None] | None = None
+
+    def tangent(self, place: Point) -> Point:
+        """Return the direction of travel at a point of the element."""
+        if self.centre is None:
+            return _unit(combine(1.0, self.end, -1.0, self.start))
+        along = cross(self.normal, combine(1.0, place, -1.0, self.centre))
+        return _unit(along if self.right_hand else (-along[0], -along[1], -along[2]))
+
+
+@dataclass(frozen=True)
+class Corner:
+    """Hold a corner: ROUND (radius), LEG (from the corner to either end of the chamfer) or CHAMFER (its length).
+
+    A modal one is left out where no cut follows.
+    """
+
+    kind: str
+    size: float
+    feed: float | None
+    line: int
+    modal: bool = False
+
+
+Approach = Callable[[Element], list[Element]]
+
+
+class Contour:
+    """Hold what waits for the next element: an approach, or an element that a corner ends."""
+
+    def __init__(self, course: Course, unit: str = " mm") -> None:
+        self.course, self.unit = course, unit
+        self.held: tuple[Element, Corner] | None = None
+        self.approach: Approach | None = None
+        self.target: Point = (0.0, 0.0, 0.0)
+        self.first = 0
+
+    @property
+    def position(self) -> Point:
+        """Where the next element begins, in the coordinates of the program."""
+        if self.approach is not None:
+            return self.target
+        return self.held[0].end if self.held else self.course.position
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits for the next element."""
+        return self.held is None and self.approach is None
+
+    def wait(self, approach: Approach, target: Point, line: int) -> None:
+        """Let an approach to a point wait for the first element of the contour."""
+        self.approach, self.target, self.first = approach, target, line
+
+    def add(self, element: Element, corner: Corner | None = None) -> None:
+        """Take an element, and the corner at its end."""
+        if self.approach is not None:
+            approach, self.approach = self.approach, None
+            for piece in approach(element):
+                self._put(piece)
+        if self.held is not None:
+            before, asked = self.held
+            self.held = None
+            try:
+                first, between, element = join_corner(before, asked, element, self.unit)
+            except ValueError as fault:
+                raise InputError(f"{fault}, in the corner of line {asked.line}") from None
+            self._put(first)
+            if between is not None:
+                self._put(between)
+        if corner is not None:
+            self.held = element, corner
+        else:
+            self._put(element)
+
+    def refuse_open(self) -> None:
+        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one.
+
+        Raises:
+            InputError: If there is one.
+
+        """
+        if self.held is not None and self.held[1].modal:
+            element, self.held = self.held[0], None
+            self._put(element)
+        if self.held is not None:
+            raise InputError(f"the rounded or cut corner of line {self.held[1].line} has no cutting move after it")
+        if self.approach is not None:
+            raise InputError(f"the approach of line {self.first} has no contour after it")
+
+    def _put(self, element: Element) -> None:
+        course = self.course
+        if element.rapid:
+            course.rapid(element.end, element.named, element.axis)
+        elif element.run is not None:
+            element.run()
+        elif element.centre is None:
+            course.line(element.end, element.named, element.feed, element.axis)
+        else:
+            course.arc(element.end, element.named, element.centre, element.normal, element.feed,
+                       right_hand=element.right_hand, turns=element.turns)  # fmt: skip
+
+
+def join_corner(
+    before: Element, corner: Corner, after: Element, unit: str = ""
+) -> tuple[Element, Element | None, Element]:
+    """Return two elements cut back to a corner between them, and what joins them.
+
+    Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
+    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet.
+
+    Args:
+        before: The element that ends in the corner.
+        corner: The corner.
+        after: The element that begins in it.
+        unit: Unit of the coordinates, for messages; "" where it depends on the program.
+
+    Raises:
+        ValueError: If no such corner fits.
+
+    """
+    point, normal = before.end, after.normal if after.centre is not None else before.normal
+    one, other = before.tangent(point), after.tangent(point)
+    lines = before.centre is None and after.centre is None
+    across = cross(one, other)
+    turn = math.atan2(math.hypot(*across), dot(one, other))
+    if before.axis is not None or after.axis is not None:
+        raise ValueError("the tool turns beside a rounded or cut corner, which is not read")
+    if turn < STRAIGHT or corner.size == 0.0:
+        return before, None, after
+    if turn > math.radians(179.9):
+        raise ValueError("the path turns back at this corner")
+    if corner.size < 0.0:
+        raise ValueError(f"a corner of {corner.size:g}{unit}, expected a size above 0")
+    feed = before.feed if corner.feed is None else corner.feed
+    if lines:
+        normal = _unit(across)
+        reach = {
+            "ROUND": corner.size * math.tan(0.5 * turn), "LEG": corner.size,
+            "CHAMFER": 0.5 * corner.size / math.cos(0.5 * turn),
+        }[corner.kind]  # fmt: skip
+        shortest = min(math.dist(before.start, point), math.dist(point, after.end))
+        if reach > shortest + 1e-6:
+            raise ValueError(f"a corner of {corner.size:g}{unit} takes {reach:g}{unit} of moves of {shortest:g}{unit}")
+        first, last = combine(1.0, point, -reach, one), combine(1.0, point, reach, other)
+        middle = combine(1.0, first, corner.size, cross(normal, one)) if corner.kind == "ROUND" else None
+        right_hand = True
+    else:
+        if corner.kind != "ROUND" or max(abs(dot(one, normal)), abs(dot(other, normal))) > LEANING:
+            raise ValueError("a chamfer beside an arc, or a corner out of the plane of its arc, is not read")
+        right_hand = dot(across, normal) > 0.0
+        middle, first, last = _find_rounding(before, after, corner.size, normal, right_hand=right_hand)
+    joint = Element(first, last, before.named, feed, corner.line, middle, normal, right_hand)
+    return replace(before, end=first), joint, replace(after, start=last)
+
+
+def _find_rounding(
+    before: Element, after: Element, radius: float, normal: Point, *, right_hand: bool
+) -> tuple[Point, Point, Point]:
+    """Return centre, begin and end of the arc of a radius that touches two elements from inside their corner."""
+    point = before.end
+    u = before.tangent(point)
+    v = cross(normal, u)
+    moved = [_move_inwards(element, point, radius if right_hand else -radius, u, v) for element in (before, after)]
+    places = _meet(moved[0], moved[1])
+    best: tuple[float, Point, Point, Point] | None = None
+    for x, y in places:
+        centre = combine(1.0, combine(1.0, point, x, u), y, v)
+        touches = [_touch(element, centre, normal) for element in (before, after)]
+        if all(_lies_on(e, t) for e, t in zip((before, after), touches, strict=True)):
+            far = math.dist(centre, point)
+            if best is None or far < best[0]:
+                best = far, centre, touches[0], touches[1]
+    if best is None:
+        raise ValueError(f"a rounding of radius {radius:g} does not fit between its elements")
+    return best[1], best[2], best[3]
+
+
+Flat = tuple[str, float, float, float, float]
+
+
+def _move_inwards(element: Element, point: Point, left: float, u: Point, v: Point) -> Flat:
+    """Return an element moved to its left, in the plane: a line (point, direction) or a circle (centre, radius)."""
+    if element.centre is None:
+        t = element.tangent(point)
+        x, y = dot(t, u), dot(t, v)
+        return "line", -y * left, x * left, x, y
+    arm = combine(1.0, element.centre, -1.0, point)
+    size = math.dist(element.centre, point) + (-left if element.right_hand else left)
+    return "circle", dot(arm, u), dot(arm, v), abs(size), 0.0
+
+
+def _meet(one: Flat, other: Flat) -> list[tuple[float, float]]:
+    """Return where two lines or circles of a plane meet."""
+    if one[0] == "line" and other[0] == "line":
+        return []
+    if one[0] == "circle" and other[0] == "circle":
+        dx, dy = other[1] - one[1], other[2] - one[2]
+        apart = math.hypot(dx, dy)
+        if apart < 1e-12:
+            return []
+        along = (apart * apart + one[3] ** 2 - other[3] ** 2) / (2.0 * apart)
+        across = math.sqrt(max(one[3] ** 2 - along**2, 0.0))
+        if abs(along) > one[3] + 1e-9:
+            return []
+        ex, ey = dx / apart, dy / apart
+        return [(one[1] + along * ex - s * across * ey, one[2] + along * ey + s * across * ex) for s in (1.0, -1.0)]
+    line, circle = (one, other) if one[0] == "line" else (other, one)
+    px, py = line[1] - circle[1], line[2] - circle[2]
+    along = px * line[3] + py * line[4]
+    inside = along * along - (px * px + py * py - circle[3] ** 2)
+    if inside < -1e-9:
+        return []
+    root = math.sqrt(max(inside, 0.0))
+    return [(line[1] + t * line[3], line[2] + t * line[4]) for t in (-along + root, -along - root)]
+
+
+def _touch(element: Element, centre: Point, normal: Point) -> Point:
+    """Return where a rounding about a centre touches an element."""
+    if element.centre is None:
+        t = element.tangent(element.start)
+        return combine(1.0, element.start, dot(combine(1.0, centre, -1.0, element.start), t), t)
+    arm = combine(1.0, centre, -1.0, element.centre)
+    arm = combine(1.0, arm, -dot(arm, normal), normal)
+    size, radius = math.hypot(*arm), math.dist(element.centre, element.start)
+    return combine(1.0, element.centre, radius / max(size, 1e-12), arm)
+
+
+def _lies_on(element: Element, place: Point) -> bool:
+    """Return whether a point of an element's line or circle lies within its ends."""
+    if element.centre is None:
+        t = element.tangent(element.start)
+        along = dot(combine(1.0, place, -1.0, element.start), t)
+        return -1e-6 <= along <= math.dist(element.start, element.end) + 1e-6
+    if element.turns > 1:
+        return True
+    whole, part = (
+        abs(arc_about(element.start, end, element.centre, element.normal, right_hand=element.right_hand).sweep)
+        for end in (element.end, place)
+    )
+    near = math.dist(place, element.start) < 1e-6
+    return part <= whole + 1e-6 or near
+
+
+def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
+    """Return centre and sense of the arc that leaves along a direction and ends at a point; None where it is straight.
+
+    Args:
+        start: Where it begins.
+        direction: Unit direction of travel there, in the plane.
+        end: Where it ends.
+        normal: Unit normal of the plane.
+
+    """
+    travel = combine(1.0, end, -1.0, start)
+    travel = combine(1.0, travel, -dot(travel, normal), normal)
+    left = cross(normal, direction)
+    aside = dot(travel, left)
+    if abs(aside) < 1e-9 * max(1.0, math.hypot(*travel)):
+        return None
+    radius = dot(travel, travel) / (2.0 * aside)
+    return combine(1.0, start, radius, left), radius > 0.0
+
+
+def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: str, *, right_hand: bool) -> Point:
+    """Return the centre of an arc that is given by its radius; negative: the longer of the two arcs.
+
+    Raises:
+        ValueError: If no such arc joins the points.
+
+    """
+    centre = centre_from_radius(start, end, normal, radius, right_hand=right_hand)
+    if centre is None:
+        travel = combine(1.0, end, -1.0, start)
+        far = math.hypot(*combine(1.0, travel, -dot(travel, normal), normal))
+        raise ValueError(f"arc of radius R {radius:g}{unit} cannot join ends that are {far:g}{unit} apart, expected "
+                         f"0 < distance <= {2 * abs(radius):g}{unit}")  # fmt: skip
+    return centre
+
+
+def _unit(vector: Point) -> Point:
+    size = math.hypot(*vector)
+    if size < 1e-12:
+        raise ValueError("an element of the contour has no length")
+    return vector[0] / size, vector[1] / size, vector[2] / size

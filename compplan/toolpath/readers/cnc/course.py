@@ -1,0 +1,291 @@
+"""Follow the tool of a program whose coordinates stand in frames: what of its place is known, moves in the part.
+
+What is unknown stays unknown: rapid moves are put down once all of a place is known, and cuts that begin elsewhere are
+refused. Moves where nobody knows how the coordinates lie to the part are left out (muted), and cuts there refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
+from compplan.toolpath.readers.frames import UNIT, Frame
+from compplan.toolpath.readers.moves import HasLine, MoveLog
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.start import find_start
+
+#: Greatest turn of the tool between waypoints. [deg]
+TURN_STEP = 1.0
+#: Turns of the tool below this are none. [rad]
+STEADY = 1e-9
+UP: Point = (0.0, 0.0, 1.0)
+
+
+class OffCircleError(InputError):
+    """Tell that start and end of an arc do not lie on one circle."""
+
+
+class Course:
+    """Hold where the tool is, in the coordinates of the program, and put down its moves in the part.
+
+    Args:
+        reader: Knows the line that is read.
+        options: What the program does not say by itself: `from_mm` is where cuts begin whose start it leaves open.
+        starts_at_zero: Whether coordinates that were never stated are 0 at the first cut, with a note.
+
+    """
+
+    def __init__(self, reader: HasLine, options: CamTable, *, starts_at_zero: bool = False) -> None:
+        self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
+        self.log = MoveLog(options.chord_tolerance_mm, reader)
+        self.frame = Frame()
+        self.position: Point = (0.0, 0.0, 0.0)
+        self.untold = {0, 1, 2}
+        self.lost: set[int] = set()
+        #: Whether a cut has begun, and whether the tool has gone where only the machine knows since its last move.
+        self.begun = self.away = False
+        self.reason = ""
+        #: Greatest height of a rapid move so far, along Z of the frame. [mm]
+        self.height: float | None = None
+        self.up = UP
+        #: Why moves are left out: what is said of a cut among them, and noted of a rapid one ("": nothing).
+        self.muted: dict[str, tuple[str, str]] = {}
+        self.left_out = 0
+        #: The arc that was cut last, True for a line, None where nothing was cut right before.
+        self.way: Arc | bool | None = None
+
+    @property
+    def knows(self) -> bool:
+        """Whether the place of the tool is known."""
+        return not self.untold and not self.lost
+
+    @property
+    def direction(self) -> Point | None:
+        """Direction in the part in which the last cut ended, None where nothing was cut right before."""
+        return (
+            self.way.tangent(self.way.sweep) if isinstance(self.way, Arc) else self.log.direction if self.way else None
+        )
+
+    def note(self, message: str) -> None:
+        """Note something that was assumed or read past, at the line that is read."""
+        self.log.note(message, self.reader.line)
+
+    def use(self, frame: Frame) -> None:
+        """Put a frame in force; the tool stays where it is, and is counted anew."""
+        if frame == self.frame:
+            return
+        back = frame.invert()
+        for unknown in (self.untold, self.lost):
+            if unknown and frame.rows != self.frame.rows:
+                spread = {i for i in range(3) if any(abs(self.frame.rows[i][j]) > 1e-12 for j in unknown)}
+                unknown_now = {i for i in range(3) if any(abs(back.rows[i][j]) > 1e-12 for j in spread)}
+                unknown.clear()
+                unknown.update(unknown_now)
+        self.position = back.apply(self.frame.apply(self.position))
+        self.move_frame(frame)
+
+    def move_frame(self, frame: Frame) -> None:
+        """Put a frame in force under the tool: its coordinates stay, its place in the part changes."""
+        if frame == self.frame:
+            return
+        if frame.rows != self.frame.rows:
+            up = frame.turn(UP)
+            size = math.hypot(*up)
+            up = up[0] / size, up[1] / size, up[2] / size
+            if math.dist(up, self.up) > STEADY:
+                self.up, self.height = up, None
+        self.frame, self.way = frame, None
+
+    def aim(self, axis: Point) -> None:
+        """Turn the tool, in the part, by rotary axes: where that takes its tip is not known."""
+        if _angle(self.log.axis, axis) > STEADY:
+            self.lose()
+            self.log.axis = axis
+
+    def lose(self, axes: Iterable[int] = range(3), reason: str = "after a move of the machine's axes") -> None:
+        """Forget coordinates: the tool has gone where only the machine knows."""
+        axes = set(axes)
+        self.lost |= axes
+        self.untold -= axes
+        self.way, self.away, self.reason = None, self.away or bool(axes), reason
+
+    def settle(self, axes: Iterable[int]) -> None:
+        """Take coordinates as known."""
+        self.untold.difference_update(axes)
+        self.lost.difference_update(axes)
+
+    def mute(self, reason: str, refusal: str = "", note: str = "") -> None:
+        """Leave moves out from here on; refuse a cut among them and note a rapid one where there is a text for it."""
+        self.muted[reason] = refusal, note
+
+    def unmute(self, reason: str) -> None:
+        """Let moves in again, from a place that nobody knows."""
+        if self.muted.pop(reason, None) is not None:
+            self.lose(range(3), "after a change of the frame")
+
+    def retreat(self) -> None:
+        """Go straight up to the greatest height of a rapid so far: on the way to the machine's home."""
+        if self.muted or self.height is None or not self.knows or not self.log.waypoints:
+            return
+        place = self.frame.apply(self.position)
+        rise = self.height - dot(self.up, place)
+        if rise > 0.0:
+            self.note(f"the way home begins straight up to Z{self.height:g}, the highest rapid so far")
+            place = combine(1.0, place, rise, self.up)
+            self.log.rapid(place)
+            self.position = self.frame.invert().apply(place)
+
+    def level_of_height(self) -> float | None:
+        """Return the greatest height of a rapid so far as Z of the program, None where there is none."""
+        if self.height is None:
+            return None
+        place = self.frame.apply(self.position)
+        return self.frame.invert().apply(combine(1.0, place, self.height - dot(self.up, place), self.up))[2]
+
+    def rapid(self, target: Point, named: Sequence[int] = (), axis: Point | None = None) -> None:
+        """Move rapidly to a place; nothing is put down until all of it is known."""
+        before, log = self.position, self.log
+        self.position, self.way = target, None
+        self.settle(named)
+        if self.muted:
+            for note in filter(None, (note for _, note in self.muted.values())):
+                self.note(note)
+            return
+        point = self.frame.apply(target)
+        if not self.knows:
+            log.counts["rapid_moves"] += target != before or bool(named)
+            if not log.waypoints:
+                log.place(point, axis)
+            log.axis = axis or log.axis
+            return
+        level = dot(self.up, point)
+        if self.away:
+            self.away = False
+            if log.waypoints and self.height is not None and axis in (None, log.axis):  # sideways first, then down
+                above = max(self.height, level, dot(self.up, self.frame.apply(before)))
+                log.rapid(combine(1.0, point, above - level, self.up))
+        self.height = level if self.height is None else max(self.height, level)
+        log.rapid(point, axis)
+
+    def begin_cut(self) -> None:
+        """Let a cut begin where the tool is, before its block says where it ends.
+
+        Raises:
+            InputError: If that is not known, and the user states no place.
+
+        """
+        if self.muted:
+            return
+        unknown = self.untold | self.lost
+        if unknown:
+            elsewhere, stated = bool(self.lost) or self.away, self.options.from_mm
+            if stated is None and self.starts_at_zero and not elsewhere:
+                names = " ".join("XYZ"[axis] for axis in sorted(unknown))
+                self.note(f"the first cut starts at no stated {names}: 0 is assumed (or state --from)")
+                stated = [0.0, 0.0, 0.0]
+            if stated is not None:
+                stated = list(self.frame.invert().apply((stated[0], stated[1], stated[2])))
+            start = find_start(self.position, unknown, stated, self.reason if elsewhere else "")
+            if self.log.waypoints:
+                self.rapid(start, range(3))
+            else:
+                self.settle(range(3))
+                self.position, self.away = start, False
+                point = self.frame.apply(start)
+                self.height = dot(self.up, point)
+                self.log.place(point)
+        self.begun = True
+
+    def check_place(self, axes: Iterable[int]) -> None:
+        """Refuse a hole while a coordinate of the tool that its block does not state is not known."""
+        unknown = set(axes).intersection(self.untold | self.lost)
+        if unknown and not self.muted:
+            find_start(self.position, unknown, None, self.reason)
+
+    def leave_out(self, target: Point, named: Iterable[int] = ()) -> bool:
+        """Leave out a cut where moves are muted; return whether they are.
+
+        Raises:
+            InputError: If the reason allows no cut.
+
+        """
+        if not self.muted:
+            return False
+        if refusal := next((refusal for refusal, _ in self.muted.values() if refusal), ""):
+            raise InputError(refusal)
+        self.left_out += 1
+        self.position = target
+        self.settle(named)
+        return True
+
+    def line(self, target: Point, named: Iterable[int], feed: float, axis: Point | None = None) -> None:
+        """Cut straight to a place with a feed in mm/s; the tool turns to `axis` on the great circle.
+
+        Raises:
+            InputError: If it begins where the tool is not known to be.
+
+        """
+        if self.leave_out(target, named):
+            return
+        if not self.knows:
+            self.begin_cut()
+        start, end = self.frame.apply(self.position), self.frame.apply(target)
+        angle = 0.0 if axis is None else _angle(self.log.axis, axis)
+        if axis is not None and angle > math.radians(TURN_STEP):
+            self._turn_on_line(start, end, feed, axis, math.ceil(math.degrees(angle) / TURN_STEP - 1e-9))
+        else:
+            self.log.line(end, feed, axis)
+        self.position = target
+        if math.dist(start, end) > 1e-9:
+            self.way = True
+
+    def _turn_on_line(self, start: Point, end: Point, feed: float, axis: Point, pieces: int) -> None:
+        log, before = self.log, self.log.axis
+        counts = dict(log.counts)
+        for piece in range(1, pieces + 1):
+            share = piece / pieces
+            point = end if piece == pieces else combine(1.0 - share, start, share, end)
+            log.line(point, feed, _turn_towards(before, axis, share))
+        log.count_one(counts)
+
+    def arc(self, target: Point, named: Iterable[int], centre: Point, normal: Point, feed: float, *,
+            right_hand: bool, turns: int = 1) -> None:  # fmt: skip
+        """Cut along an arc or a helix; everything stands in the coordinates of the program.
+
+        Raises:
+            OffCircleError: If start and end lie on no circle about the centre.
+            InputError: If the start is not known, or the frame makes an ellipse of the arc.
+
+        """
+        if self.leave_out(target, named):
+            return
+        if not self.knows:
+            self.begin_cut()
+        frame = self.frame
+        if frame.rows is not UNIT and not frame.similar:
+            raise InputError("an arc under a scale that differs between axes would be an ellipse and is not read")
+        start, end, unit = frame.apply(self.position), frame.apply(target), frame.turn(normal)
+        size = math.hypot(*unit)
+        unit = unit[0] / size, unit[1] / size, unit[2] / size
+        hand = right_hand != frame.mirrored
+        arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
+        if not fits_circle(arc.radius, arc.end_radius):
+            message = f"arc starts {arc.radius:.4f} mm from its centre and ends {arc.end_radius:.4f} mm from it"
+            raise OffCircleError(f"{message}, expected the same radius; I J K may count otherwise (option arc_centres)")
+        self.log.arc(arc, end, feed)
+        self.position, self.way = target, arc
+
+
+def _angle(before: Point, after: Point) -> float:
+    return math.atan2(math.hypot(*cross(before, after)), dot(before, after))
+
+
+def _turn_towards(start: Point, end: Point, share: float) -> Point:
+    """Return a direction on the great circle between two, which are not opposite, after a share of the turn."""
+    angle = _angle(start, end)
+    if angle < STEADY or share == 1.0:
+        return end
+    sine = math.sin(angle)
+    return combine(math.sin((1.0 - share) * angle) / sine, start, math.sin(share * angle) / sine, end)

@@ -1,0 +1,743 @@
+"""Heidenhain conversational programs: what each of their statements does, one line a word.
+
+A new statement is one line of `STATEMENTS`: `run(dialect, rest)` carries out what follows its first word.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point, combine, dot
+from compplan.toolpath.readers.cnc.contour import Corner, Element
+from compplan.toolpath.readers.cnc.expressions import evaluate
+from compplan.toolpath.readers.cnc.flow import END, Flow, Program
+from compplan.toolpath.readers.cnc.heidenhain_approach import Way, approach, depart
+from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
+from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, Datums, find_spatial
+from compplan.toolpath.readers.cnc.heidenhain_lexer import (
+    ASSIGN,
+    CALL,
+    FUNCTION_NUMBER,
+    GRAMMAR,
+    JUMP,
+    LABEL,
+    M_WORDS,
+    NUMBER,
+    PLAIN,
+    VALUE,
+    split_blocks,
+    split_words,
+)
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.motion import POLAR
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
+from compplan.toolpath.readers.frames import UNIT, Frame, stretch
+from compplan.toolpath.readers.options import CamTable
+from compplan.toolpath.readers.start import refuse_unit
+
+MOST_JUMPS = 200_000
+DEEPEST = 19
+#: Motions: straight, arcs about the pole, by radius, tangent ones.
+MOTIONS = {"L", "LP", "LN", "C", "CR", "CT", "CP", "CTP"}
+#: M functions that change nothing of the path or the machine that a robot has.
+SILENT = frozenset(map(float, (
+    6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
+    *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
+)))  # fmt: skip
+REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation of rotary axes",
+             **dict.fromkeys(range(200, 205), "laser")}  # fmt: skip
+#: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
+OLD_RAPID = frozenset({9999.0, 15999.0})
+PLANES = {0: 19, 1: 18, 2: 17}
+#: What words of a block are called in all dialects; with I before them they count from where the tool is.
+ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
+TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
+TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
+TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
+POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
+CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({VALUE})\s*(?:F\s*({VALUE}))?\s*")
+WORD = re.compile(r"[A-Z]+")
+#: FUNCTION .. that says nothing of the path.
+SILENT_FUNCTION = re.compile(
+    r"(MODE\s+(MILL|SET)|FEED|S-PULSE|PROG\s+PATH\s+IS\s+CONTOUR|AFC|DCM|COUNT|RESET|TABDATA|FILE|CORRDATA|LIFTOFF|"
+    r"DRESS|TURNDATA\s+SPIN)"
+)
+Words = dict[str, str]
+
+
+class Klartext:
+    """Carry out a conversational program.
+
+    Args:
+        file: Its file.
+        options: What the program does not say by itself.
+
+    """
+
+    tip_word = "M128"
+    ends = frozenset({2.0, 30.0})
+    silent = SILENT
+
+    def __init__(self, file: Path, options: CamTable) -> None:
+        flow = Flow(file, MOST_JUMPS, DEEPEST)
+        self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
+        self.it.motion.keeps_polar = False
+        self.datums = Datums(self.it)
+        self.value, self.values = self.datums.value, self.datums.values
+        self.labels: dict[str, int] = {}
+        self.begun = self.per_turn = False
+        #: Whether every move from here on calls the cycle (M89).
+        self.calls = False
+        #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
+        self.old = self.fast = False
+        #: Side of the contour on which the tool runs: L, R, or none.
+        self.side = ""
+        self.tool_feed: float | None = None
+        self.radii: dict[str, float] = {}
+        self.cycles = HeidenhainCycles(self.it, self.datums, self.to_mm_s, self.radii)
+        self.points: list[Point] = []
+        self.inch = options.unit == "inch"
+        self._set_unit()
+
+    def run(self, text: str) -> None:
+        """Read every block up to the end of the program."""
+        flow = self.it.flow
+        try:
+            blocks = list(split_blocks(text))
+        except ValueError as fault:
+            raise flow.error(str(fault)) from None
+        for index, block in enumerate(blocks):
+            if block.text.startswith("LBL"):
+                found, flow.line = LABEL.match(block.text), block.line
+                word = found.group(1) if found else ""
+                if not found:
+                    raise flow.error(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
+                if word in self.labels:
+                    first = blocks[self.labels[word]].line
+                    raise flow.error(f"label {word} stands twice, first in line {first}")
+                if word != "0":
+                    self.labels[word] = index
+        self.it.run(Program(blocks, 0, len(blocks), self.it.file))
+        if not self.begun and self.it.options.unit is None:
+            flow.line = 1
+            raise flow.error(refuse_unit("BEGIN PGM .. MM or INCH").message)
+
+    @property
+    def tilted(self) -> bool:
+        """Whether a tilted plane is in force."""
+        return self.datums.tilted
+
+    def find_frame(self) -> Frame:
+        """Return where the coordinates of the program stand, rotary axes aside."""
+        return self.datums.find_frame()
+
+    @property
+    def normal(self) -> Point:
+        """Tool axis in the coordinates of the program."""
+        return PLANE_NORMALS[self.it.state.plane]
+
+    def square(self) -> Point:
+        """Return the tool axis where all rotary axes stand at 0, or that of spatial angles (TCPM AXIS SPAT)."""
+        if not self.it.rotary.spatial:
+            return self.normal
+        return find_spatial(*(self.it.rotary.angles.get(letter, 0.0) for letter in LETTERS)).turn(self.normal)
+
+    def turn_in_plane(self, block: Block) -> tuple[bool, Point | None]:
+        """Take the axis of a tilted plane where rotary axes are positioned in it."""
+        if not self.tilted or (self.it.state.tip_control and "TILT" not in block.names):
+            return False, None
+        self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
+        return True, None
+
+    def run_line(self, program: Program, index: int) -> int:
+        """Carry out a block; return the next one, or END."""
+        it, block = self.it, program.lines[index]
+        it.flow.line, text = block.line, block.text
+        if block.comment:
+            it.log.happen("comment", block.line, text=block.comment)
+        index += 1
+        if text[:1] == "/":
+            it.note("blocks marked with / are read")
+            text = text[1:].strip()
+        if not text:
+            return index
+        if (text == "LBL 0" and it.flow.depth) or text.startswith("END PGM"):
+            return END
+        if it.steady and (plain := PLAIN.fullmatch(text)):
+            followed = index < program.last and program.lines[index].text[:3] not in ("RND", "CHF", "")
+            if followed and it.motion.cut_plain(plain):
+                return index
+        it.steady = False
+        if text.startswith("CALL") or (" GOTO" in text and text.startswith(("FN", "IF"))):
+            return self._jump(text, program, index)
+        self._carry_out(text, program, index)
+        it.steady = text[0] == "L" and not (self.fast or self.calls) and it.motion.is_steady()
+        return index
+
+    def _jump(self, text: str, program: Program, index: int) -> int:
+        """Carry out a call of a label, a repetition or a jump; return where to go on."""
+        flow = self.it.flow
+        if not text.startswith("CALL"):
+            flow.count_jump()
+            found = JUMP.search(text)
+            if not found:
+                raise InputError(f"jump {text[:40]!r} is not read, expected IF .. EQU .. GOTO LBL ..")
+            one, how, other, label = found.groups()
+            a, b = self._formula(one), self._formula(other)
+            jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
+            return self._label(label) if jumps else index
+        found = CALL.match(text)
+        if not found:
+            raise InputError(f"call {text[:40]!r} is not read, only labels of the program are called")
+        label, times = found.groups()
+        start = self._label(label)
+        if times is None:
+            self.it.contour.refuse_open()
+            flow.run_program(f"LBL {label}", program, 1, start)
+            return index
+        flow.count_jump()
+        return start if flow.repeat(index, lambda: self.value(times)) else index
+
+    def _label(self, word: str) -> int:
+        key = word if word.startswith('"') or word.isdigit() else f"{self.value(word):g}"
+        if key not in self.labels:
+            raise InputError(f"label {key} is not in this program")
+        return self.labels[key] + 1
+
+    def _carry_out(self, text: str, program: Program, index: int) -> None:
+        """Carry out a block that does not jump."""
+        first = WORD.match(text)
+        word = first.group() if first else ""
+        defining, self.cycles.defining = self.cycles.defining, False
+        if word in MOTIONS:
+            self._move(word, text[len(word) :], self._corner_after(program, index))
+        elif word.removeprefix("I") in ADDRESSES:  # X+10 alone
+            self._move("L", text, self._corner_after(program, index))
+        elif text[0] == "(" and not self.begun and text.endswith(")"):
+            self.it.log.happen("comment", self.it.flow.line, text=text[1:-1].strip())
+        elif text[0] in "*;":
+            self.it.log.happen("comment", self.it.flow.line, text=text[1:].strip())
+        elif word.startswith("Q") and "=" in text:
+            self._assign(text)
+            if defining:
+                self.cycles.add_value(text)
+                self.cycles.defining = True
+        elif word in STATEMENTS:
+            STATEMENTS[word](self, text[len(word) :].strip())
+        elif word == "ERROR" or set(text) <= set("%-_=#* "):
+            self.it.note(f"line {text[:20]!r} is not read")
+        else:
+            raise InputError(f"block {text[:40]!r} is not read and may move the tool; post-process without it")
+
+    def _corner_after(self, program: Program, index: int) -> Corner | None:
+        """Return the corner that the next block asks for."""
+        while index < program.last and not program.lines[index].text:
+            index += 1
+        if index >= program.last or program.lines[index].text[:3] not in ("RND", "CHF"):
+            return None
+        block = program.lines[index]
+        found = CORNER.fullmatch(block.text)
+        if not found:
+            self.it.flow.line = block.line
+            raise InputError(f"corner {block.text[:30]!r} is not read, expected RND or CHF, a number and F")
+        feed = None if found.group(3) is None else self.to_mm_s(self.value(found.group(3)))
+        return Corner("ROUND" if found.group(1) == "RND" else "LEG", self.value(found.group(2)), feed, block.line)
+
+    def check_corner(self, rest: str) -> None:
+        """RND, CHF: the move before them has taken them, unless there is none."""
+        if self.it.contour.held is None:
+            raise InputError("RND or CHF does not stand between two cutting moves")
+
+    def begin(self, rest: str) -> None:
+        """BEGIN PGM: the unit."""
+        unit = re.search(r"\b(MM|INCH)\s*$", rest)
+        if self.begun:
+            raise InputError("a second program begins; one a file is read")
+        if not unit:
+            raise InputError(f"{rest[:40]!r} states no unit, expected MM or INCH at its end")
+        self.begun, self.inch = True, unit.group(1) == "INCH"
+        self._set_unit()
+
+    def _set_unit(self) -> None:
+        self.datums.unit = stretch(INCH, INCH, INCH) if self.inch else Frame()
+        self.it.set_frame()
+        self._set_feed_scale()
+
+    def _set_feed_scale(self) -> None:
+        self.it.state.feed_scale = self.to_mm_s(1.0) * 60.0
+
+    def to_mm_s(self, number: float) -> float:
+        """Return a feed in mm/s; in programs in inches F counts tenths of an inch a minute."""
+        if self.per_turn:
+            return number * self.datums.unit.scale * self.it.state.spindle / 60.0
+        return number * (1.0 if self.datums.unit.rows == UNIT else 0.1 * INCH) / 60.0
+
+    def _assign(self, text: str) -> None:
+        """Carry out Q1 = formula."""
+        found = ASSIGN.fullmatch(text)
+        if not found:
+            raise InputError(f"assignment {text[:40]!r} is not read")
+        target, formula = found.groups()
+        if target.startswith("QS") or '"' in formula:
+            self.it.unknown[target] = f"line {self.it.flow.line} gives it text"
+            self.values.pop(target, None)
+        else:
+            self.values[target] = self._formula(formula)
+
+    def _formula(self, text: str) -> float:
+        return evaluate(re.sub(r"(?<=\d),(?=\d)", ".", text), GRAMMAR, self.datums.look_up)
+
+    def run_function(self, text: str) -> None:
+        """FN 0 to 8 and 13: assignments; what others set is not known."""
+        found = FUNCTION_NUMBER.match(f"FN {text}")
+        if not found:
+            raise InputError(f"function {text[:30]!r} is not read, expected FN, its number and a colon")
+        number, rest, line = int(found.group(1)), found.group(2).strip(), self.it.flow.line
+        if number in (*range(9), 13) and ASSIGN.match(rest):
+            self._assign(rest)
+        elif number in (14, 20):
+            self.it.log.happen("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
+        else:
+            for target in re.findall(r"Q[LRS]?\d+", rest)[:1]:
+                self.values.pop(target, None)
+                self.it.unknown[target] = f"FN {number} of line {line} sets it"
+            self.it.note(f"FN {number} is not read")
+
+    def shift_datum(self, rest: str) -> None:
+        """TRANS DATUM: as cycle 7."""
+        if rest.startswith("DATUM AXIS"):
+            self.datums.shift_datum(rest.removeprefix("DATUM AXIS").strip())
+        elif rest == "DATUM RESET":
+            self.datums.shift_datum("X0 Y0 Z0")
+        else:
+            raise InputError(f"TRANS {rest[:30]!r} is not read; use cycles 7, 8, 10, 11")
+
+    def run_word_function(self, rest: str) -> None:
+        """FUNCTION: control of the tip, dwells."""
+        if rest.startswith("RESET TCPM"):
+            self.control_tip(False)
+        elif rest.startswith("TCPM"):
+            self.control_tip(True, spatial="AXIS SPAT" in rest)
+            if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
+                raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
+        elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({NUMBER})", rest)):
+            self.it.log.happen("dwell", self.it.flow.line, value=float(found.group(1)))
+        elif SILENT_FUNCTION.match(rest):
+            self.it.note(f"FUNCTION {rest.split()[0]} is not read")
+        else:
+            raise InputError(f"FUNCTION {rest[:30]!r} is not read and may change the path")
+
+    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
+        """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
+        self.it.contour.refuse_open()
+        self.it.rotary.spatial, self.it.state.tip_control = spatial, on
+        self.it.set_frame()
+
+    def probe(self, rest: str) -> None:
+        """TCH PROBE: where it ends is not known."""
+        self.it.note("probing (TCH PROBE) is left out; where it ended is not known")
+        self.it.contour.refuse_open()
+        self.it.course.lose()
+
+    def split(self, text: str) -> tuple[Words, set[int]]:
+        """Return the words of a block by their letters, and its M functions.
+
+        Raises:
+            InputError: If something in it is not read, or a word stands twice.
+
+        """
+        functions: set[int] = set()
+        if "M1" in text or "M 1" in text:
+            for found in M_WORDS.finditer(text):
+                functions.add(int(found.group(1)))
+                if found.group(1) == "140":
+                    self._retract(found.group(2))
+            text = M_WORDS.sub(" ", text)
+        found_words, rest = split_words(text)
+        if rest:
+            raise InputError(f"cannot read {rest[:30]!r} in the block {text[:40]!r}")
+        words: Words = {}
+        for letter, value in found_words:
+            if letter == "M":
+                functions.add(int(self.value(value)))
+            elif letter in words or (letter[0] == "I" and letter[1:] in words) or "I" + letter in words:
+                raise InputError(f"word {letter} stands twice in the block {text[:40]!r}")
+            else:
+                words[letter] = value
+        if "S" in words:
+            self._set_speed(self.value(words.pop("S")))
+        return words, functions
+
+    def _retract(self, words: str) -> None:
+        """Go back along the tool axis (M140 MB)."""
+        course, axis = self.it.course, self.datums.tool_axis
+        way = re.search(r"MB\s*([-+]?[\d.,]+)", words)
+        if way is None:
+            self.it.note("retracts to the end of the machine's travel (M140 MB MAX) are left out")
+            course.lose((axis,))
+            return
+        self.it.contour.refuse_open()
+        target = list(course.position)
+        target[axis] += self.value(way.group(1))
+        feed = re.search(r"F\s*([\d.]+)", words)
+        if feed:
+            course.line((target[0], target[1], target[2]), (), self.to_mm_s(float(feed.group(1))))
+        else:
+            course.rapid((target[0], target[1], target[2]))
+
+    def start_functions(self, functions: set[int]) -> None:
+        """Let happen what M functions switch before the move of their block."""
+        if not functions:
+            return
+        for number in sorted(functions & REFUSED_M.keys()):
+            raise InputError(f"M{number} ({REFUSED_M[number]}) is not read; post-process without it")
+        self.it.machine.switch_on(sorted(map(float, functions)), self.it.flow.line)
+        if 128 in functions:
+            self.control_tip(True)
+        if functions & {136, 137}:
+            self.per_turn = 136 in functions
+            self._set_feed_scale()
+
+    def stop_functions(self, functions: set[int]) -> None:
+        """Let happen what M functions switch after it."""
+        if 129 in functions:
+            self.control_tip(False)
+        if self.it.machine.stop(sorted(functions), self.it.flow.line):
+            self.it.flow.over = True
+
+    def run_functions(self, text: str) -> None:
+        """M functions alone."""
+        words, functions = self.split(text if text[:1] == "M" or not text else f"M{text}")
+        if words.keys() - {"F", "FMAX"}:
+            raise InputError(f"cannot read the block {text[:40]!r}")
+        self.start_functions(functions)
+        self._call_cycle(functions & {89, 99})
+        self.stop_functions(functions)
+
+    def stop(self, text: str) -> None:
+        """STOP: the program stops."""
+        words, functions = self.split(text)
+        if words.keys() - {"F", "FMAX"}:
+            raise InputError(f"cannot read the block {text[:40]!r}")
+        self.start_functions(functions)
+        self.it.log.happen("stop", self.it.flow.line)
+        self._call_cycle(functions & {89, 99})
+        self.stop_functions(functions)
+
+    def _call_cycle(self, functions: set[int]) -> None:
+        """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
+        if functions:
+            self.calls = self.calls or 89 in functions
+            self.cycles.call()
+            self.calls = self.calls and 99 not in functions
+
+    def _set_speed(self, speed: float) -> None:
+        """Take a speed of the spindle; one that turns changes its speed."""
+        self.it.state.spindle = speed
+        if self.per_turn:
+            self._set_feed_scale()
+        if self.it.state.turning:
+            self.it.log.happen(self.it.state.turning, self.it.flow.line, value=speed)
+
+    def change_tool(self, text: str) -> None:
+        """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
+        it = self.it
+        if re.match(r"DEF(?![A-Z])", text):
+            found = TOOL_DEF.match(text)
+            if not found:
+                raise InputError(f"tool TOOL {text[:36]!r} is not read")
+            self.old = self.old or found.group(2) is not None
+            if found.group(3) is not None:
+                self.radii[found.group(1) or ""] = self.value(found.group(3))
+            return
+        found = TOOL.match(text)
+        if not found:
+            raise InputError(f"tool call TOOL {text[:36]!r} is not read")
+        called, axis, rest = found.groups()
+        it.contour.refuse_open()
+        words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
+        if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
+            raise InputError(f"cannot read {rest[:30]!r} in the tool call")
+        if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
+            it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
+        if "S" in words:
+            it.state.spindle = self.value(words["S"])
+            self._set_feed_scale()
+        if "F" in words:
+            self.tool_feed = self._set_feed(self.to_mm_s(self.value(words["F"])))
+            self.cycles.tool_feed = self.tool_feed
+        if called is not None:
+            number = 0.0 if called.startswith('"') else self.value(called)
+            key = called if called.startswith('"') else f"{number:g}"
+            if key != self.cycles.tool:
+                self.cycles.tool = key
+                it.state.tool, it.state.tool_name = number, called[1:-1] if called.startswith('"') else ""
+                it.machine.change_tool(it.flow.line)
+        if axis in ("X", "Y", "Z") and AXES.index(axis) != self.datums.tool_axis:
+            self.datums.tool_axis = AXES.index(axis)
+            it.state.plane = PLANES[self.datums.tool_axis]
+            it.set_frame()
+            self.datums.point_tool()
+        if "S" in words and it.state.turning:
+            it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
+        functions = {int(number) for number in re.findall(r"M\s*(\d+)", bare)}
+        self.start_functions(functions)
+        self.stop_functions(functions)
+
+    def _set_feed(self, feed: float) -> float:
+        self.it.state.feed = feed * 60.0
+        return feed
+
+    def take_side(self, words: Mapping[str, str]) -> None:
+        """Keep whether the tool runs left or right of the contour."""
+        for word in ("R0", "RL", "RR", "R"):
+            if word in words and (word != "R" or words[word] in ("+", "-")):
+                self.side = word[1:].replace("0", "")
+                if word != "R0":
+                    self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
+
+    def take_feed(self, words: Mapping[str, str]) -> bool:
+        """Take the feed of a block; return whether it is rapid."""
+        if "FMAX" in words:
+            return True
+        if "FAUTO" in words:
+            if self.tool_feed is None:
+                raise InputError("F AUTO, but TOOL CALL states no F")
+            self._set_feed(self.tool_feed)
+        elif "FU" in words:
+            self._set_feed(self.value(words["FU"]) * self.datums.unit.scale * self.it.state.spindle / 60.0)
+        elif "FZ" in words or "FT" in words:
+            raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
+        elif "F" in words:
+            if not words["F"]:
+                raise InputError("word F has no number")
+            feed = self.value(words["F"])
+            self._set_feed(self.to_mm_s(feed))
+            self.fast = self.old and feed in OLD_RAPID
+        if self.fast:
+            self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")
+        return self.fast
+
+    def _read(self, words: Mapping[str, str]) -> Block:
+        """Return the places that words name, as addresses that all dialects share."""
+        block = Block()
+        for word, address in ADDRESSES.items():
+            if word in words or "I" + word in words:
+                text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS
+                by_plane = turns and any(name in text for name in TILT_ANGLES)
+                unread = turns and (self.it.rotary.ignored or (by_plane and self.tilted))
+                block.values[address] = 0.0 if unread else self.value(text)
+                if word not in words:
+                    block.relative.add(address)
+                if by_plane:
+                    block.names.append("TILT")
+        if block.has(POLAR):
+            self._need_pole()
+        return block
+
+    def _need_pole(self) -> None:
+        if self.it.state.pole is None:
+            raise InputError("no pole or centre (CC) stands before this block")
+
+    def _move(self, kind: str, rest: str, corner: Corner | None) -> None:
+        """Carry out a motion block; corner: that which the block after it asks for."""
+        it, state = self.it, self.it.state
+        words, functions = self.split(re.sub(r"\([^()]*\)$", "", rest))
+        self.start_functions(functions)
+        self.take_side(words)
+        rapid = self.take_feed(words)
+        if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
+            it.note("axes U V W are not read")
+        block = self._read(words)
+        if functions & {91, 92}:
+            it.leave_out_machine_move(block, "M91, M92")
+        else:
+            it.motion.corner = corner
+            if kind[0] == "L":
+                if words.get("R", "+") not in ("+", "-") or "DR" in words:
+                    raise InputError("words of an arc in a straight block")
+                state.motion = 0.0 if rapid else 1.0
+                if kind == "LN":
+                    self._read_vector(words, block)
+            else:
+                if rapid:
+                    raise InputError("an arc with FMAX is not read; give it a feed")
+                self._read_arc(kind, words, block)
+            it.motion.move(block)
+            it.motion.corner = None
+        self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
+        self.stop_functions(functions)
+
+    def _read_vector(self, words: Words, block: Block) -> None:
+        """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
+        for letter in LETTERS:
+            block.values.pop(letter, None)
+        for letter in ("T", "N") if self.it.state.tip_control else ("T",):
+            found = {f"{name}3": self.value(words[letter + axis]) for name, axis in zip(LETTERS, AXES, strict=True)
+                     if letter + axis in words}  # fmt: skip
+            if found:
+                block.values.update(found)
+                return
+
+    def _read_arc(self, kind: str, words: Words, block: Block) -> None:
+        """Read C and CP (about the pole), CR (radius), CT and CTP (tangent)."""
+        state = self.it.state
+        if kind in ("CT", "CTP"):
+            state.motion = "CT"
+            return
+        sign = words.get("DR", "")
+        if sign not in ("+", "-"):
+            raise InputError("arc without a sense, expected DR+ or DR-")
+        state.motion = 3.0 if sign == "+" else 2.0
+        if kind == "CR":
+            if not words.get("R"):
+                raise InputError("CR has no radius R")
+            block.values["CR"] = self.value(words["R"])
+        else:
+            self._need_pole()
+            block.names.append("CC")
+        if "IPA" in words:
+            angle = self.value(words["IPA"])
+            if angle == 0.0 or (angle > 0.0) != (sign == "+"):
+                raise InputError(f"IPA{angle:+g} and DR{sign} contradict each other")
+            block.values["TURN"] = math.ceil(abs(angle) / 360.0 - 1e-9) - 1.0
+
+    def set_pole(self, rest: str) -> None:
+        """CC: the pole, or the centre of arcs."""
+        words, functions = self.split(rest)
+        block, state, start = self._read(words), self.it.state, self.it.contour.position
+        named = block.list_axes()
+        if named and len(named) != 2:
+            raise InputError(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
+        plane = next(plane for plane, axes in PLANE_AXES.items() if set(axes) == set(named)) if named else state.plane
+        place = [0.0, 0.0, 0.0]
+        for axis in PLANE_AXES[plane]:
+            letter = AXES[axis]
+            base = start[axis] if not named or letter in block.relative else 0.0
+            place[axis] = base + block.values.get(letter, 0.0)
+        state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
+        self.start_functions(functions)
+        self.stop_functions(functions)
+
+    def call_cycle(self, rest: str) -> None:
+        """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
+        if not rest.startswith("CALL"):
+            self.cycles.define(f"CYCL {rest}")
+            return
+        words = rest.removeprefix("CALL").strip()
+        pattern = words.startswith("PAT")
+        if pattern and not self.points:
+            raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
+        found, functions = self.split(words.removeprefix("PAT").removeprefix("POS"))
+        self.start_functions(functions - {89, 99})
+        self.take_feed(found)
+        if pattern or words.startswith("POS"):
+            for place in self.points if pattern else [self.it.motion.target(self._read(found))[0]]:
+                self.cycles.call_at(place)
+        else:
+            self.cycles.call()
+        if not pattern:
+            self.calls = (self.calls or 89 in functions) and 99 not in functions
+        self.stop_functions(functions)
+
+    def define_pattern(self, text: str) -> None:
+        """PATTERN DEF: single positions."""
+        if POSITION.sub("", text.removeprefix("DEF")).strip():
+            raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
+        places = POSITION.findall(text)
+        self.points = [self.it.motion.target(self._read(self.split(words)[0]))[0] for words in places]
+
+    def run_approach(self, rest: str) -> None:
+        """APPR: its moves wait for the first element of the contour."""
+        it = self.it
+        way, words, functions = self._read_way(rest, "APPR")
+        it.contour.refuse_open()
+        it.course.begin_cut()
+        start, (first, _) = it.contour.position, it.motion.target(self._read(words))
+        depth = combine(dot(combine(1.0, first, -1.0, start), self.normal), self.normal, 0.0, self.normal)
+        if math.hypot(*depth) > 1e-9:
+            it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
+
+        def begin(element: Element) -> list[Element]:
+            return approach(way, start, first, depth, element.tangent(element.start))
+
+        it.contour.wait(begin, first, it.flow.line)
+        self.start_functions(functions)
+        self.stop_functions(functions)
+
+    def run_departure(self, rest: str) -> None:
+        """DEP: leave the contour."""
+        it = self.it
+        way, words, functions = self._read_way(rest, "DEP")
+        self.start_functions(functions)
+        direction = it.motion.find_direction()
+        it.contour.refuse_open()
+        last, target = it.contour.position, it.motion.target(self._read(words))[0]
+        height = target[self.datums.tool_axis] - last[self.datums.tool_axis]
+        flat = combine(1.0, target, -height, self.normal) if way.kind == "LCT" else None
+        for element in depart(way, last, flat, direction):
+            it.contour.add(element)
+        if abs(height) > 1e-9:
+            place = combine(1.0, it.contour.position, height, self.normal)
+            it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
+        self.side, it.state.motion = "", 1.0
+        self.stop_functions(functions)
+
+    def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
+        found = re.match(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest)
+        if not found:
+            raise InputError(f"{what} {rest[:20]!r} is not read, expected LT, LN, CT, LCT")
+        words, functions = self.split(found.group(2))
+        feed_before = None if self.it.state.motion == 0.0 else self.it.motion.feed(0.0)
+        self.take_side(words)
+        if self.take_feed(words) and what == "APPR":
+            raise InputError("an approach with FMAX is not read; give it a feed")
+        kind = found.group(1)
+        need = "LEN" if kind in ("LT", "LN") else "CCA" if kind == "CT" else ""
+        if need and need not in words:
+            raise InputError(f"{what} {kind} has no {need}")
+        length, radius, angle = (self.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
+        feed, line = self.it.motion.feed(0.0), self.it.flow.line
+        return Way(kind, length, radius, angle, self.side, self.normal, feed, feed_before, line), words, functions
+
+
+def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
+    """Return a statement that is refused."""
+
+    def run(dialect: Klartext, rest: str) -> None:
+        raise InputError(f"{word} ({what}) is not read; post-process without it")
+
+    return run
+
+
+def pass_over(dialect: Klartext, rest: str) -> None:
+    """Carry out a statement that says nothing of the path."""
+
+
+def end_part(rest: str) -> None:
+    """END-SUB: nothing of the path; END of anything else is not read."""
+    if rest != "-SUB":
+        raise InputError(f"block 'END {rest[:36]}' is not read and may move the tool; post-process without it")
+
+
+STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
+    "BEGIN": Klartext.begin, "STOP": Klartext.stop, "M": Klartext.run_functions, "TOOL": Klartext.change_tool,
+    "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
+    # frames
+    "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
+    # contours and cycles
+    "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner, "APPR": Klartext.run_approach,
+    "DEP": Klartext.run_departure, "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
+    # nothing of the path
+    **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
+    "END": lambda dialect, rest: end_part(rest),
+    # refused
+    "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
+    **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},
+    "TURNDATA": refuse("turning", "TURNDATA"), "POLARKIN": refuse("polar kinematics", "POLARKIN"),
+    "AFC": refuse("adaptive feed", "AFC"),
+}  # fmt: skip

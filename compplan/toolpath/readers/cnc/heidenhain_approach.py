@@ -1,0 +1,156 @@
+"""APPR and DEP of Heidenhain programs: how a contour is approached and left. Everything stands in one plane."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from compplan.toolpath.readers.arcs import Point, combine, cross, dot
+from compplan.toolpath.readers.cnc.contour import Element
+
+
+@dataclass(frozen=True)
+class Way:
+    """Hold what an APPR or DEP block says.
+
+    Args:
+        kind: LT, LN, CT or LCT.
+        length: LEN of LT and LN.
+        radius: R of CT and LCT, signed.
+        angle: CCA of CT. [deg]
+        side: "L" or "R" where the tool runs left or right of the contour, "" without compensation.
+        normal: Normal of the plane.
+        feed: Feed of the block. [mm/s]
+        feed_before: Feed of the move to where the approach begins, None where that is rapid. [mm/s]
+        line: Line of the block.
+
+    """
+
+    kind: str
+    length: float
+    radius: float
+    angle: float
+    side: str
+    normal: Point
+    feed: float
+    feed_before: float | None
+    line: int
+
+
+def approach(way: Way, start: Point, first: Point, depth: Point, direction: Point) -> list[Element]:
+    """Return the moves to the first point of a contour.
+
+    Args:
+        way: What the block says.
+        start: Where the tool is.
+        first: First point of the contour, at its depth.
+        depth: How far it lies from the start along the normal, as a vector.
+        direction: Direction in which the contour begins.
+
+    Raises:
+        ValueError: If the block does not say enough.
+
+    """
+    high = combine(1.0, first, -1.0, depth)
+    begin, centre, right_hand = _begin(way, start, high, direction)
+    low = combine(1.0, begin, 1.0, depth)
+    feed_before = way.feed if way.kind == "LCT" else way.feed_before
+    moves = [_line(start, begin, feed_before, way)]
+    if math.hypot(*depth) > 0.0:
+        moves.append(_line(begin, low, feed_before, way))
+    if centre is None:
+        moves.append(_line(low, first, way.feed, way))
+    else:
+        about = combine(1.0, centre, 1.0, depth)
+        moves.append(Element(low, first, (0, 1, 2), way.feed, way.line, about, way.normal, right_hand))
+    return [move for move in moves if math.dist(move.start, move.end) > 0.0]
+
+
+def _begin(way: Way, start: Point, first: Point, direction: Point) -> tuple[Point, Point | None, bool]:
+    """Return where the approach begins, and centre and sense of its arc."""
+    if way.kind == "LT":
+        return combine(1.0, first, -way.length, direction), None, True
+    if way.kind == "LN":
+        return combine(1.0, first, way.length, _aside(way, direction)), None, True
+    centre, right_hand = _centre(way, first, direction, start)
+    if way.kind == "CT":
+        turn = math.radians(way.angle) * (-1.0 if right_hand else 1.0)
+        return _around(centre, first, way.normal, turn), centre, right_hand
+    place = _tangent_point(centre, abs(way.radius), start, way.normal, inwards=True, right_hand=right_hand)
+    return place, centre, right_hand
+
+
+def depart(way: Way, last: Point, end: Point | None, direction: Point) -> list[Element]:
+    """Return the moves that leave a contour.
+
+    Args:
+        way: What the block says.
+        last: Last point of the contour.
+        end: Where LCT goes, else None.
+        direction: Direction in which the contour ends.
+
+    Raises:
+        ValueError: If the block does not say enough.
+
+    """
+    if way.kind == "LT":
+        return [_line(last, combine(1.0, last, way.length, direction), way.feed, way)]
+    if way.kind == "LN":
+        return [_line(last, combine(1.0, last, way.length, _aside(way, direction)), way.feed, way)]
+    centre, right_hand = _centre(way, last, direction, end or last)
+    if way.kind == "CT":
+        turn = math.radians(way.angle) * (1.0 if right_hand else -1.0)
+        place = _around(centre, last, way.normal, turn)
+        return [Element(last, place, (0, 1, 2), way.feed, way.line, centre, way.normal, right_hand)]
+    assert end is not None
+    place = _tangent_point(centre, abs(way.radius), end, way.normal, inwards=False, right_hand=right_hand)
+    arc = Element(last, place, (0, 1, 2), way.feed, way.line, centre, way.normal, right_hand)
+    return [arc, _line(place, end, way.feed, way)]
+
+
+def _line(start: Point, end: Point, feed: float | None, way: Way) -> Element:
+    return Element(start, end, (0, 1, 2), feed or 0.0, way.line, rapid=feed is None)
+
+
+def _aside(way: Way, direction: Point) -> Point:
+    """Return the direction from the contour to the side on which the tool runs."""
+    if not way.side:
+        raise ValueError(f"{way.kind} without RL or RR does not say to which side of the contour it goes")
+    left = cross(way.normal, direction)
+    return left if way.side == "L" else (-left[0], -left[1], -left[2])
+
+
+def _centre(way: Way, place: Point, direction: Point, other: Point) -> tuple[Point, bool]:
+    """Return centre and sense of the arc that touches the contour: RL with R > 0 turns counter-clockwise."""
+    if way.radius == 0.0:
+        raise ValueError(f"{way.kind} has no radius R")
+    left = cross(way.normal, direction)
+    if way.side:
+        right_hand = (way.side == "L") == (way.radius > 0.0)
+    elif way.kind == "LCT":
+        right_hand = dot(combine(1.0, other, -1.0, place), left) > 0.0
+    else:
+        raise ValueError(f"{way.kind} without RL or RR does not say to which side of the contour it goes")
+    return combine(1.0, place, abs(way.radius) * (1.0 if right_hand else -1.0), left), right_hand
+
+
+def _around(centre: Point, place: Point, normal: Point, angle: float) -> Point:
+    arm = combine(1.0, place, -1.0, centre)
+    return combine(1.0, combine(1.0, centre, math.cos(angle), arm), math.sin(angle), cross(normal, arm))
+
+
+def _tangent_point(
+    centre: Point, radius: float, far: Point, normal: Point, *, inwards: bool, right_hand: bool
+) -> Point:
+    """Return where a straight line to or from a point touches a circle, in the sense of travel."""
+    arm = combine(1.0, far, -1.0, centre)
+    arm = combine(1.0, arm, -dot(arm, normal), normal)
+    size = math.hypot(*arm)
+    if size < radius:
+        raise ValueError(f"no line touches a circle of radius {radius:g} from a point {size:.4g} from its centre")
+    angle = math.acos(min(1.0, radius / max(size, 1e-12)))
+    unit = combine(1.0 / size, arm, 0.0, arm)
+    along = cross(normal, unit)
+    sign = (1.0 if right_hand else -1.0) * (1.0 if inwards else -1.0)
+    reach = combine(radius * math.cos(angle), unit, sign * radius * math.sin(angle), along)
+    return combine(1.0, centre, 1.0, reach)

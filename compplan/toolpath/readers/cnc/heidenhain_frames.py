@@ -1,0 +1,226 @@
+"""What a Heidenhain program says of frames: datum shifts, mirrors, rotations, tilted planes; its Q parameters."""
+
+from __future__ import annotations
+
+import re
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point, cross
+from compplan.toolpath.readers.cnc.expressions import evaluate
+from compplan.toolpath.readers.cnc.heidenhain_lexer import GRAMMAR, VALUE
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.state import AXES
+from compplan.toolpath.readers.frames import NOWHERE, UNIT, Frame, rotate, shift, stand_on, stretch
+
+AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
+NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
+#: Words of PLANE that say how the rotary axes go there, not where.
+HOW = re.compile(
+    r"\b(MOVE|TURN|STAY|SEQ\s*[-+]|SYM\s*[-+]|TABLE\s+ROT|COORD\s+ROT|F\s*MAX|F\s*AUTO|F\s*[\d.,]+|FQ\d+|"
+    r"DIST\s*[-+]?[\d.,]+|MB\s*MAX|MB\s*[-+]?[\d.,]+|ABST\s*[-+]?[\d.,]+)"
+)
+#: Parameters that PLANE and cycle 19 set to the angles of the rotary axes.
+TILT_ANGLES = {"Q120", "Q121", "Q122"}
+
+
+def find_spatial(a: float, b: float, c: float) -> Frame:
+    """Return the frame of spatial angles: first about X, then Y, then Z of the frame that is not tilted."""
+    return rotate(2, c).then(rotate(1, b)).then(rotate(0, a))
+
+
+class Datums:
+    """Hold the frames that a program has put in force, and its parameters.
+
+    Args:
+        it: The program that is read.
+
+    """
+
+    def __init__(self, it: Interpreter) -> None:
+        self.it = it
+        self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
+        self.unit = Frame()
+        self.tool_axis = 2
+        #: Datum shifts before a plane is tilted, and in it.
+        self.before, self.after = NOWHERE, NOWHERE
+        self.tilt = Frame()
+        self.mirror: Point = (1.0, 1.0, 1.0)
+        self.turned, self.scale = 0.0, 1.0
+        self.preset: float | None = None
+        self.tilted = False
+
+    def value(self, text: str) -> float:
+        """Return a number or the value of a parameter, with its sign."""
+        try:
+            return float(text)
+        except ValueError:
+            return evaluate(text.replace(",", "."), GRAMMAR, self.look_up)
+
+    def look_up(self, name: str, indices: tuple[float, ...]) -> float:
+        """Return the value of a parameter.
+
+        Raises:
+            ValueError: If it has none that is known.
+
+        """
+        if name in self.values and not indices:
+            return self.values[name]
+        why = self.it.unknown.get(name, "the program gives it none")
+        raise ValueError(f"parameter {name} has no value that is known: {why}")
+
+    def find_frame(self) -> Frame:
+        """Return where the coordinates of the program stand, rotary axes aside."""
+        frame = self.unit.then(shift(*self.before)).then(self.tilt).then(shift(*self.after))
+        if self.mirror != (1.0, 1.0, 1.0):
+            frame = frame.then(stretch(*self.mirror))
+        if self.turned:
+            frame = frame.then(rotate(self.tool_axis, self.turned))
+        if self.scale != 1.0:
+            frame = frame.then(stretch(self.scale, self.scale, self.scale))
+        return frame
+
+    def define(self, number: int, part: int | None, rest: str) -> bool:
+        """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""
+        if number == 247:
+            found = re.search(rf"Q339\s*=\s*({VALUE})", rest)
+            preset = self.value(found.group(1)) if found else 0.0
+            if self.preset is not None and preset != self.preset:
+                self.it.note("datums (cycle 247) are not known: all coordinates are taken in one frame")
+            self.preset = preset
+            return True
+        if number not in (7, 8, 10, 11, 19, 26):
+            return False
+        if part is None:
+            raise InputError(f"CYCL DEF {number} in one block is not read, expected {number}.0 and {number}.1 ..")
+        if part == 0 or (not rest and number not in (8, 19)):
+            if part == 0 and number == 8:
+                self.mirror = (1.0, 1.0, 1.0)
+            return True
+        carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
+                     26: self._scale_26}  # fmt: skip
+        carry_out[number](rest)
+        return True
+
+    def shift_datum(self, rest: str) -> None:
+        """Carry out cycle 7: what counts from the datum before, or (I) from the present one."""
+        found = AXIS_VALUE.findall(rest)
+        if re.match(r"(#|D\s*\d|DNO)", rest):
+            raise InputError(f"datum table {rest[:20]!r} is not read; write the shift out")
+        if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
+            raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
+        tilted = self.tilt.rows != UNIT
+        old = list(self.after if tilted else self.before)
+        for step, letter, text in found:
+            axis = AXES.index(letter)
+            old[axis] = self.value(text) + (old[axis] if step else 0.0)
+        new = old[0], old[1], old[2]
+        if new != NOWHERE and (self.turned or self.mirror != (1.0, 1.0, 1.0)):
+            raise InputError("a datum shift after a rotation or a mirror is not read; shift first")
+        if tilted:
+            self.after = new
+        else:
+            self.before = new
+        self.it.set_frame()
+
+    def _mirror(self, rest: str) -> None:
+        letters = re.findall(r"[XYZ]", rest)
+        if re.sub(r"[XYZ]|\s", "", rest):
+            raise InputError(f"mirror {rest[:20]!r} is not read, expected X, Y, Z")
+        x, y, z = (-1.0 if letter in letters else 1.0 for letter in AXES)
+        self.mirror = x, y, z
+        if letters and self.turned:
+            raise InputError("a mirror after a rotation is not read; mirror first, rotate then")
+        self.it.set_frame()
+
+    def _rotate(self, rest: str) -> None:
+        found = re.fullmatch(rf"(I?)ROT\s*({VALUE})", rest)
+        if not found:
+            raise InputError(f"rotation {rest[:20]!r} is not read, expected ROT and an angle")
+        angle = self.value(found.group(2)) + (self.turned if found.group(1) else 0.0)
+        if angle and self.mirror != (1.0, 1.0, 1.0):
+            raise InputError("a rotation in a mirrored frame is not read")
+        self.turned = angle
+        self.it.set_frame()
+
+    def _scale(self, rest: str) -> None:
+        found = re.fullmatch(rf"SCL\s*({VALUE})", rest)
+        if not found or not 1e-6 <= self.value(found.group(1)) <= 100.0:
+            raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
+        self.scale = self.value(found.group(1))
+        self.it.set_frame()
+
+    def _scale_26(self, rest: str) -> None:
+        factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
+        if any(factor != 1.0 for factor in factors):
+            raise InputError("scales of single axes (cycle 26) are not read")
+
+    def _tilt_19(self, rest: str) -> None:
+        """Carry out cycle 19: spatial angles, or angles of rotary axes: the machine says which."""
+        angles = {letter: self.value(text) for letter, text in re.findall(rf"([ABC])\s*({VALUE})", rest)}
+        kind = self.it.options.tilt_angles
+        if any(angles.values()) and kind is None:
+            raise InputError("cycle 19 states spatial angles on some machines, angles of rotary axes on others: say "
+                             'which with [cam] tilt_angles = "spatial", or use PLANE SPATIAL')  # fmt: skip
+        if any(angles.values()) and kind != "spatial":
+            raise InputError("cycle 19 with angles of rotary axes is not read; use PLANE SPATIAL")
+        self._stand(find_spatial(*(angles.get(letter, 0.0) for letter in "ABC")))
+
+    def _stand(self, tilt: Frame) -> None:
+        """Put a tilted plane in force, or take it back."""
+        self.it.contour.refuse_open()
+        self.tilted = not tilt.plain
+        if tilt == self.tilt:
+            return
+        if self.turned or self.scale != 1.0 or self.mirror != (1.0, 1.0, 1.0) or self.after != NOWHERE:
+            raise InputError("a plane is tilted, or tilted back, while a shift made in it, a rotation, a mirror or a "
+                             "scale is in force; take that back first")  # fmt: skip
+        self.tilt = tilt
+        for name in TILT_ANGLES:
+            self.values.pop(name, None)
+            self.it.unknown[name] = "the machine works it out from the tilted plane"
+        if tilt.plain:
+            self.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
+        self.it.set_frame()
+        self.point_tool()
+
+    def point_tool(self) -> None:
+        """Point the tool along the tool axis of the plane in force."""
+        x, y, z = (1.0 if axis == self.tool_axis else 0.0 for axis in range(3))
+        axis = self.tilt.turn((x, y, z))
+        if axis != self.it.log.axis:
+            self.it.course.aim(axis)
+
+    def run_plane(self, rest: str) -> None:
+        """Carry out PLANE .. ."""
+        kind, _, words = rest.partition(" ")
+        words = HOW.sub(" ", f" {words} ")
+        numbers = {name: self.value(text) for name, text in NAMED.findall(words)}
+        if NAMED.sub("", words).strip():
+            raise InputError(f"PLANE {rest[:40]!r} is not read, {NAMED.sub('', words).strip()[:20]!r} is not known")
+        try:
+            self._stand(self._find_plane(kind, numbers))
+        except KeyError as missing:
+            raise InputError(f"PLANE {kind} has no {missing.args[0]}") from None
+
+    def _find_plane(self, kind: str, n: dict[str, float]) -> Frame:
+        if kind == "RESET":
+            return Frame()
+        if kind == "SPATIAL":
+            return find_spatial(n["SPA"], n["SPB"], n["SPC"])
+        if kind == "EULER":
+            return rotate(2, n["EULPR"]).then(rotate(0, n["EULNU"])).then(rotate(2, n["EULROT"]))
+        if kind == "VECTOR":
+            return stand_on((n["BX"], n["BY"], n["BZ"]), (n["NX"], n["NY"], n["NZ"]))
+        if kind == "POINTS":
+            one, two, three = ((n[f"P{i}X"], n[f"P{i}Y"], n[f"P{i}Z"]) for i in (1, 2, 3))
+            x = two[0] - one[0], two[1] - one[1], two[2] - one[2]
+            y = three[0] - one[0], three[1] - one[1], three[2] - one[2]
+            if any(one):
+                raise ValueError("PLANE POINTS is read with its first point at the datum; shift the datum there")
+            return stand_on(x, cross(x, y))
+        if kind == "RELATIV":
+            (name, angle), *more = n.items()
+            if more or name not in ("SPA", "SPB", "SPC"):
+                raise ValueError("PLANE RELATIV takes one angle: SPA, SPB or SPC")
+            return self.tilt.then(rotate("ABC".index(name[-1]), angle))
+        raise ValueError(f"PLANE {kind} is not read; use PLANE SPATIAL")

@@ -1,0 +1,350 @@
+"""Motion of CNC programs: straight moves, arcs and helices, poles, corners, and moves on which the tool turns."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle
+from compplan.toolpath.readers.cnc.contour import Corner, Element, find_centre, find_tangent_arc
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, Block
+
+if TYPE_CHECKING:
+    from compplan.toolpath.readers.cnc.interpreter import Interpreter
+
+NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+))"
+#: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
+PLAIN = re.compile(
+    rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"
+    rf"(?:F{NUMBER}[ \t]*)?"
+)
+#: Greatest turn of the rotary axes between waypoints. [deg]
+TURN_STEP = 1.0
+#: Greatest number of turns of one helix.
+MOST_TURNS = 10_000
+MIDDLES, DIRECTIONS = ("I1", "J1", "K1"), ("A3", "B3", "C3")
+TURNING = frozenset((*LETTERS, *DIRECTIONS))
+STRAIGHT = frozenset((*AXES, *TURNING))
+POLAR, CENTRES = frozenset(("AP", "RP")), frozenset("IJK")
+#: Words of corners: by radius, by the length from the corner, by the length of the chamfer.
+CORNERS = {"RND": "ROUND", "CHR": "LEG", "CHF": "CHAMFER"}
+ROUND = (2.0, 3.0, "CIP", "CT")
+#: Lengths that have no decimal point are less than this, else they may count in increments. [mm]
+FARTHEST_WITHOUT_POINT = 10_000.0
+
+
+class Motion:
+    """Carry out the motion of blocks.
+
+    Args:
+        it: The program that is read.
+
+    """
+
+    def __init__(self, it: Interpreter) -> None:
+        self.it, self.state, self.course, self.contour = it, it.state, it.course, it.contour
+        self.rotary, self.options, self.dialect = it.rotary, it.options, it.dialect
+        #: Corner at the end of the block at hand where another block states it.
+        self.corner: Corner | None = None
+        self.keeps_polar = True
+        #: Arcs that lie on no circle where their I J K count as usual.
+        self.proofs: set[tuple[float, ...]] = set()
+
+    @property
+    def line(self) -> int:
+        """Line that is read."""
+        return self.course.reader.line
+
+    def is_steady(self) -> bool:
+        """Tell whether a block of X Y Z F alone cuts straight to where its numbers say, and nothing else."""
+        state, course = self.state, self.course
+        return bool(
+            state.motion == 1.0 and state.feed and state.feed_mode == 94 and course.begun and course.knows
+            and not (state.incremental or state.polar or state.rounding or state.cycle_code or course.muted)
+            and self.contour.idle
+        )  # fmt: skip
+
+    def cut_plain(self, found: re.Match[str]) -> bool:
+        """Carry out a block of X Y Z F alone where the program is steady; return whether it was read."""
+        x, y, z, feed = found.group(1, 2, 3, 4)
+        if (x is None and y is None and z is None) or (feed is not None and float(feed) <= 0.0):
+            return False
+        state, course = self.state, self.course
+        old, scale = course.position, state.scale
+        point = (
+            old[0] if x is None else float(x) * scale,
+            old[1] if y is None else float(y) * scale,
+            old[2] if z is None else float(z) * scale,
+        )
+        if max(map(abs, point)) >= FARTHEST_WITHOUT_POINT:
+            return False
+        if feed is not None:
+            state.feed = float(feed) * state.feed_scale
+        course.position = point
+        if point != old:
+            course.way = True
+        course.log.line(course.frame.apply(point), state.feed / 60.0)  # type: ignore[operator]
+        return True
+
+    def feed(self, length: float, block: Block | None = None) -> float:
+        """Return the feed of a move of this length [mm] in mm/s; 0 where no feed is known."""
+        if block is not None and "FB" in block.values:
+            return block.values["FB"] * self.state.feed_scale / 60.0
+        feed = self.state.feed_mm_s(length)
+        if feed is None:
+            self.course.note("cutting moves before any feed F have none")
+        return feed or 0.0
+
+    def target(self, block: Block) -> tuple[Point, tuple[int, ...]]:
+        """Return where a block leads, and which axes it names as absolute coordinates."""
+        state, values = self.state, block.values
+        point, named = list(self.contour.position), []
+        for axis, letter in enumerate(AXES):
+            if letter in values:
+                number = values[letter] * state.scale
+                if state.counts_on(block, letter):
+                    point[axis] += number
+                else:
+                    point[axis] = number
+                    named.append(axis)
+        if block.has(POLAR):
+            plane, pole = state.pole_plane or state.plane, state.pole or (0.0, 0.0, 0.0)
+            now = state.polar_now((point[0], point[1], point[2]), plane)
+            if not self.keeps_polar:
+                state.polar_words.clear()
+            for address in ("RP", "AP"):
+                if address not in values:
+                    state.polar_words.setdefault(address, now[address])
+                else:
+                    base = now[address] if state.counts_on(block, address) else 0.0
+                    state.polar_words[address] = values[address] + base
+            first, second = PLANE_AXES[plane]
+            radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
+            point[first], point[second] = (
+                pole[first] + radius * math.cos(angle),
+                pole[second] + radius * math.sin(angle),
+            )
+            named += [first, second]
+        return (point[0], point[1], point[2]), tuple(named)
+
+    def move(self, block: Block) -> None:
+        """Carry out the coordinates of a block."""
+        state, course, contour = self.state, self.course, self.contour
+        arc = state.motion in ROUND
+        if not arc and not block.has(STRAIGHT) and not block.has(POLAR):
+            return
+        if state.motion is None:
+            raise InputError("coordinates before any motion code (G0 or G1): whether they cut is not known; state it")
+        rapid = state.motion == 0.0
+        if not rapid and contour.idle:
+            course.begin_cut()
+        target, named = self.target(block)
+        if arc:
+            if block.has(TURNING) and not self.rotary.ignored:
+                raise InputError("an arc on which the tool or rotary axes turn is not read; post-process it as "
+                                 "straight moves")  # fmt: skip
+            if not course.leave_out(target, named):
+                self._go_round(block, target, named)
+            return
+        before = dict(self.rotary.angles)
+        axis, by_axes = self._turn(block, rapid=rapid) if block.has(TURNING) else (None, False)
+        if rapid:
+            contour.refuse_open()
+            course.rapid(target, named, axis)
+            return
+        if contour.idle and course.leave_out(target, named):
+            return
+        start = contour.position
+        feed = self.feed(math.dist(target, start), block)
+        element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis)
+        if by_axes and axis is not None:
+            after = dict(self.rotary.angles)
+            element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis,
+                              run=lambda: self._cut_turning(element, before, after))  # fmt: skip
+        contour.add(element, self._corner(block))
+
+    def _corner(self, block: Block) -> Corner | None:
+        """Return the corner that a block asks for at its end."""
+        values, state = block.values, self.state
+        if self.corner is not None:
+            return self.corner
+        feed = values["FRC"] * state.feed_scale / 60.0 if values.get("FRC") else None
+        for address, kind in CORNERS.items():
+            if values.get(address):
+                return Corner(kind, values[address] * state.scale, feed, self.line)
+        return Corner("ROUND", state.rounding, None, self.line, modal=True) if state.rounding else None
+
+    def _turn(self, block: Block, *, rapid: bool) -> tuple[Point | None, bool]:
+        """Return the tool axis that A3 B3 C3 or A B C ask for (None: nothing), and whether rotary axes turn to it."""
+        values, rotary, state = block.values, self.rotary, self.state
+        named = [letter for letter in DIRECTIONS if letter in values]
+        if named:
+            vector = tuple(values.get(letter, 0.0) for letter in DIRECTIONS)
+            if len(named) < 3 or not 1e-3 < math.hypot(*vector) < 1e3:
+                raise InputError(f"tool direction is {vector}, expected three numbers that are not all 0")
+            x, y, z = self.course.frame.turn((vector[0], vector[1], vector[2]))
+            size = math.hypot(x, y, z)
+            return (x / size, y / size, z / size), False
+        if rotary.ignored:
+            return None, False
+        taken, axis = self.dialect.turn_in_plane(block)
+        if taken:
+            return axis, False
+        turned = rotary.turned
+        for letter in LETTERS:
+            if letter in values:
+                base = rotary.angles.get(letter, 0.0) if state.counts_on(block, letter) else 0.0
+                rotary.angles[letter] = values[letter] + base
+        if rotary.spatial:
+            return self.dialect.square(), False
+        self.it.set_frame(carried=True)
+        if not turned and not rotary.turned:
+            return self.dialect.square(), False
+        if rotary.unknown:
+            return None, False
+        if not (rapid or state.tip_control or self.options.tip_control or not self.dialect.tip_word):
+            raise InputError(
+                f"a cut on which rotary axes turn without control of the tip ({self.dialect.tip_word}) is not read"
+            )
+        return rotary.point_tool(), True
+
+    def _cut_turning(self, element: Element, before: dict[str, float], after: dict[str, float]) -> None:
+        """Cut to a point while the rotary axes turn evenly: one move, in pieces."""
+        course, rotary, log = self.course, self.rotary, self.course.log
+        tip = self.state.tip_control or self.options.tip_control
+        start, target, feed = element.start, element.end, element.feed
+        pieces = self._count_pieces(target, before, after, tip=tip)
+        travel = math.dist(target, start)
+        whole = max(abs(after[letter] - before.get(letter, 0.0)) for letter in after)
+        if self.state.feed_mode == 93 and self.state.feed:
+            seconds = 60.0 / self.state.feed
+        else:  # a feed counts along X Y Z, in degrees where they stand still
+            seconds = (travel if travel > 0.0 else whole * self.state.scale) / feed if feed > 0.0 else 0.0
+        counts = dict(log.counts)
+        for piece in range(1, pieces + 1):
+            share = piece / pieces
+            rotary.angles = {
+                letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()
+            }
+            self.it.set_frame(carried=True)
+            point = target if piece == pieces else combine(1.0 - share, start, share, target)
+            if not tip and seconds > 0.0:
+                feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
+            course.line(point, element.named, feed, rotary.point_tool() if rotary.turned else self.dialect.square())
+        rotary.angles = after
+        log.count_one(counts)
+
+    def _count_pieces(self, target: Point, before: dict[str, float], after: dict[str, float], *, tip: bool) -> int:
+        """Return in how many pieces rotary axes turn, so that tool axis and tip keep to their way."""
+        turn = max((abs(angle - before.get(letter, 0.0)) for letter, angle in after.items()), default=0.0)
+        step = TURN_STEP
+        if tip:
+            ways = [{n: before.get(n, 0.0) * (1 - s) + a * s for n, a in after.items()} for s in (0.0, 0.37, 0.71, 1.0)]
+            if len({self.rotary.point_tool(way) for way in ways}) == 1:
+                return 1
+        elif self.rotary.machine.table:
+            radius = math.dist(target, self.rotary.machine.centre or (0.0, 0.0, 0.0))
+            chord = self.options.chord_tolerance_mm
+            step = min(step, math.degrees(2.0 * math.acos(max(1.0 - chord / max(radius, chord), 0.0))))
+        return max(1, math.ceil(turn / step - 1e-9))
+
+    def find_direction(self, word: str = "") -> Point:
+        """Return the direction in which the contour arrives, in the coordinates of the program.
+
+        Raises:
+            InputError: If nothing is cut right before.
+
+        """
+        if self.contour.held is not None:
+            return self.contour.held[0].tangent(self.contour.held[0].end)
+        if self.course.direction is None or self.contour.approach is not None:
+            raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
+        x, y, z = self.course.frame.invert().turn(self.course.direction)
+        size = math.hypot(x, y, z)
+        return x / size, y / size, z / size
+
+    def _go_round(self, block: Block, target: Point, named: tuple[int, ...]) -> None:
+        """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
+        state, values, start = self.state, block.values, self.contour.position
+        about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
+        plane = (state.pole_plane or state.plane) if about_pole else state.plane
+        normal, right_hand = PLANE_NORMALS[plane], state.motion == 3.0
+        if state.motion == "CIP":
+            centre, normal, right_hand = self._find_middle(block, start, target)
+        elif state.motion == "CT":
+            if abs(dot(combine(1.0, target, -1.0, start), normal)) > 1e-9:
+                raise InputError("CT that leaves its plane is not read")
+            found = find_tangent_arc(start, self.find_direction(" (CT)"), target, normal)
+            if found is None:
+                feed = self.feed(math.dist(start, target), block)
+                straight = Element(start, target, named, feed, self.line, normal=normal)
+                self.contour.add(straight, self._corner(block))
+                return
+            centre, right_hand = found
+        elif "CR" in values:
+            radius = values["CR"] * state.scale
+            centre = find_centre(start, target, normal, radius, self.contour.unit, right_hand=right_hand)
+        elif "AR" in values:
+            centre, target = self._find_opening(block, start, target, right_hand=right_hand)
+        elif any("IJK"[axis] in values for axis in PLANE_AXES[plane]):
+            centre = state.centre(start, block, plane)
+            if state.centres != "incremental":
+                self._prove(start, target, block, right_hand=right_hand)
+        elif about_pole and state.pole is not None:
+            first, second = PLANE_AXES[plane]
+            places = list(start)
+            places[first], places[second] = state.pole[first], state.pole[second]
+            centre = places[0], places[1], places[2]
+        else:
+            names = " ".join("IJK"[axis] for axis in sorted(PLANE_AXES[plane]))
+            raise InputError(f"arc has neither a centre ({names}) nor a radius (R)")
+        turns = values.get("TURN", 0.0)
+        if not 0.0 <= turns < MOST_TURNS or turns != int(turns):
+            raise InputError(f"arc of {turns:g} further turns, expected a whole number less than {MOST_TURNS}")
+        count = int(turns) + 1
+        way = arc_about(start, target, centre, normal, right_hand=right_hand, turns=count).length
+        self.contour.add(
+            Element(start, target, named, self.feed(way, block), self.line, centre, normal, right_hand, count),
+            self._corner(block),
+        )
+
+    def _prove(self, start: Point, target: Point, block: Block, *, right_hand: bool) -> None:
+        """Keep an arc that lies on no circle where its I J K count as usual."""
+        plane, offsets = self.state.plane, tuple(block.values.get(letter, 0.0) for letter in "IJK")
+        usual = combine(1.0, start, self.state.scale, (offsets[0], offsets[1], offsets[2]))
+        arc = arc_about(start, target, usual, PLANE_NORMALS[plane], right_hand=right_hand)
+        if not fits_circle(arc.radius, arc.end_radius):
+            ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
+            self.proofs.add((*(round(number, 3) for number in ends), *offsets))
+
+    def _find_middle(self, block: Block, start: Point, target: Point) -> tuple[Point, Point, bool]:
+        """Return centre, axis and sense of an arc through a point (CIP)."""
+        middle = list(start)
+        for axis, letter in enumerate(MIDDLES):
+            if letter in block.values:
+                number = block.values[letter] * self.state.scale
+                middle[axis] = number + (start[axis] if self.state.counts_on(block, letter) else 0.0)
+        if block.values.keys().isdisjoint(MIDDLES):
+            raise InputError("CIP has no point on its way, expected I1= J1= K1=")
+        arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
+        return arc.centre, arc.normal, arc.sweep > 0.0
+
+    def _find_opening(self, block: Block, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
+        """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
+        opening, normal = block.values["AR"], PLANE_NORMALS[self.state.plane]
+        if not 0.0 < opening < 360.0:
+            raise InputError(f"AR={opening:g}, expected more than 0 and less than 360")
+        angle, flat = math.radians(opening), lambda point: combine(1.0, point, -dot(point, normal), normal)
+        if block.has(CENTRES):
+            centre = self.state.centre(start, block, self.state.plane)
+            arm = combine(1.0, flat(start), -1.0, flat(centre))
+            turn = angle if right_hand else -angle
+            side = (normal[1] * arm[2] - normal[2] * arm[1], normal[2] * arm[0] - normal[0] * arm[2],
+                    normal[0] * arm[1] - normal[1] * arm[0])  # fmt: skip
+            end = combine(1.0, combine(1.0, centre, math.cos(turn), arm), math.sin(turn), side)
+            return centre, combine(1.0, end, dot(target, normal) - dot(end, normal), normal)
+        radius = 0.5 * math.dist(flat(start), flat(target)) / math.sin(0.5 * angle)
+        signed = radius if angle <= math.pi else -radius
+        return find_centre(start, target, normal, signed, self.contour.unit, right_hand=right_hand), target

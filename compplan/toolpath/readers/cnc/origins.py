@@ -1,0 +1,229 @@
+"""Where the origin of a CNC program stands: work offsets, shifts of the origin, machine coordinates, home positions."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import Point, combine
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, Block
+
+DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
+OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
+ZERO: Point = (0.0, 0.0, 0.0)
+
+
+def name_offset(code: float) -> str:
+    """Return the name of a work offset: G54, G59.1, G54.1 P12."""
+    return f"G54.1 P{code - 1000.0:g}" if code >= 1000.0 else f"G{code:g}"
+
+
+def find_offset(name: str) -> float | None:
+    """Return the code of a work offset by its name (G54, G59.1, G54.1 P12, G154 P12, G505), None for other names."""
+    found = re.fullmatch(r"G(54\.1|154)\s*P(\d{1,3})", name.strip().upper())
+    if found:
+        return 1000.0 + float(found.group(2))
+    found = re.fullmatch(r"G(5[4-9](?:\.\d)?|5\d\d)", name.strip().upper())
+    return float(found.group(1)) if found else None
+
+
+class Origins:
+    """Follow where the program's origin stands, and moves that count from elsewhere.
+
+    Args:
+        it: The program that is read.
+
+    """
+
+    def __init__(self, it: Interpreter) -> None:
+        self.it, self.course, self.state = it, it.course, it.state
+        self.wcs = find_offset(it.options.wcs) if it.options.wcs else None
+        #: The work offset in force, that which the path stands in, and those that were named.
+        self.active = 54.0
+        self.part_offset = self.wcs or 54.0
+        self.used = {54.0}
+        #: Origins that G10 L2 set, seen from the machine, by axis; where those stood that were left.
+        self.origins: dict[float, dict[int, float]] = {}
+        self.bases: dict[float, Point] = {}
+        #: What G92 and G52 shift the origin by, and where that of the work offset stands; what G92.3 brings back.
+        self.origin = self.shifted = self.base = ZERO
+        self.kept: Point | None = None
+        #: Axes whose place is known by G92 alone.
+        self.declared: set[int] = set()
+        if self.part_offset != 54.0:
+            self.course.mute(OUTSIDE)
+
+    @property
+    def zero(self) -> Point:
+        """Where the program's origin stands in the work offset of the path."""
+        return combine(1.0, combine(1.0, self.origin, 1.0, self.shifted), 1.0, self.base)
+
+    def use(self, code: float) -> None:
+        """Put a work offset in force; the first one before any cut is that of the path."""
+        course, before = self.course, self.active
+        self.used.add(code)
+        if code == before:
+            return
+        if course.begun and not course.frame.plain:
+            raise InputError(f"{name_offset(code)} within a turned or scaled frame is not read; post-process without")
+        self.active = code
+        fresh = self.wcs is None and not course.begun
+        if fresh and not course.lost and len(course.untold) == 3:
+            self.part_offset = code
+            return
+        old, new = self.origins.get(before, {}), self.origins.get(code, {})
+        if OUTSIDE in course.muted and (code in self.bases or code == self.part_offset):
+            self.base = self.bases.get(code, ZERO)
+            course.unmute(OUTSIDE)
+        elif len(old) == 3 and len(new) == 3 and OUTSIDE not in course.muted:
+            self.base = combine(1.0, self.base, 1.0, (new[0] - old[0], new[1] - old[1], new[2] - old[2]))
+        elif fresh:
+            self.part_offset = code
+            course.lose()
+            self.it.log.forget()
+        elif OUTSIDE not in course.muted:
+            self.bases[before] = self.base
+            self._leave_part_frame(code)
+        self.it.set_frame()
+
+    def _leave_part_frame(self, code: float) -> None:
+        """Leave out the moves in another work offset; refuse cuts there unless the part frame is stated."""
+        here, there = name_offset(self.part_offset), name_offset(code)
+        refusal = (
+            f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
+            f'is the part frame with wcs = "{here}" (--wcs "{here}"), or set both with G10 L2 in the file'
+        )
+        note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
+        self.it.contour.refuse_open()
+        self.course.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
+
+    def check_used(self) -> None:
+        """Refuse a part frame that the file never uses."""
+        if self.wcs is not None and self.wcs not in self.used:
+            used = ", ".join(name_offset(code) for code in sorted(self.used))
+            raise InputError(f"wcs is {name_offset(self.wcs)}, which the file does not use; it uses {used}")
+        if self.course.left_out and self.wcs is not None:
+            self.it.note(f"{OUTSIDE}: {self.course.left_out} of them")
+
+    def set_offset(self, block: Block) -> None:
+        """Read G10: L2 sets a work offset."""
+        values, kind = block.values, block.values.get("L", 0.0)
+        if kind == 20.0 or (kind == 2.0 and (self.state.incremental or values.get("R", 0.0) != 0.0)):
+            raise InputError("G10 that turns a work offset, or counts from where the tool is, is not read")
+        if kind != 2.0:
+            self.it.note("G10 offsets are not read")
+            return
+        number = values.get("P", 0.0)
+        if number not in range(16):
+            raise InputError(f"G10 L2 P{number:g} names no work offset, expected P0 to P15")
+        code = self.active if number == 0 else 53.0 + number if number <= 6 else 59.0 + (number - 6) / 10.0
+        origin, moved = self.origins.setdefault(code, {}), [0.0, 0.0, 0.0]
+        cutting = code == self.active and (self.course.begun or len(self.course.untold) < 3)
+        for axis in block.list_axes():
+            place = values[AXES[axis]] * self.state.scale
+            if cutting and axis not in origin:
+                raise InputError("G10 L2 moves the work offset in force, and what it was is not known")
+            moved[axis] = place - origin.get(axis, place)
+            origin[axis] = place
+        if cutting:
+            self.base = combine(1.0, self.base, 1.0, (moved[0], moved[1], moved[2]))
+            self.it.set_frame()
+
+    def go_home(self, code: float, block: Block) -> None:
+        """Carry out G28 and G30: through the intermediate point to the machine's home, which nobody knows.
+
+        G91 of the same block acts before: G28 G91 Z0 goes home from where the tool is.
+        """
+        named, values = block.list_axes(), block.values
+        self.it.note(f"G{code:g} goes to the machine's home, whose place is not known: it is left out")
+        self.it.contour.refuse_open()
+        if named and not (self.state.incremental and all(values[AXES[axis]] == 0.0 for axis in named)):
+            self.course.rapid(*self.it.motion.target(block))
+        turned = [letter for letter in LETTERS if letter in values]
+        axes = named if named or turned else [0, 1, 2]
+        if 2 in axes:
+            self.course.retreat()
+        self.course.lose(axes)
+        self.it.turn_home(dict.fromkeys(turned, 0.0))
+
+    def shift(self, numbers: dict[int, float]) -> None:
+        """Shift the program's origin (G52), in program units."""
+        shifted = list(self.shifted)
+        for axis, number in numbers.items():
+            shifted[axis] = number * self.state.scale
+        self.shifted = shifted[0], shifted[1], shifted[2]
+        self.it.set_frame()
+
+    def declare(self, block: Block) -> None:
+        """Give the present position new coordinates (G92).
+
+        Where nobody knows the position they are its place; else the origin moves, before the first cut as after it.
+        """
+        course = self.course
+        position, origin, step = list(course.position), list(self.origin), [0.0, 0.0, 0.0]
+        found = False
+        for axis in block.list_axes():
+            value = block.values[AXES[axis]] * self.state.scale
+            if axis in course.lost or axis in course.untold:
+                step[axis] = 0.0 if axis in course.lost else value - position[axis]
+                found = found or axis in course.lost
+                position[axis] = value
+                self.declared.add(axis)
+            else:
+                origin[axis] += position[axis] - value
+        course.position = position[0], position[1], position[2]
+        course.settle(self.declared)
+        if not course.begun and any(step):
+            self.it.log.shift(course.frame.turn((step[0], step[1], step[2])))
+        if found:
+            course.rapid(course.position)
+        self.origin = self.kept = (origin[0], origin[1], origin[2])
+        self.it.set_frame()
+
+    def drop(self, code: float) -> None:
+        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped.
+
+        Raises:
+            InputError: If an offset from before the program comes back.
+
+        """
+        if code == 92.3:
+            if self.kept is None:
+                raise InputError("G92.3 brings back an offset from before this program, which is not known; "
+                                 "set it with G92 in the file")  # fmt: skip
+            self.origin = self.kept
+            self.course.unmute(DECLARED)
+        else:
+            self.origin = ZERO
+            self.kept = self.kept if code == 92.2 else ZERO
+            if self.declared:
+                self.it.note(DECLARED)
+                refusal = (
+                    f"a cut after G{code:g}, which drops the origin that G92 set where the tool stood: how it lies to "
+                    "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
+                )
+                self.course.mute(DECLARED, refusal)
+        self.it.set_frame()
+
+    def move_in_machine(self, block: Block) -> None:
+        """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""
+        course, origin, named = self.course, self.origins.get(self.active, {}), block.list_axes()
+        if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):
+            self.it.leave_out_machine_move(block, "G53")
+            return
+        cuts, point = self.state.motion == 1.0, list(course.position)
+        if cuts:
+            course.begin_cut()
+        for axis in named:
+            place = block.values[AXES[axis]] * self.state.scale - origin[axis]
+            point[axis] = place - self.origin[axis] - self.shifted[axis]
+        target = (point[0], point[1], point[2])
+        self.it.contour.refuse_open()
+        if not named:
+            return
+        if cuts:
+            course.line(target, named, self.it.motion.feed(math.dist(target, course.position)))
+        else:
+            course.rapid(target, named)

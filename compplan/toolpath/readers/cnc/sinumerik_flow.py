@@ -1,0 +1,230 @@
+"""Flow of Sinumerik programs: labels, jumps, IF, CASE, loops, repeats, declarations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from compplan.errors import InputError
+from compplan.toolpath.readers.cnc.flow import END, Program
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, Variables, cut_comment
+
+HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
+PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
+FLOW = re.compile(
+    r"(IF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|REPEATB?|UNTIL|LOOP|ENDLOOP|GOTO[FBCS]?|CASE|DEF|PROC|RET|EXTERN|MSG|"
+    r"ENDPROC|CALL|PCALL|EXTCALL|ISOCALL|ID|IDS|WHEN|WHENEVER|EVERY|DO|REDEF|DEFINE)(?![\w=])"
+)
+CONTROL = re.compile(r"\b(?:GOTO|IF|ELSE|END|WHILE|FOR|REPEAT|UNTIL|LOOP|CASE)", re.IGNORECASE)
+OPENING = {"IF": "ENDIF", "WHILE": "ENDWHILE", "FOR": "ENDFOR", "LOOP": "ENDLOOP", "REPEAT": "UNTIL"}
+GOTO = re.compile(r"(.*?)\b(GOTO[FBC]?)\s+(N\s*\d+|[A-Z_]\w*|\d+)\s*$")
+DECLARE = re.compile(r"DEF\s+(?:CHAN\s+|NCK\s+)?(REAL|INT|BOOL|CHAR|STRING(?:\[\d+\])?|AXIS|FRAME)\s+(.*)")
+LIMIT_TEXT = 40
+#: Statements of control that are not read.
+REFUSED = {"CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", "WHENEVER", "EVERY", "DO", "REDEF",
+           "DEFINE"}  # fmt: skip
+
+
+class SinumerikFlow:
+    """Carry out the control of a Sinumerik program.
+
+    Args:
+        it: The program that is read.
+        values: Its variables.
+
+    """
+
+    def __init__(self, it: Interpreter, values: Variables) -> None:
+        self.it, self.flow, self.values, self.evaluate = it, it.flow, values, values.evaluate
+
+    def find_programs(self, lines: Sequence[str], file: Path) -> Program:
+        """Find the programs of a file; return the first main program, or the first at all."""
+        heads: list[tuple[int, int, str, bool]] = []
+        for index, line in enumerate(lines):
+            if ("%_N_" in line or "%_n_" in line) and (found := HEAD.match(line)):
+                heads.append((index, index + 1, found.group(1).upper(), found.group(2).upper() == "MPF"))
+            elif "PROC" in line.upper() and (found := PROC.match(line)) and not (heads and heads[-1][0] >= index - 3):
+                heads.append((index, index, found.group(1).upper(), False))
+        ends = [*(head[0] for head in heads[1:]), len(lines)]
+        mains, others = [Program(lines, 0, heads[0][0] if heads else len(lines), file)], list[Program]()
+        for (_, start, called, main), end in zip(heads, ends, strict=False):
+            program = Program(lines, start, end, file)
+            (mains if main else others).append(program)
+            if not main:
+                self.flow.programs[called] = program
+        return next((main for main in mains if _holds(main)), others[0] if others else mains[0])
+
+    def prepare(self, program: Program) -> None:
+        """Find the labels of a program that is carried out, and where its blocks of control close."""
+        if program.labels is not None:
+            return
+        stack: list[tuple[str, int]] = []
+        labels: dict[str, list[int]] = {}
+        program.labels, here = labels, self.flow.line
+        if not CONTROL.search("\n".join(program.lines[program.first : program.last])):
+            return
+        for index in range(program.first, program.last):
+            body = strip(program.lines[index])
+            if not body or not (body[0] in "IEWFRULN" or ":" in body):
+                continue
+            if (found := LABEL.match(body)) and found.group(1) != "N":
+                labels.setdefault(found.group(1), []).append(index)
+                body = body[found.end() :]
+            word = FLOW.match(body)
+            if not word:
+                continue
+            key = word.group(1)
+            if key == "IF" and re.search(r"\bGOTO[FBCS]?\b", body):
+                continue
+            if key == "REPEAT" and body[len("REPEAT") :].strip():
+                continue
+            if key in OPENING:
+                stack.append((key, index))
+            elif key == "ELSE" and stack and stack[-1][0] == "IF":
+                program.alternatives[stack[-1][1]] = index
+                program.alternatives[index] = stack[-1][1]
+            elif key in OPENING.values():
+                self.flow.line = index + 1
+                if not stack or OPENING[stack[-1][0]] != key:
+                    raise InputError(f"{key} closes nothing that is open")
+                _, opened = stack.pop()
+                program.partners[opened] = index
+                program.partners[index] = opened
+        if stack:
+            self.flow.line = stack[-1][1] + 1
+            raise InputError(f"{stack[-1][0]} is never closed by {OPENING[stack[-1][0]]}")
+        self.flow.line = here
+
+    def _declare(self, text: str) -> None:
+        """Carry out DEF."""
+        found = DECLARE.match(text)
+        if not found:
+            raise InputError(f"declaration {text[:LIMIT_TEXT]!r} is not read")
+        kind, rest = found.groups()
+        for item in re.findall(r"([A-Z_$][\w]*)\s*(\[[^\]]*\])?\s*(?:=\s*((?:\"[^\"]*\"|[^,(]|\([^)]*\))+))?", rest):
+            variable, _, value = item
+            if variable in ("SET",) or kind.startswith(("STRING", "CHAR", "AXIS", "FRAME")):
+                self.it.unknown[variable] = f"line {self.flow.line} declares it as {kind}"
+                self.values.names.discard(variable)
+                continue
+            self.values.names.add(variable)
+            if value and not value.lstrip().startswith(("SET", '"')):
+                self.values.numbers[variable, ()] = self.evaluate(value)
+
+    def run_flow(self, word: str, text: str, raw: str, program: Program, index: int) -> int:
+        """Carry out a statement of control; return the next line, -1 at the end."""
+        rest = text[len(word) :].strip()
+        if word == "MSG":
+            told = re.search(r'MSG\s*\(\s*"([^"]*)"', raw, re.IGNORECASE)
+            if told:
+                self.it.log.happen("comment", self.flow.line, text=told.group(1))
+        elif word == "DEF":
+            self._declare(text)
+        elif word in ("PROC", "EXTERN"):
+            pass
+        elif word in ("RET", "ENDPROC"):
+            return END
+        elif word in REFUSED:
+            raise InputError(f"{word} {rest[:24]!r} is not read; write the program out in the CAM system")
+        else:
+            self.flow.count_jump()
+            return self._jump(word, rest, program, index)
+        return index + 1
+
+    def _jump(self, word: str, rest: str, program: Program, index: int) -> int:
+        """Carry out IF, loops and jumps; return the next line."""
+        if word == "IF":
+            return self._run_if(rest, program, index)
+        if word == "ELSE":
+            return program.partners[program.alternatives[index]] + 1 if index in program.alternatives else index + 1
+        if word in ("WHILE", "UNTIL"):
+            return index + 1 if self.evaluate(rest) else program.partners[index] + 1
+        if word in ("ENDWHILE", "ENDLOOP", "ENDFOR"):
+            return program.partners[index]
+        if word == "FOR":
+            return self._run_for(rest, program, index)
+        if word.startswith("GOTO"):
+            return self._find_goto(word, rest, program, index)
+        if word == "CASE":
+            return self._run_case(rest, program, index)
+        if word in ("REPEAT", "REPEATB") and rest:
+            return self._repeat(word, rest, program, index)
+        return index + 1
+
+    def _run_if(self, rest: str, program: Program, index: int) -> int:
+        found = GOTO.match(rest)
+        if found:
+            holds = self.evaluate(found.group(1))
+            return self._find_goto(found.group(2), found.group(3), program, index) if holds else index + 1
+        if "GOTO" in rest:
+            raise InputError(f"jump {rest[:LIMIT_TEXT]!r} is not read, expected IF .. GOTOF label")
+        if self.evaluate(rest):
+            return index + 1
+        return program.alternatives.get(index, program.partners[index]) + 1
+
+    def _run_for(self, rest: str, program: Program, index: int) -> int:
+        found = re.match(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)$", rest)
+        if not found:
+            raise InputError(f"FOR {rest[:LIMIT_TEXT]!r} is not read, expected FOR I = 1 TO 5")
+        variable = found.group(1)
+        key = ("R", (float(variable[1:]),)) if re.fullmatch(r"R\d+", variable) else (variable, ())
+        self.values.names |= {variable} if key[0] != "R" else set()
+        counting = self.flow.call.counting
+        value = self.values.numbers[key] + 1.0 if index in counting else self.evaluate(found.group(2))
+        self.values.numbers[key] = counting[index] = value
+        if value > self.evaluate(found.group(3)):
+            return program.partners[index] + 1
+        return index + 1
+
+    def _run_case(self, rest: str, program: Program, index: int) -> int:
+        found = re.match(r"(.+?)\s+OF\s+(.*)$", rest)
+        if not found:
+            raise InputError(f"CASE {rest[:LIMIT_TEXT]!r} is not read")
+        value = self.evaluate(found.group(1))
+        for constant, how, label in re.findall(r"(\S+)\s+(GOTO[FBC]?)\s+([A-Z_]\w*|N?\d+)", found.group(2)):
+            if constant == "DEFAULT" or self.evaluate(constant) == value:
+                return self._find_goto(how, label, program, index)
+        return index + 1
+
+    def _find_goto(self, how: str, label: str, program: Program, index: int) -> int:
+        """Return the line of a label or block number, forwards (GOTOF), backwards (GOTOB), or both."""
+        label = label.strip()
+        number = label.removeprefix("N").strip()
+        places = (program.labels or {}).get(label, [])
+        if number.isdigit():
+            block = re.compile(rf"\s*[N:]\s*0*{int(number)}(?!\d)", re.IGNORECASE)
+            places = [at for at in range(program.first, program.last) if block.match(program.lines[at])]
+        ahead, behind = [at for at in places if at > index], [at for at in places if at <= index]
+        chosen = ahead[:1] if how != "GOTOB" else behind[-1:]
+        if how in ("GOTO", "GOTOC") and not chosen:
+            chosen = behind[-1:]
+        if not chosen:
+            if how == "GOTOC":
+                return index + 1
+            where = "before" if how == "GOTOB" else "after"
+            raise InputError(f"{how} {label[:24]}: this label does not stand {where} it")
+        return chosen[0]
+
+    def _repeat(self, word: str, rest: str, program: Program, index: int) -> int:
+        """Carry out REPEAT label [label] P=n: from the label to here (or to the second one), n times more."""
+        found = re.fullmatch(r"([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s*P\s*=?\s*(.+))?", rest)
+        if not found or word == "REPEATB" or found.group(2):
+            raise InputError(f"{word} {rest[:LIMIT_TEXT]!r} is not read, expected REPEAT label P=n")
+        start = self._find_goto("GOTOB", found.group(1), program, index)
+        again = self.flow.repeat(index, lambda: self.evaluate(found.group(3) or "1"))
+        return start if again else index + 1
+
+
+def _holds(program: Program) -> bool:
+    """Return whether a program has a line that is no comment."""
+    lines = program.lines[program.first : program.last]
+    return any(line.strip() and not line.lstrip().startswith(";") for line in lines)
+
+
+def strip(raw: str) -> str:
+    """Return a line in capitals without comment, number and marks."""
+    body = cut_comment(raw)[0].upper()
+    found = BLOCK_NUMBER.match(body)
+    return body[found.end() :] if found else body

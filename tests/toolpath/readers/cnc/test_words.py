@@ -1,0 +1,103 @@
+"""Words of CNC programs: what each one does to a cut from X0 to X10, a line a word; holes drilled in pecks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compplan.errors import InputError
+from compplan.toolpath.readers import CamFile, CamTable, read_cam
+
+#: A code, and what is expected of it: the end of the cut [mm], or words of the refusal.
+CODES = [
+    ("G64 P0.01", (10.0, 0.0)),
+    ("G61", (10.0, 0.0)),
+    ("G20", (254.0, 0.0)),
+    ("G68 X0 Y0 R90", (0.0, 10.0)),
+    ("G51.1 X0", (-10.0, 0.0)),
+    ("G51 X0 Y0 Z0 P2.", (20.0, 0.0)),
+    ("G52 X5", (15.0, 0.0)),
+    ("G5.2", "NURBS"),
+    ("G12", "pocket cycles"),
+    ("G66 P1000", "modal macro calls"),
+    ("G777 X5", "may move the tool"),
+]
+#: ... of Sinumerik.
+WORDS = [
+    ("G64", (10.0, 0.0)),
+    ("SOFT", (10.0, 0.0)),
+    ("G70", (254.0, 0.0)),
+    ("TRANS X5", (15.0, 0.0)),
+    ("ROT RPL=90", (0.0, 10.0)),
+    ("MIRROR X0", (-10.0, 0.0)),
+    ("SCALE X2 Y2 Z2", (20.0, 0.0)),
+    ("BSPLINE", "changes the path or its frame"),
+    ("G33", "threading"),
+    ("G777 X5", "may move the tool"),
+    ("TASCHE", "may move the tool"),
+]
+#: ... and of Klartext.
+STATEMENTS = [
+    ("BLK FORM 0.1 Z X+0 Y+0 Z-20", (10.0, 0.0)),
+    ("CYCL DEF 7.0\nCYCL DEF 7.1 X+5", (15.0, 0.0)),
+    ("CYCL DEF 10.0\nCYCL DEF 10.1 ROT+90", (0.0, 10.0)),
+    ("CYCL DEF 8.0\nCYCL DEF 8.1 X", (-10.0, 0.0)),
+    ("CYCL DEF 11.0\nCYCL DEF 11.1 SCL 2", (20.0, 0.0)),
+    ("SPL X5", "splines"),
+    ("CYCL DEF 251", "is not read"),
+    ("TASCHE X5", "may move the tool"),
+]
+
+
+def read_text(folder: Path, text: str, suffix: str = ".nc") -> CamFile:
+    file = folder / f"part{suffix}"
+    file.write_text(text)
+    return read_cam(file, CamTable())
+
+
+def check(folder: Path, text: str, suffix: str, line: int, expected: tuple[float, float] | str) -> None:
+    """Compare where the cut ends, or what is refused in a line and the one after it."""
+    if isinstance(expected, str):
+        with pytest.raises(InputError, match=expected) as refusal:
+            read_text(folder, text, suffix)
+        assert refusal.value.where == line
+    else:
+        end = read_text(folder, text, suffix).toolpath.position[-1, :2] * 1e3
+        assert np.allclose(end, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("code", "expected"), CODES)
+def test_a_code_acts_on_the_cut_after_it(tmp_path: Path, code: str, expected: tuple[float, float] | str) -> None:
+    check(tmp_path, f"G21 G90 G17\nG0 X0 Y0 Z5\n{code}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", ".nc", 3, expected)
+
+
+@pytest.mark.parametrize(("word", "expected"), WORDS)
+def test_a_word_acts_on_the_cut_after_it(tmp_path: Path, word: str, expected: tuple[float, float] | str) -> None:
+    check(tmp_path, f"G71 G90 G17\nG0 X0 Y0 Z5\n{word}\nG0 X0 Y0 Z1\nG1 X10 F600\nM30\n", ".mpf", 3, expected)
+
+
+@pytest.mark.parametrize(("statement", "expected"), STATEMENTS)
+def test_a_statement_acts_on_the_cut_after_it(
+    tmp_path: Path, statement: str, expected: tuple[float, float] | str
+) -> None:
+    body = f"L X+0 Y+0 Z+5 FMAX\n{statement}\nL X+0 Y+0 Z+1 FMAX\nL X+10 F600"
+    check(tmp_path, f"BEGIN PGM A MM\n{body}\nEND PGM A MM\n", ".h", 3, expected)
+
+
+@pytest.mark.parametrize(
+    ("unit", "depth", "peck", "expected"),
+    [("G21", 10.0, 3.333, 3), ("G21", 10.0, 2.5, 4), ("G21", 0.3, 0.1, 3), ("G20", 1.0, 0.3333, 3),
+     ("G20", 0.9, 0.3, 3), ("G21", 10.0, 3.0, 4)],
+)  # fmt: skip
+@pytest.mark.parametrize("cycle", ["G83", "G73"])
+def test_a_rounding_remainder_of_a_hole_adds_no_peck(
+    tmp_path: Path, cycle: str, unit: str, depth: float, peck: float, expected: int
+) -> None:
+    text = f"{unit} G90\nG0 X0 Y0 Z5\nG98 {cycle} Z-{depth:g} R0 Q{peck:g} F10\nG80\nG0 Z5\nG1 X1\nM30\n"
+    path = read_text(tmp_path, text).toolpath
+    height = path.position[:, 2]
+    cuts = ~path.rapid & (np.diff(height, prepend=height[0]) < -1e-9)
+    assert cuts.sum() == expected
+    assert np.isclose(height.min() * 1e3, -depth * (25.4 if unit == "G20" else 1.0), atol=1e-9)
