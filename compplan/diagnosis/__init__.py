@@ -7,9 +7,10 @@
     diagnosis.fit                                            everything else: linearization `at`, ledger, models
 
 The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models. Five
-rooms, each of which reads those before it: `data` (residuals and their noise) -> `ledger` (inner products, evidence)
--> `search` (rounds of exact models) -> `doubt` (what speaks against a claim) -> `answer` (verdict, folder, where, what
-next). Each room's own docstring says what comes in, what goes out and by which equation.
+packages, each of which reads those before it: `data` (residuals and their noise) -> `evidence` (inner products,
+evidence) -> `search` (rounds of exact models) -> `validation` (what speaks against a claim, what poses left out say) ->
+`results` (verdict, folder, where, what next). Each one's docstring says what comes in, what goes out and by which
+equation.
 """
 
 from compplan.diagnosis.campaign_diagnosis import diagnose_campaign

@@ -19,6 +19,7 @@ from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
 from compplan.diagnosis.validation.calibrated_probability import MOST_SURE
 from compplan.diagnosis.validation.held_out import Folds, make_folds
+from compplan.diagnosis.validation.sparse import add_gear_waves
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities, revise_probabilities
 from compplan.effects import Effect, robot_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
@@ -101,7 +102,7 @@ def _conclude(
     """Hold out, choose the updated robot, and collect the record."""
     problem, campaign = fit.problem, fit.problem.campaign
     progress("held out")
-    folds = Folds(fit, make_folds(campaign))
+    folds = Folds(add_gear_waves(fit), make_folds(campaign))
     before = position_residual(campaign, nominal, solve_model_poses(nominal))
     plain = folds.hold_out([], background=False)
     if not problem.register:
@@ -113,8 +114,8 @@ def _conclude(
     deliveries = deliver_folders(folds, verdict, plain, state, good)
     first = deliveries[0]
     seen = good[plain.rows]
-    if first.lawful is not None:
-        verdict = check_calibration(verdict, plain.of(seen).rms, first.lawful.of(seen).rms)
+    if first.small is not None:
+        verdict = check_calibration(verdict, plain.of(seen).rms, first.small.of(seen).rms)
     ranked = rank_candidates(fit, verdict, folds)
     taken = {f.effect.place for f in verdict.findings}
     gap = Gap(

@@ -65,8 +65,6 @@ class Signature:
         tried: Number of alternatives (rows, periods) that this form was picked from.
         columns: Names of the parameters' columns. Signatures of one effect whose columns have the same name share them;
             empty for columns of its own.
-        lawful: Whether the form is a law of the effect. A curve of any shape is none: it carries the error of its place
-            whatever makes it, and names the effect only where a lawful form explains most of what it does.
         between: Change of the known distances between contacts; None for none. Shape (d, 1, k). [m]
     """
 
@@ -83,7 +81,6 @@ class Signature:
     least: tuple[float, ...] = ()
     tried: int = 1
     columns: tuple[str, ...] = ()
-    lawful: bool = True
     between: Array | None = None
 
     @property

@@ -71,7 +71,7 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
     label = "waves " + " ".join(f"{c:.4g}" for c in cycles)
     columns = tuple(f"{cycle:.6g} {part}" for cycle in cycles for part in ("sine", "cosine"))
     signature = _signature(at, index, label, keys, shape, fixed)
-    return replace(signature, tried=tried, columns=columns, lawful=len(cycles) == 1)
+    return replace(signature, tried=tried, columns=columns)
 
 
 def periods_seen(cycles: float | Array, spread: float, slides: bool) -> Array:
@@ -84,7 +84,7 @@ def series_at(at: Linearization, index: int, cycle: float, tried: int = 1) -> Si
     plain = waves_at(at, index, [cycle * (k + 1) for k in range(len(OVERTONES))], tried)
     columns = tuple(f"series {cycle:.6g} {k} {part}" for k in range(len(OVERTONES)) for part in ("sine", "cosine"))
     scale = plain.scale * np.repeat(OVERTONES, 2)
-    return replace(plain, form=f"series {cycle:.4g}", scale=scale, columns=columns, lawful=True)
+    return replace(plain, form=f"series {cycle:.4g}", scale=scale, columns=columns)
 
 
 def bump(angle: Array, centre: float | Array, width: float) -> Array:
@@ -98,7 +98,7 @@ def bump_at(at: Linearization, index: int, centre: float, width: float, tried: i
     shape = bump(np.nan_to_num(at.campaign.q[:, index]), centre, width)[:, None]
     fixed = {f"centre_{unit}": [centre], f"width_{unit}": [width]}
     label = f"bump {centre:.3g} {width:.3g}"
-    return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried, lawful=False)
+    return replace(_signature(at, index, label, (f"height_{unit}#0",), shape, fixed), tried=tried)
 
 
 def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING, most: int = MAX_SPLINES) -> Array:
@@ -125,7 +125,7 @@ def spline_at(at: Linearization, index: int) -> Signature:
     unit = "m" if joint.kind == "prismatic" else "rad"
     keys = tuple(f"spline_{unit}#{k}" for k in range(shape.shape[1]))
     fixed = {"knots_m" if joint.kind == "prismatic" else "knots_rad": [float(k) for k in knots]}
-    return replace(_signature(at, index, "spline", keys, shape, fixed), lawful=False)
+    return _signature(at, index, "spline", keys, shape, fixed)
 
 
 def _signature(

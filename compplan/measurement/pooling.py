@@ -1,8 +1,9 @@
 """Pooling: the rows of one pose become one, with their mean and the standard deviation of that mean.
 
 What a static model says of n rows of a pose is what it says of their mean, with a variance of v / n; their scatter
-tells v. Rows are of one pose where joints, load, target and the direction of the last move are alike; visits are pooled
-within stretches of the log alone, so that what drifts or shifts during a campaign stays visible.
+tells v. Rows are of one pose where joints, load, target and the direction of the last move are alike. Where the means
+of stretches of the log scatter beyond chance, visits are pooled within stretches alone, so that what drifts or shifts
+during a campaign stays visible; else a pose is one row, for what a model gets wrong there is the same at every visit.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import fdtri
 
 from compplan.measurement.campaign import FORCE_NOISE, Campaign, number_rows
 from compplan.robot import Array
@@ -20,6 +22,8 @@ from compplan.robot import Array
 #: Logs with more rows are pooled, into about so many rows and at most so many stretches (assumed: fewer rows
 #: take a minute as they are; what drifts is seen in twenty).
 FROM_ROWS, ABOUT, STRETCHES = 5000, 400, 20
+#: Probability of a scatter between stretches that counts as chance (theory: the usual 5 %).
+CHANCE = 0.05
 #: Loads of a pose differ by less than this share of the largest one (assumed). [-]
 LIKE_LOAD = 0.05
 #: A row so many medians of the distances from the middle of its pose is gross and left out (assumed: six deviations).
@@ -51,14 +55,18 @@ def pool_rows(campaign: Campaign) -> Campaign:
         notes.append(f"{len(single)} rows, hardly a pose met again: every {-(-len(single) // FROM_ROWS)}th is used")
         return replace(campaign.take(part), notes=(*campaign.notes, *notes))
     kept = leave_gross(campaign.position[single], group)
-    count = np.bincount(group[kept])
+    whole = number_poses(campaign, single, most=1)
+    if not scatter_beyond_chance(campaign.position[single][kept], group[kept], whole[kept]):
+        group = whole
+    group = np.unique(group[kept], return_inverse=True)[1].reshape(-1)
+    count = np.bincount(group)
     poses = len(np.unique(campaign.pose[single]))
     notes.append(
         f"{len(single)} rows of {poses} poses are pooled: {len(count)} means of about {np.median(count):.0f} rows"
     )
     if (~kept).any():
         notes.append(f"{int((~kept).sum())} rows far from the others of their pose are left out")
-    pooled = _average(campaign, single[kept], group[kept])
+    pooled = _average(campaign, single[kept], group)
     return replace(pooled, notes=(*campaign.notes, *notes))
 
 
@@ -69,15 +77,33 @@ def find_copies(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
     return np.asarray(np.sort(first))
 
 
-def number_poses(campaign: Campaign, rows: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Number the poses of some rows stretch by stretch of the log, in order of appearance. Shape (rows,)."""
+def scatter_beyond_chance(position: Array, group: NDArray[np.int_], pose: NDArray[np.int_]) -> bool:
+    """Tell whether means of groups of one pose scatter beyond what the rows within the groups explain.
+
+    Args:
+        position: Positions of the rows. Shape (n, 3). [m]
+        group: Group of each row. Shape (n,).
+        pose: Pose of each row; a group is part of one pose. Shape (n,).
+    """
+    group, pose = (np.unique(label, return_inverse=True)[1].reshape(-1) for label in (group, pose))
+    of_group, of_pose = (_mean(position, label, np.bincount(label).astype(float))[label] for label in (group, pose))
+    groups, poses = int(group.max()) + 1, int(pose.max()) + 1
+    between, within = 3 * (groups - poses), 3 * (len(group) - groups)
+    if not between or not within:
+        return bool(between)
+    ratio = np.sum((of_group - of_pose) ** 2) / between / max(np.sum((position - of_group) ** 2) / within, 1e-300)
+    return bool(ratio > fdtri(between, within, 1.0 - CHANCE))
+
+
+def number_poses(campaign: Campaign, rows: NDArray[np.int_], most: int = STRETCHES) -> NDArray[np.int_]:
+    """Number the poses of some rows in order of appearance, in each of `most` stretches at most. Shape (rows,)."""
     load = np.round(campaign.wrench[rows] / max(LIKE_LOAD * campaign.load_scale, FORCE_NOISE))
     labels = [campaign.run] if campaign.mode is None else [campaign.run, campaign.mode]
     of_labels = [np.unique(label[rows], return_inverse=True)[1].reshape(-1) for label in labels]
     pose = number_rows(
         np.column_stack([*of_labels, campaign.pose[rows], campaign.target_index[rows], load, campaign.approach[rows]])
     )
-    stretches = int(np.clip(ABOUT // (int(pose.max()) + 1), 1, STRETCHES))
+    stretches = int(np.clip(ABOUT // (int(pose.max()) + 1), 1, most))
     stretch = np.arange(len(rows)) * stretches // len(rows)
     # a stay is not cut in two
     stay = campaign.stay[rows]

@@ -12,8 +12,7 @@ from compplan.reporting.page import Block, Chart, Column, Columns, Fold, PageTab
 from compplan.reporting.style import AFTER, NEUTRAL, format_number, format_percent
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.results.accuracy import Learning
-    from compplan.diagnosis.results.assessment import Assessment
+    from compplan.diagnosis.results.accuracy import Assessment, Learning
     from compplan.diagnosis.results.calibration import Correction, Pose
 
 #: Regions that are listed as the worst.

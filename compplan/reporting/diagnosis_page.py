@@ -38,7 +38,7 @@ from compplan.reporting.summaries import open_diagnosis
 from compplan.robot import Array
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.results.assessment import Assessment
+    from compplan.diagnosis.results.accuracy import Assessment
     from compplan.diagnosis.results.result import Diagnosis
     from compplan.diagnosis.results.where import Split
     from compplan.measurement.campaign import Campaign

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.results.assessment import assess_diagnosis
+from compplan.diagnosis.results.accuracy import assess_diagnosis
 from compplan.diagnosis.results.delivery import possible_claims, settle_play
 from compplan.diagnosis.results.verdict import reach_verdict
 from compplan.diagnosis.results.where import split_diagnosis
@@ -149,18 +149,6 @@ def test_frames_are_fitted_to_the_campaign_around_a_robot_that_never_saw_the_row
     assert 1.0 < held.rms / least < 1.4
     assert free_of_frames(fit, 2) == pytest.approx(np.sqrt(2.0))
     assert free_of_frames(replace(fit, problem=replace(problem, register=())), 16) == 1.0
-
-
-def test_a_choice_in_doubt_is_made_anew_from_every_part_of_the_poses(diagnosis: Diagnosis) -> None:
-    """The two true causes are chosen again, from nothing and beside each other, and nothing else."""
-    fit = diagnosis.fit
-    folds = Folds(fit, make_folds(fit.problem.campaign))
-    _, ledger = folds.ledgers[0]
-    for named in ([], [fit.model.claims[0]]):
-        chosen = folds.decide_again(named)(ledger)
-        assert {ledger.signatures[c.signature].place for c in chosen} == {CAUSE.place, SECOND.place}
-    held = folds.hold_out(fit.model.claims, decide=lambda _: [])
-    assert held.rms > 2 * folds.hold_out(fit.model.claims).rms
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.results.measurement_moves import KINDS, list_moves
+from compplan.diagnosis.results.measurement_moves import KINDS, list_moves, probe_signature
 from compplan.diagnosis.results.next_measurement import (
     DifferenceShown,
     expected_gain,
@@ -20,7 +20,6 @@ from compplan.diagnosis.results.next_measurement import (
     pick_moves,
     predict_columns,
 )
-from compplan.diagnosis.results.signature_at_rows import probe_signature
 from compplan.effects import Effect, apply_effects, solve_model_poses
 from compplan.effects.frame_shift import shift_at
 from compplan.effects.signature import Signature

@@ -14,7 +14,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.cli.commands.diagnose import describe_diagnosis
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.results.assessment import assess_diagnosis
+from compplan.diagnosis.results.accuracy import assess_diagnosis
 from compplan.effects import Effect
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign

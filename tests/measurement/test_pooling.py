@@ -62,3 +62,12 @@ def test_short_logs_stay_as_they_are_and_of_ever_new_poses_a_part_is_taken(monke
     monkeypatch.setattr(pooling, "FROM_ROWS", 100)
     many = pool_rows(repeat(390, 1, stays=True))
     assert len(many) == 98 and "every 4th" in many.notes[-1]
+
+
+def test_visits_are_kept_apart_only_where_they_scatter_beyond_chance(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pooling, "FROM_ROWS", 100)
+    campaign = repeat(10, 300, stays=False)
+    # the first row has no last move
+    assert len(pool_rows(campaign)) == 11
+    campaign.position[:, 0] += np.linspace(0.0, 2.0 * SIGMA, len(campaign))
+    assert len(pool_rows(campaign)) > 200

@@ -20,11 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, comb, gammaincinv
 
-from compplan.diagnosis.data.outliers import OUTLYING
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, ROUNDING
 from compplan.measurement.campaign import FORCE_NOISE, Campaign
 from compplan.measurement.pooling import LIKE_LOAD
 from compplan.robot import Array
+
+#: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
+#: chance); at most this share of the rows (assumed: the contract says 2 %).
+OUTLYING, MOST = 5.5, 0.03
+#: Where more rows stand out than may: only those beyond the others by this factor (assumed).
+BEYOND = 2.0
+
 
 #: Instrument variances of two sources disagree where they differ by more than this factor (assumed).
 DISAGREE = 1.8
@@ -67,9 +73,7 @@ class Noise:
     @property
     def leeway(self) -> float:
         """Factor by which the variance may exceed its estimate before chance no longer explains it."""
-        # the chi-square quantile of so many witnesses
-        least = 2.0 * gammaincinv(0.5 * self.witnesses, 0.5 * (1.0 - LEVEL))
-        return float(self.witnesses / least) if self.witnesses > 0 else np.inf
+        return chance_factor(self.witnesses)
 
     @property
     def known(self) -> bool:
@@ -79,6 +83,12 @@ class Noise:
     def spread_of(self, rows: NDArray[np.int_]) -> Array:
         """Return the standard deviation of some rows over `sigma`. Shape (rows,)."""
         return self.spread[rows] if len(self.spread) else np.ones(len(rows))
+
+
+def chance_factor(freedom: float) -> float:
+    """Return the factor by which a variance of so many degrees of freedom may exceed another by chance."""
+    least = 2.0 * gammaincinv(0.5 * freedom, 0.5 * (1.0 - LEVEL))
+    return float(freedom / least) if freedom > 0 else np.inf
 
 
 def estimate_noise(
@@ -112,6 +122,10 @@ def estimate_noise(
     single_row = max(variance, campaign.scatter**2)
     robot, freedom, told = _repeatability(again - share * variance, count, repeatability, single_row)
     source = " and ".join(label for label in (source, told) if label)
+    if stated is not None and count:
+        beyond = again / (share * variance + (repeatability or 0.0) ** 2)
+        if beyond > chance_factor(count):
+            source += f"; poses met again scatter by {np.sqrt(beyond):.1f} times the stated sigma"
     if not single:
         return Noise(float(np.sqrt(variance)), witnesses, source, float(np.sqrt(robot)) if told else 0.0, plain)
     total = spread**2 * variance + robot
@@ -240,3 +254,39 @@ def _path_roughness(campaign: Campaign, gap: Array) -> tuple[float, float]:
     rough = np.vstack(pieces)
     # the median of the square of a normal number
     return float(np.median(rough**2) / chdtri(1, 0.5)), rough.size / 3.0
+
+
+def find_gross_outliers(campaign: Campaign, gap: Array) -> NDArray[np.int_]:
+    """Find rows whose gap stands far out of all others, before any effect is known.
+
+    Args:
+        campaign: The campaign.
+        gap: Measured minus expected positions. Shape (n, 3). [m]
+    """
+    length = np.linalg.norm(np.where(campaign.usable[:, None], gap, 0.0), axis=1)
+    usable = length[campaign.usable]
+    if len(usable) < ENOUGH_ROWS:
+        return np.zeros(0, int)
+    far = np.flatnonzero(length > OUTLYING * np.quantile(usable, LEVEL))
+    return far if len(far) <= MOST * len(usable) + 1 else np.zeros(0, int)
+
+
+def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Find rows that stand out of the scatter that a fitted model leaves.
+
+    Where more rows stand out than gross errors can be, they are structure, and only those beyond all others are
+    outliers.
+
+    Args:
+        campaign: The campaign.
+        residual: Measured minus fitted positions. Shape (n, 3). [m]
+        sigma: Standard deviation of the scatter per axis. [m]
+        considered: Rows that may be outliers. Shape (n,).
+    """
+    length = np.where(considered & campaign.usable, np.linalg.norm(np.nan_to_num(residual), axis=1), 0.0)
+    count = int(np.ceil(MOST * (length > 0).sum()))
+    far = np.flatnonzero(length > OUTLYING * sigma)
+    if len(far) > count:
+        limit = BEYOND * np.sort(length)[-count - 1]
+        far = np.flatnonzero(length > max(limit, OUTLYING * sigma))
+    return far

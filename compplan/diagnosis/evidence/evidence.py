@@ -21,22 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 
-from compplan.diagnosis.evidence.few_rows import (
+from compplan.diagnosis.evidence.likelihood import (
     FewRows,
+    ManyRows,
+    SolvedColumns,
     SolvedRows,
+    column_slopes,
+    gather_products,
     gather_rows,
+    list_products,
     row_covariance,
     row_mean,
     row_slopes,
-    solve_rows,
-)
-from compplan.diagnosis.evidence.many_rows import (
-    ManyRows,
-    SolvedColumns,
-    column_slopes,
-    gather_products,
-    list_products,
     solve_columns,
+    solve_rows,
 )
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations
 from compplan.robot import Array

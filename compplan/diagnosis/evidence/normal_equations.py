@@ -267,7 +267,7 @@ def _design(channel: Channel, signatures: Sequence[Signature], picked: Sequence[
 
 def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProducts | None = None) -> ChannelProducts:
     """Multiply columns with columns and observations; blocks that `old` holds already are taken from there."""
-    design, observed, told = _turn_along(channel, design, observed)
+    design, observed, told = turn_along(channel, design, observed)
     total = _products(design, observed, None if old is None else old.total, told)
     means: dict[int, Products] = {}
     group = channel.group
@@ -290,7 +290,7 @@ def _multiply(channel: Channel, design: Array, observed: Array, old: ChannelProd
     return ChannelProducts(channel.name, total, means, channel.noise.witnesses, rows)
 
 
-def _turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def turn_along(channel: Channel, design: Array, observed: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Turn rows that tell one number so that it is their first; return as well which values were told. Shape (r, c)."""
     told = np.ones(observed.shape, bool)
     if channel.direction is None:

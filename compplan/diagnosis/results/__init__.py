@@ -1,4 +1,4 @@
-"""Answer: what is said and delivered.
+"""Results: what is said and delivered.
 
 In: a fit and what speaks against its claims.
 
@@ -11,9 +11,9 @@ poses left out lie in their bands (`posterior`, `calibration` for what a control
 predicts poses never seen better than the nominal robot, by more than luck: p(gains' signs by chance) < 1 - `SURE`
 (`delivery`). The gap is divided among the parts g_i of the posterior's motion by g_i . (g_i + 2 rest) / |gap|^2, which
 sum to what is explained (`shares`, `small_errors`). A further measurement is worth the rise of the probability of the
-true one of two explanations that it is expected to bring (`next_measurement`, `measurement_moves`, `probe`).
+true one of two explanations that it is expected to bring (`next_measurement`, `measurement_moves`).
 
-Out: names with probabilities (`verdict`, `change`, `explanations`), the robot folder and how surely it is known, how
-accurate it is and what more poses would bring (`accuracy`, `assessment`), where the gap lies (`where`, `gap_tables`,
+Out: names with probabilities (`verdict`, `explanations`), the robot folder and how surely it is known, how
+accurate it is and what more poses would bring (`accuracy`), where the gap lies (`where`, `gap_tables`,
 `traces`), what to measure next. `result` holds all.
 """

@@ -20,12 +20,14 @@ from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SEED
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import combine_channels
 from compplan.diagnosis.evidence.normal_equations import select_rows
+from compplan.diagnosis.results.calibration import Correction, Pose, list_corrections, list_frames
 from compplan.diagnosis.validation.held_out import free_of_frames
 from compplan.robot import Array
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
     from compplan.diagnosis.search.state import Fit
+
 
 #: How many more poses the curve is asked for, and from how many on it is drawn (assumed: no further ahead than it has
 #: seen).
@@ -220,3 +222,48 @@ def _predict_rest(fitted: Fit, frames: Array, given: Sequence[tuple[Array, Array
     left = ledger.observed[0] - ledger.designs[0][..., posterior.columns] @ mean
     left = left - (frames @ (frames.T @ left.ravel())).reshape(left.shape)
     return float(np.mean(np.sum((left[seen] * source.sigma[seen]) ** 2, axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What a diagnosis is worth to a calibration engineer.
+
+    Attributes:
+        corrections: Zeros, lengths, tool and base to enter, with intervals.
+        frames: Tool and registered frames as controllers take them.
+        accuracy: Pose accuracy "before" and, held out, "after".
+        learning: Held-out error over the number of poses, or None.
+        worst: Poses that are predicted worst.
+    """
+
+    corrections: tuple[Correction, ...]
+    frames: tuple[Pose, ...]
+    accuracy: dict[str, Accuracy]
+    learning: Learning | None
+    worst: tuple[WorstPose, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what diagnosis.json holds under `for_controllers` and `accuracy`."""
+        return {
+            "for_controllers": {
+                "corrections": [correction.to_json() for correction in self.corrections],
+                "frames": [frame.to_json() for frame in self.frames],
+            },
+            "accuracy": {
+                **{name: accuracy.to_json() for name, accuracy in self.accuracy.items()},
+                "learning": None if self.learning is None else self.learning.to_json(),
+                "worst_poses": [pose.to_json() for pose in self.worst],
+            },
+        }
+
+
+def assess_diagnosis(diagnosis: Diagnosis) -> Assessment:
+    """Assess the delivered robot of a diagnosis.
+
+    Args:
+        diagnosis: The diagnosis.
+    """
+    return Assessment(
+        list_corrections(diagnosis), list_frames(diagnosis), measure_accuracy(diagnosis), draw_learning(diagnosis),
+        list_worst(diagnosis),
+    )  # fmt: skip

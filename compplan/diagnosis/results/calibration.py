@@ -10,18 +10,25 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from compplan.controllers.writers.frames import euler_angles, flange_turn
-from compplan.diagnosis.data.shared import NEGLIGIBLE
+from compplan.diagnosis.data.shared import LEVEL, NEGLIGIBLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.results.change import HALF_WIDTH
 from compplan.diagnosis.results.verdict import CLAIMED
-from compplan.robot import Array
+from compplan.effects.forward_model import own_springs
+from compplan.effects.signature import Effect
+from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool
+from compplan.robot.uncertainty import Uncertainty, split_unknowns
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.delivery import Delivery
     from compplan.diagnosis.results.result import Diagnosis
+
+#: Standard deviations of a two-sided interval at the agreed level (theory).
+HALF_WIDTH = float(ndtri(0.5 * (1.0 + LEVEL)))
+
 
 #: Effects that a controller's tables can hold.
 ZEROS, LENGTHS, FRAMES = "joint_offset", "link_geometry", ("tool_frame", "base_frame")
@@ -190,3 +197,39 @@ def _halves(
     moved = 1e3 * np.array(position) if np.isfinite(position).all() else None
     turned = np.rad2deg(angles) if np.isfinite(angles).all() else None
     return moved, turned
+
+
+def state_change(robot: Robot, effect: Effect, sure: Uncertainty) -> dict[str, Any]:
+    """State the intervals of an effect's parameters.
+
+    Args:
+        robot: The nominal robot.
+        effect: A named effect with its parameters.
+        sure: How surely the updated robot is known.
+
+    Returns:
+        "interval95": lower and upper end by parameter, where one is known; and, of a joint's compliance that the model
+        knows, "change_percent": value, lower and upper end in percent of the model's.
+    """
+    deviation = {
+        key: float(sigma)
+        for unknown, widths in split_unknowns(sure.unknowns, sure.width)
+        if (unknown.effect, unknown.joint, unknown.axis) == tuple(effect.place)
+        for key, sigma in zip(unknown.keys, widths, strict=True)
+    }
+    ends = {
+        key: [float(value) - HALF_WIDTH * deviation[key], float(value) + HALF_WIDTH * deviation[key]]
+        for key, value in effect.parameters.items()
+        if key in deviation
+    }
+    if not ends:
+        return {}
+    found: dict[str, Any] = {"interval95": ends}
+    if effect.name == "joint_stiffness":
+        spring = own_springs(robot).get(robot.joint_names.index(str(effect.joint)))
+        key = next(iter(ends))
+        if spring is not None and spring.compliance > 0.0:
+            found["change_percent"] = [
+                round(100.0 * value / spring.compliance, 2) for value in (float(effect.parameters[key]), *ends[key])
+            ]
+    return found

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.channels import block_index, position_residual
+from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SURE, rank_number
 from compplan.diagnosis.results.explanations import name_alternatives
 from compplan.diagnosis.results.posterior import state_uncertainty
@@ -25,11 +25,11 @@ from compplan.diagnosis.search.polish import polish_fit, register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, Problem, advance_state, attain_state, stands
 from compplan.diagnosis.validation.held_out import Folds, HeldOut, with_claims
-from compplan.diagnosis.validation.options import MANY_STAYS, PLAIN, Decide, decide_once, list_options
+from compplan.diagnosis.validation.options import PLAIN, list_options
 from compplan.diagnosis.validation.stacking import (
     StackedModel,
     build_state,
-    hold_out_lawful,
+    hold_out_small,
     hold_out_stack,
     stack_options,
     stack_single,
@@ -53,7 +53,7 @@ class Delivery:
         fitted: Fit with its claims, whose posterior tells how sure its parameters are; None for the nominal robot.
         residual: Measured minus expected by its exact model, base axes, all rows. Shape (n, 3). [m]
         uncertainty: How surely it is known.
-        lawful: What the lawful part of a mixture predicts of rows that it never saw; None for no mixture.
+        small: What small errors alone predict of rows that they never saw; None for no mixture.
         visited: Its parts in doubt and how well they held at each stay; None without.
     """
 
@@ -63,7 +63,7 @@ class Delivery:
     fitted: Fit | None
     residual: Array
     uncertainty: Uncertainty
-    lawful: HeldOut | None = None
+    small: HeldOut | None = None
     visited: ValidityRegion | None = None
 
     def folder(self, number: int) -> str:
@@ -101,17 +101,14 @@ def deliver_folders(
     beyond = confident_claims(verdict)
     every = possible_claims(verdict)
     seen = good[plain.rows]
-    again = decide_once(folds, every) if len(every) > len(beyond) else None
-    alone = keep_places(folds, again, named) if again is not None and len(named) > len(beyond) else None
-    blend = stack_options(folds, list_options(beyond, every, again), seen)
+    blend = stack_options(folds, list_options(every), seen)
+    # few poses choose weights badly, and an option whose derivatives promise too much is in no mixture
+    plainly = stack_single(folds, PLAIN)
     judged: list[tuple[str, Sequence[Claim] | StackedModel, HeldOut]] = [
-        (CAUSES, named, folds.hold_out(named, background=False, decide=alone)),
+        (CAUSES, named, folds.hold_out(named, background=False)),
         (CALIBRATED, blend, hold_out_stack(folds, blend)),
+        (CALIBRATED, plainly, hold_out_stack(folds, plainly)),
     ]
-    if len(np.unique(block_index(fit.problem.campaign))) < MANY_STAYS:
-        # few poses choose weights badly, and an option whose derivatives promise too much is in no mixture
-        plainly = stack_single(folds, PLAIN)
-        judged.append((CALIBRATED, plainly, hold_out_stack(folds, plainly)))
     sure = partial(state_uncertainty, fit, every, good=good, rivals=name_alternatives(verdict))
     nothing = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
     useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
@@ -126,8 +123,8 @@ def deliver_folders(
     first = (*first[:2], nested)
     second = [o for o in useful if o[0] != first[0] and (isinstance(o[1], StackedModel) or o[1])]
     chosen = [first, *sorted(second, key=lambda o: rank_number(o[2].rms))[:1]]
-    lawful = hold_out_lawful(folds, blend, seen)
-    built = [(model, _build(fit, kind, model, held, sure, lawful)) for kind, model, held in chosen]
+    small = hold_out_small(folds, blend, seen)
+    built = [(model, _build(fit, kind, model, held, sure, small)) for kind, model, held in chosen]
     delivered = [(_forms(model), delivery) for model, delivery in built if delivery is not None]
     # names are in doubt where they leave something and are not beyond doubt themselves
     rivals = {rival.instead for _, one in delivered for rival in one.uncertainty.rivals}
@@ -151,19 +148,6 @@ def deliver_folders(
 def _forms(model: Sequence[Claim] | StackedModel) -> list[int]:
     """List the signatures that a model claims."""
     return model.claimed() if isinstance(model, StackedModel) else [claim.signature for claim in model]
-
-
-def keep_places(folds: Folds, again: Decide, named: Sequence[Claim]) -> Decide:
-    """Return what weighs names anew beside all others in doubt, as the search did that found them, and keeps the names.
-
-    Args:
-        folds: The fit, dealt to folds.
-        again: Weighs all claims anew.
-        named: The names.
-    """
-    signatures = folds.fit.search.ledger.signatures
-    places = {signatures[claim.signature].place for claim in named}
-    return lambda ledger: [c for c in again(ledger) if signatures[c.signature].place in places]
 
 
 def _is_better(new: HeldOut, nominal: HeldOut, pose: NDArray[np.int_]) -> bool:
@@ -194,7 +178,7 @@ def possible_claims(verdict: Verdict) -> list[Claim]:
 
 def _build(
     fit: Fit, kind: str, model: Sequence[Claim] | StackedModel, held: HeldOut,
-    sure: Callable[[FitState, HeldOut], Uncertainty], lawful: HeldOut,
+    sure: Callable[[FitState, HeldOut], Uncertainty], small: HeldOut,
 ) -> Delivery | None:  # fmt: skip
     """Fit a folder to all rows, exactly; None where its robot finds no equilibrium."""
     if isinstance(model, StackedModel):
@@ -208,7 +192,7 @@ def _build(
         state = register_again(fit, state, fit.state.use)
     state = settle_play(fit.problem, state)
     residual = _residual(fit.problem, state)
-    return Delivery(kind, state, held, fitted, residual, sure(state, held), lawful if kind == CALIBRATED else None)
+    return Delivery(kind, state, held, fitted, residual, sure(state, held), small if kind == CALIBRATED else None)
 
 
 def _residual(problem: Problem, state: FitState) -> Array:

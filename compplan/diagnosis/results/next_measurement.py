@@ -22,9 +22,8 @@ from scipy.special import expit, logit, ndtri
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import registration_signatures
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
-from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves
+from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
-from compplan.diagnosis.results.signature_at_rows import probe_signature
 from compplan.diagnosis.results.verdict import Finding
 from compplan.diagnosis.search.search import TRIED, Claim, Model
 from compplan.diagnosis.search.state import Fit

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import group_poses
 from compplan.diagnosis.data.shared import SAMPLE
-from compplan.diagnosis.evidence.background import in_background
-from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import TAU_SCALE
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.results.explanations import Explanation, explain_otherwise

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.plausibility import NO_EFFECT
 from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Hyper
@@ -18,11 +17,7 @@ from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_plac
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability
-from compplan.diagnosis.validation.gears import MOST_OF_IT, find_gears, is_law
-from compplan.diagnosis.validation.residual_similarity import rate_likenesses
-from compplan.diagnosis.validation.split_half import count_repetitions
-from compplan.diagnosis.validation.spurious_fit import rate_imitations
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_likenesses
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
@@ -42,13 +37,10 @@ STRUCTURE_SIZE = 0.5
 #: An error that moves the target less than this share of the noise floor is no cause of a gap and is not named
 #: (assumed).
 NAMEABLE = 0.8
-#: Neither is one that is less than this share of the gap where frames were registered (assumed).
-NAMEABLE_SHARE = 0.1
 #: What an unknown error follows is said where it carries this share of it (assumed).
 SPOKEN_OF = 0.4
-#: Probability of a claim that errors without a name explain as well, of one whose form is no law of its effect and of
-#: one whose size no robot can have (assumed).
-SHAPELESS = 1.0 - SURE
+#: Probability of a claim that errors without a name explain as well, and of one whose size no robot can have (assumed).
+REFUSED = 1.0 - SURE
 #: Margins beyond this are not told apart (assumed).
 MOST_MARGIN = 1e3
 #: Share of the values that is left to the noise at least, however many a model takes (assumed).
@@ -68,7 +60,7 @@ class Finding:
         size: Size of its prior, in units of its scale.
         signature: Number of its signature in the fit's ledger.
         evidence: What its probability rests on.
-        beyond: Why no robot of this kind can have it at this size (`doubt.bounds`); empty where one can.
+        beyond: Why no robot of this kind can have it at this size (`validation.bounds`); empty where one can.
     """
 
     effect: Effect
@@ -134,19 +126,13 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
         doubt: Its claims among errors that no effect makes.
     """
     structure = measure_structure(fit, doubt)
-    repeated, imitated, alike = count_repetitions(fit, doubt), rate_imitations(fit, doubt), rate_likenesses(fit, doubt)
-    gears = find_gears(fit, doubt)
-    findings = [
-        evaluate_claim(fit, doubt, c, (repeated[c], imitated[c], alike[c]), structure, gear=c in gears)
-        for c in doubt.model.claims
-    ]
-    findings = sorted((name_far_zero(f) for f in findings), key=lambda f: -rank_number(f.explained))
+    alike = rate_likenesses(fit, doubt)
+    findings = [evaluate_claim(fit, doubt, claim, alike[claim], structure) for claim in doubt.model.claims]
+    findings = sorted(findings, key=lambda f: -rank_number(f.explained))
     small = NAMEABLE * structure.floor
-    if fit.problem.register:
-        # where even the frames were unknown the robot is far from calibrated: what is small beside the gap is no cause
-        small = max(small, NAMEABLE_SHARE * structure.gap)
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
-    structure = leave_shapeless(structure, [f for f in findings if f not in minor])
+    # what claims of a size beyond all bounds explain is left
+    structure = replace(structure, left=structure.left or any(f.beyond for f in findings if f not in minor))
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
     doubtful += given_up(fit, doubt, small, structure.gap)
@@ -173,8 +159,7 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
 
 def evaluate_claim(
-    fit: Fit, doubt: RevisedProbabilities, claim: Claim, checks: tuple[float, float, float], structure: Structure, *,
-    gear: bool = False,
+    fit: Fit, doubt: RevisedProbabilities, claim: Claim, likeness: float, structure: Structure
 ) -> Finding:  # fmt: skip
     """Compare the model with the best ones that lack a claim, among errors that no effect makes.
 
@@ -182,16 +167,13 @@ def evaluate_claim(
         fit: The fit.
         doubt: Its claims among errors that no effect makes.
         claim: The claim.
-        checks: Share of the halves of the campaign that tell it, too; probability that a cause without a name would be
-            explained as fully; likeness of what is left.
+        likeness: What is left along its own motion, over that motion.
         structure: What is left.
-        gear: Whether it is several waves of a gear.
     """
     values = doubt.model.posterior.values(doubt.search.ledger.p)
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.ledger.p])
     alike = {r.place for r in rivals if r.alike}
     margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
-    lawful = gear or is_lawful(fit, doubt, claim)
     plain = margin
     if claim in fit.model.claims:
         plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
@@ -199,17 +181,16 @@ def evaluate_claim(
     columns = ledger.columns(claim.signature)
     signature = ledger.signatures[claim.signature]
     explained = motion_of(fit, columns, values)
-    repeated, imitated, likeness = checks
-    evidence = Evidence(margin, plain, repeated, explained / structure.floor, explained / max(structure.gap, 1e-12),
-                        structure.rms / max(structure.gap, 1e-12), imitated, likeness)  # fmt: skip
+    gap = max(structure.gap, 1e-12)
+    evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, likeness)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(
         effect=effect,
-        probability=calibrate_probability(evidence) if lawful and not beyond else SHAPELESS,
+        probability=REFUSED if beyond else calibrate_probability(evidence),
         explained=explained,
         margin=margin,
-        rivals=tuple(rivals) if lawful else (),
+        rivals=tuple(rivals),
         size=claim.size,
         signature=claim.signature,
         evidence=evidence,
@@ -237,34 +218,6 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     return float(np.clip(whole.score - best, -MOST_MARGIN, MOST_MARGIN)) if np.isfinite(best) else 0.0
 
 
-def is_lawful(fit: Fit, doubt: RevisedProbabilities, claim: Claim) -> bool:
-    """Tell whether a claim is a law of its effect, or a law of its place explains most of what it does."""
-    search, hyper = doubt.search, doubt.model.posterior.hyper
-    signatures, own = search.ledger.signatures, search.ledger.signatures[claim.signature]
-    if is_law(fit, own):
-        return True
-    rest = search.model(search.without(doubt.model.claims, claim), hyper, fit=False)
-    forms = [g for g in search.gains(rest) if signatures[g.signature].place == own.place]
-    evidence = {g.signature: g.log_evidence - float(search.log_prior[g.signature]) for g in forms}
-    least = MOST_OF_IT * max(evidence.values(), default=0.0)
-    return any(is_law(fit, signatures[n]) and value >= least for n, value in evidence.items())
-
-
-def leave_shapeless(structure: Structure, findings: Sequence[Finding]) -> Structure:
-    """Return the structure with curves of no law among what no effect explains: errors that follow a joint's angle.
-
-    What claims of a size beyond all bounds explain is left as well.
-    """
-    found = [f for f in findings if f.probability == SHAPELESS]
-    if not found:
-        return structure
-    curves = [
-        replace(f, effect=Effect(UNMODELLED, f.effect.joint, "its own angle"), rivals=()) for f in found if not f.beyond
-    ]
-    every = sorted((*structure.dependences, *curves), key=lambda f: -rank_number(f.explained))
-    return replace(structure, left=True, dependences=tuple(every))
-
-
 def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) -> tuple[Finding, ...]:
     """List claims of the fit that errors without a name explain as well."""
     ledger = fit.search.ledger
@@ -278,21 +231,8 @@ def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) ->
             effect = signature.effect(values[columns] * signature.scale)
             rivals = tuple(find_alternatives(fit, claim.signature, values))
             beyond = find_breach(fit, effect, explained, gap)
-            found.append(Finding(effect, SHAPELESS, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond))
+            found.append(Finding(effect, REFUSED, explained, 0.0, rivals, claim.size, claim.signature, beyond=beyond))
     return tuple(found)
-
-
-def name_far_zero(finding: Finding) -> Finding:
-    """Name an offset that no adjustment could leave joint_coupling, a matter of counting; the offset is its rival."""
-    effect = finding.effect
-    size = abs(float(next(iter(effect.parameters.values())))) if effect.name == "joint_offset" else 0.0
-    # centimetres at the tool: counted wrongly, not adjusted badly
-    if size < NO_EFFECT:
-        return finding
-    key = "zero_m" if "offset_m" in effect.parameters else "zero_rad"
-    counted = Effect("joint_coupling", effect.joint, None, {key: next(iter(effect.parameters.values()))})
-    rivals = tuple(r for r in finding.rivals if r.place != counted.place)
-    return replace(finding, effect=counted, rivals=(AlternativeEffect(effect.place, 1.0, 0.0, 1), *rivals))
 
 
 def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:

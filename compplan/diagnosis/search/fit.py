@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.diagnosis.data.channels import Channel, build_channels, estimate_noises, position_residual
-from compplan.diagnosis.data.noise import Noise
-from compplan.diagnosis.data.outliers import find_gross_outliers, find_outliers
-from compplan.diagnosis.evidence.background import CLASSES, build_prior, log_priors
+from compplan.diagnosis.data.noise import Noise, find_gross_outliers, find_outliers
 from compplan.diagnosis.evidence.candidates import (
+    CLASSES,
     REGISTRATION,
+    build_prior,
     key_of,
+    log_priors,
     offered_signatures,
     propose_again,
     proposed_signatures,
@@ -25,8 +26,7 @@ from compplan.diagnosis.evidence.normal_equations import (
     extend_normal_equations,
 )
 from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
-from compplan.diagnosis.search.descent import descend
-from compplan.diagnosis.search.restart import search_again_plainly
+from compplan.diagnosis.search.polish import descend
 from compplan.diagnosis.search.search import MOST_EFFECTS, SOFT, WORTHWHILE, Claim, Search, search_models
 from compplan.diagnosis.search.state import (
     SETTLED,
@@ -66,7 +66,7 @@ def fit_effects(
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
     best: Fit | None = None
-    restarted, settled = False, False
+    settled = False
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         # what is small has to wait until the large ones are exact: twice as many effects each round
@@ -82,11 +82,6 @@ def fit_effects(
             best = replace(fit, state=following, base=fit.state, score=score)
         settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
-        if settled and not restarted:
-            progress("a second start")
-            restarted, other = True, search_again_plainly(fit.search, fit.model, state.most)
-            settled = other is fit.model
-            state = replace(state, claims=claims_of(replace(fit, model=other)))
         if settled:
             break
     if best is None:

@@ -47,8 +47,10 @@ BENDING = ("payload", "gravity_compensator", "gravity_sag", "stiffness_nonlinear
 SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
 #: Effects that are curves over a joint's angle.
 CURVES = ("transmission_error", "gravity_compensator")
-#: Log prior odds against two of them at one joint (assumed).
-TWO_CURVES = 10.0
+#: Effects that happen once in most campaigns, if at all.
+SHIFTS = ("frame_shift", "tool_shift")
+#: Log prior odds against two curves at one joint, and against each shift after the first of its kind (assumed).
+ONCE_MORE = 10.0
 #: Correlation from which on two claims are looked at together (assumed).
 ENTANGLED = 0.2
 
@@ -138,7 +140,7 @@ class Search:
             return self.cache[key]
         posterior = self._bounded_posterior(claims, hyper, fit, steps)
         score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
-        score -= TWO_CURVES * self._doubled_curves(claims)
+        score -= ONCE_MORE * self._count_repeated(claims)
         if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
             score = -np.inf
         elif claims:
@@ -168,10 +170,11 @@ class Search:
         signature = self.ledger.signatures[claim.signature]
         return signature.positive and len(signature.keys) > 1
 
-    def _doubled_curves(self, claims: Sequence[Claim]) -> int:
-        """Count joints that two curves over the same angle are claimed of."""
-        joints = [s.joint for s in (self.ledger.signatures[c.signature] for c in claims) if s.name in CURVES]
-        return len(joints) - len(set(joints))
+    def _count_repeated(self, claims: Sequence[Claim]) -> int:
+        """Count joints that two curves over the same angle are claimed of, and shifts after the first of each kind."""
+        signatures = [self.ledger.signatures[c.signature] for c in claims]
+        kinds = [s.joint if s.name in CURVES else s.name for s in signatures if s.name in (*CURVES, *SHIFTS)]
+        return len(kinds) - len(set(kinds))
 
     def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
         """Tell whether a claim came out where its parameter cannot be: negative play, negative compliance."""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import Channel
 from compplan.diagnosis.data.noise import Noise
-from compplan.diagnosis.evidence.background import CLASSES, in_background
-from compplan.diagnosis.evidence.candidates import REGISTRATION, Key, key_of
+from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, Key, in_background, key_of
 from compplan.diagnosis.evidence.evidence import Posterior, Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.search import MOST_EFFECTS, Model, Search

@@ -21,7 +21,7 @@ from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
 from compplan.diagnosis.search.polish import register_again
-from compplan.diagnosis.search.search import Claim, Search, search_models
+from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, advance_state, stands
 from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
 from compplan.errors import ConvergenceError, InputError
@@ -169,22 +169,16 @@ class Folds:
             result.append((int(number), replace(ledger, channels=rest)))
         return result
 
-    def hold_out(
-        self, claims: Sequence[Claim], *, background: bool = True,
-        decide: Callable[[NormalEquations], Sequence[Claim]] | None = None,
-    ) -> HeldOut:  # fmt: skip
+    def hold_out(self, claims: Sequence[Claim], *, background: bool = True) -> HeldOut:
         """Predict every row by the exact model that the other folds lead to.
 
         Args:
             claims: Claims of the model.
             background: Whether small errors everywhere are fitted and predicted with.
-            decide: Chooses the claims of each fold from its ledger instead: where the choice itself is in doubt, it is
-                part of what has to be judged.
         """
 
         def build(number: int, ledger: NormalEquations) -> tuple[Fit, FitState]:
-            own = claims if decide is None else decide(ledger)
-            fitted = with_claims(self.fit, own, background=background, ledger=ledger)
+            fitted = with_claims(self.fit, claims, background=background, ledger=ledger)
             return fitted, advance_state(fitted)
 
         return self.hold_out_states(build)
@@ -210,24 +204,6 @@ class Folds:
             test = self.fold == number
             residual[test] = gap[test]
         return HeldOut(rows, fit_frames(fit, residual[rows], len(np.unique(self.pose))))
-
-    def decide_again(
-        self, named: Sequence[Claim], candidates: Sequence[int] | None = None
-    ) -> Callable[[NormalEquations], Sequence[Claim]]:
-        """Return what chooses the claims beside the named ones anew from part of a campaign, noise held.
-
-        Args:
-            named: Claims that are not in doubt.
-            candidates: Signatures to choose from; all of the fit's where left out.
-        """
-        whole, hyper = self.fit.search, self.fit.model.posterior.hyper
-        chosen = whole.candidates if candidates is None else candidates
-
-        def decide(ledger: NormalEquations) -> Sequence[Claim]:
-            search = Search(ledger, whole.prior, whole.log_prior, chosen, hyper, rigid=whole.rigid)
-            return search_models(search, named, self.fit.state.most).claims
-
-        return decide
 
     def hold_out_linear(self, claims: Sequence[Claim]) -> HeldOut:
         """Predict every row to first order by claims alone; enough to rank candidates."""

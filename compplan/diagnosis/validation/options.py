@@ -1,27 +1,26 @@
 """Options: the models that may have a part in the robot that goes out, each fitted without every fold of poses in turn.
 
-A plain calibration of everything that a calibration fits, small errors of every class, and the causes that are claimed,
-alone and beside these. Widths and noise are those that all rows say.
+A plain calibration of everything that a calibration fits, small errors of every class, alone and beside the causes, and
+the sparse calibration. Claims, and widths and noise of all but the sparse model, are those that all rows say.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.data.channels import block_index
 from compplan.diagnosis.data.shared import STEPS
-from compplan.diagnosis.evidence.background import CLASSES
+from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import Hyper, Posterior, Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.held_out import Folds, fit_frames
-from compplan.effects import is_of_instrument
+from compplan.diagnosis.validation.sparse import average_stays, posterior_of, solve_sparse
 from compplan.effects.signature import Signature
 from compplan.robot import Array
 
@@ -34,12 +33,8 @@ WIDE = {
     "joint_stiffness": ("compliances", 3.0),
     "gravity_sag": ("compliances", 3.0),
 }
-#: Classes of small errors that a plain calibration takes the place of, and those that may stand beside it.
-BESIDE = tuple(k for k, name in enumerate(CLASSES) if name not in ("zeros", "lengths", "compliances"))
-#: From this many stays on, the choice of a few claims adds little to what held-out poses show: ten among two hundred
-#: places are worth 2 * 10 * log(200) of 3 * 400 values, 5 % of the error (assumed; [FosterGeorge1994]).
-MANY_STAYS = 400
-Decide = Callable[[NormalEquations], Sequence[Claim]]
+#: From this many poses on, the choice of columns adds little to what held-out poses show (assumed).
+MANY_STAYS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +46,14 @@ class Option:
         claims: Its claims.
         wide: Whether everything that a calibration fits is fitted with a wide prior.
         small: Classes of small errors that are fitted.
-        decide: Chooses the claims from a ledger anew, where the choice itself is in doubt.
+        sparse: Whether each column has a variance of its own instead, gear waves included.
     """
 
     name: str
     claims: tuple[Claim, ...] = ()
     wide: bool = False
     small: tuple[int, ...] = ()
-    decide: Decide | None = None
+    sparse: bool = False
 
     def prior(self, fit: Fit, claims: Sequence[Claim]) -> Prior:
         """Return its prior with some claims."""
@@ -100,7 +95,6 @@ class SolvedOption:
         posterior: What all rows say.
         variance: Prior variance of every column. Shape (p,).
         values: Values without each fold. Shape (folds, p).
-        claimed: Signatures that are claimed without each fold.
         chance: Factor by which errors of rows never seen are larger, since forms were looked for in all rows.
         residual: Observed minus predicted of rows never seen, to first order, that factor in it. Shape (r, 3). [m]
     """
@@ -109,13 +103,14 @@ class SolvedOption:
     posterior: Posterior
     variance: Array
     values: Array
-    claimed: tuple[tuple[int, ...], ...]
     chance: float
     residual: Array
 
 
 def solve_option(folds: Folds, option: Option) -> SolvedOption:
     """Fit an option to all rows, noise and small errors as large as these say, and without each fold."""
+    if option.sparse:
+        return _solve_sparse(folds, option)
     fit = folds.fit
     ledger = fit.search.ledger
     prior = option.prior(fit, option.claims)
@@ -123,15 +118,34 @@ def solve_option(folds: Folds, option: Option) -> SolvedOption:
     # what claims have explained left the classes of small errors nothing: without them they begin as usual
     hyper = find_posterior(ledger, prior, replace(found, log_tau=np.zeros_like(found.log_tau)), steps=STEPS).hyper
     prior, posterior = _solve(ledger, prior, hyper)
-    values, claimed = [], []
-    for _, part in folds.ledgers:
-        claims = option.claims if option.decide is None else option.decide(part)
-        claimed.append(tuple(claim.signature for claim in claims))
-        values.append(_solve(part, option.prior(fit, claims), hyper)[1].values(ledger.p))
+    values = [_solve(part, option.prior(fit, option.claims), hyper)[1].values(ledger.p) for _, part in folds.ledgers]
+    return _hold_out(folds, option, posterior, prior.variance(hyper.log_tau), values)
+
+
+def _solve_sparse(folds: Folds, option: Option) -> SolvedOption:
+    """Fit the sparse model to all rows and without each fold: with all columns again where poses are few."""
+    ledger = folds.fit.search.ledger
+    built = [n for n, s in enumerate(ledger.signatures) if is_built(s)]
+    means = average_stays(ledger, built, option.claims)
+    whole = solve_sparse(means)
+    near = whole if len(np.unique(folds.pose)) >= MANY_STAYS else None
+    parts = [solve_sparse(means, folds.fold[means.row] != number, near) for number, _ in folds.ledgers]
+    variance = np.zeros(ledger.p)
+    variance[whole.means.columns] = whole.variance
+    values = [part.values(ledger.p) for part in parts]
+    return _hold_out(folds, option, posterior_of(folds.fit, whole), variance, values)
+
+
+def _hold_out(
+    folds: Folds, option: Option, posterior: Posterior, variance: Array, values: Sequence[Array]
+) -> SolvedOption:  # fmt: skip
     chance = rate_chance(folds, option.claims)
-    left = chance * predict_folds(folds, values)
-    variance = prior.variance(hyper.log_tau)
-    return SolvedOption(option, posterior, variance, np.array(values), tuple(claimed), chance, left)
+    return SolvedOption(option, posterior, variance, np.array(values), chance, chance * predict_folds(folds, values))
+
+
+def is_built(signature: Signature) -> bool:
+    """Tell whether a mixture writes a signature into its robot without claiming it."""
+    return signature.name == REGISTRATION or in_background(signature) or in_calibration(signature)
 
 
 def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
@@ -177,56 +191,17 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
     return fit_frames(fit, left * source.sigma, len(np.unique(folds.pose)))
 
 
-def list_options(sure: Sequence[Claim], possible: Sequence[Claim], decide: Decide | None) -> list[Option]:
+def list_options(claims: Sequence[Claim]) -> list[Option]:
     """List the models that may have a part in the robot that goes out.
 
     Args:
-        sure: Claims that are not in doubt.
-        possible: These and others that may be delivered.
-        decide: Chooses such claims from a ledger anew, or None where that is not needed.
+        claims: Claims that may be delivered.
     """
     every = tuple(range(len(CLASSES)))
-    options = [
+    return [
         Option("nominal"),
         Option("small errors", small=every),
         PLAIN,
-        Option("plain calibration and small errors", wide=True, small=BESIDE),
+        *([Option("causes and small errors", tuple(claims), small=every)] if claims else []),
+        Option("sparse calibration", tuple(claims), sparse=True),
     ]
-    chosen: list[tuple[str, tuple[Claim, ...], Decide | None]] = []
-    if sure:
-        chosen.append(("sure causes", tuple(sure), None))
-    if len(possible) > len(sure):
-        chosen.append(("causes", tuple(possible), decide))
-    for name, claims, again in chosen:
-        options += [
-            Option(name, claims, decide=again),
-            Option(f"{name} and small errors", claims, small=every, decide=again),
-            Option(f"{name} and plain calibration", claims, wide=True, decide=again),
-        ]
-    return options
-
-
-def decide_once(folds: Folds, claims: Sequence[Claim]) -> Decide | None:
-    """Return what weighs claims anew in a part of the campaign, asked once for each part: it leaves out and exchanges.
-
-    None where so many poses are there that the choice of a few claims counts for little.
-
-    Args:
-        folds: The fit, dealt to folds.
-        claims: Claims that may be delivered.
-    """
-    fit = folds.fit
-    if len(np.unique(block_index(fit.problem.campaign))) >= MANY_STAYS:
-        return None
-    signatures = fit.search.ledger.signatures
-    named = {claim.signature for claim in claims}
-    allowed = [n for n in fit.search.candidates if n in named or not is_of_instrument(signatures[n].name)]
-    decide = folds.decide_again(claims, allowed)
-    made: dict[int, Sequence[Claim]] = {}
-
-    def once(ledger: NormalEquations) -> Sequence[Claim]:
-        if id(ledger) not in made:
-            made[id(ledger)] = decide(ledger)
-        return made[id(ledger)]
-
-    return once

@@ -16,16 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from compplan.diagnosis.evidence.background import in_background
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Posterior, Prior
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.polish import register_again
 from compplan.diagnosis.search.state import Fit, FitState, idle, move_registration, stands
 from compplan.diagnosis.validation.held_out import Folds, HeldOut, predict_gap
-from compplan.diagnosis.validation.options import Option, SolvedOption, in_calibration, solve_option
+from compplan.diagnosis.validation.options import Option, SolvedOption, is_built, solve_option
 from compplan.effects.checks import limit_sizes
-from compplan.effects.signature import Signature
 from compplan.robot import Array
 
 #: The exact model of an option may leave so much more or less, over what it leaves of rows never seen (assumed: a tenth
@@ -47,11 +45,6 @@ def stack_weights(residuals: Array) -> Array:
     root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
     found = nnls(np.vstack([root, np.ones((1, len(gram)))]), np.append(np.zeros(len(gram)), 1.0))[0]
     return np.asarray(found / found.sum())
-
-
-def is_built(signature: Signature) -> bool:
-    """Tell whether a mixture writes a signature into its robot without claiming it."""
-    return signature.name == REGISTRATION or in_background(signature) or in_calibration(signature)
 
 
 def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
@@ -112,8 +105,8 @@ class StackedModel:
     def without(self, fold: int) -> tuple[Array, list[int]]:
         """Return the mixed values without a fold, by its place, and the signatures that are claimed. Shape (p,)."""
         parts = [(w, s) for w, s in zip(self.by_fold[fold], self.solved, strict=True) if w > 0]
-        values = np.asarray(sum(w * s.values[fold] for w, s in parts))
-        return values, sorted({number for _, s in parts for number in s.claimed[fold]})
+        claimed = {claim.signature for _, s in parts for claim in s.option.claims}
+        return np.asarray(sum(w * s.values[fold] for w, s in parts)), sorted(claimed)
 
     def fitted(self, fit: Fit) -> Fit:
         """Return the fit with the mixture's posterior: the options' own, and how far they are from each other."""
@@ -197,22 +190,17 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
     return bool(off < FAITHFUL * np.linalg.norm(one.residual))
 
 
-def hold_out_lawful(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -> HeldOut:
-    """Predict every row, to first order, by the mixture of those options alone whose every form is a law.
+def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -> HeldOut:
+    """Predict every row, to first order, by the mixture of the options without causes and gear curves alone.
 
     Args:
         folds: The fit, dealt to folds.
         blend: The mixture of all options.
         seen: Predicted rows that are no outliers. Shape (r,).
     """
-    signatures, rows = folds.fit.search.ledger.signatures, folds.fit.search.ledger.source[0].rows
+    rows = folds.fit.search.ledger.source[0].rows
     fold = folds.fold[rows]
-
-    def is_lawful(one: SolvedOption) -> bool:
-        numbers = {claim.signature for claim in one.option.claims}.union(*one.claimed)
-        return all(signatures[number].lawful for number in numbers)
-
-    residual = np.stack([one.residual for one in blend.solved if is_lawful(one)])
+    residual = np.stack([one.residual for one in blend.solved if not (one.option.claims or one.option.sparse)])
     mixed = np.zeros_like(residual[0])
     for number, _ in folds.ledgers:
         others = seen & (fold != number)

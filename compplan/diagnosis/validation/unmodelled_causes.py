@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
 from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Hyper, Prior, find_posterior
-from compplan.diagnosis.evidence.evidence_gain import Gain
-from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations, representable_forms
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations
 from compplan.diagnosis.evidence.unmodelled import unmodelled_signatures
-from compplan.diagnosis.search.search import WORTHWHILE, Claim, Model, Search, add_claim
+from compplan.diagnosis.search.search import Model, Search
 from compplan.diagnosis.search.state import Fit
 from compplan.effects.signature import Signature
 
 Indices = NDArray[np.int_]
-#: One form explains a campaign as well as another within so much log evidence (assumed: odds of seven).
-AS_WELL = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +84,8 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
     hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
     search = Search(ledger, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
-    model = _settle(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
-    if model.claims:
-        # several claims together may imitate one cause that has no name: the other way round, from none of them
-        # classes are given the size of a noise floor first
-        grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
-        other = _settle(search, search.model([], grown, steps=FIRST_STEPS))
-        model = other if other.score > model.score + WORTHWHILE else model
-    return RevisedProbabilities(search, _simplify(search, model), tuple(driver for driver, _ in kinds), members)
+    model = _leave_out_all(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
 def _loosen(fit: Fit, ledger: NormalEquations, members: Sequence[Indices]) -> Prior:
@@ -111,46 +102,17 @@ def _loosen(fit: Fit, ledger: NormalEquations, members: Sequence[Indices]) -> Pr
     return Prior(background, spread, free, np.zeros(ledger.p), loose)
 
 
-def _settle(search: Search, model: Model) -> Model:
-    """Leave out claims that errors without a name explain as well, and take up what those have set free."""
+def _leave_out_all(search: Search, model: Model) -> Model:
+    """Leave out claims that errors without a name explain as well."""
     while True:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best = _leave_out(search, here)
         if best.score <= here.score:
-            best = add_claim(search, model)
-            if best.score < model.score + WORTHWHILE:
-                return model
+            return model
         fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
         if fitted.score <= model.score:
             return model
         model = fitted
-
-
-def _simplify(search: Search, model: Model) -> Model:
-    """Claim the special case instead of what holds it, where it explains the campaign as well.
-
-    A law of deflection with a straight part holds a joint's compliance: that it is bent has to show.
-    """
-    signatures, hyper = search.ledger.signatures, model.posterior.hyper
-    for claim in model.claims:
-        own = signatures[claim.signature]
-        rest = search.without(model.claims, claim)
-        gains = search.gains(search.model(rest, hyper, fit=False))
-        whole = max((g.log_evidence for g in gains if signatures[g.signature].place == own.place), default=np.inf)
-        special = next((g for g in gains if g.log_evidence >= whole - AS_WELL and _is_held(search, own, g)), None)
-        if special is not None:
-            simple = search.model([*rest, Claim(special.signature, special.size)], hyper, steps=STEPS)
-            model = simple if np.isfinite(simple.score) else model
-    return model
-
-
-def _is_held(search: Search, own: Signature, gain: Gain) -> bool:
-    """Tell whether a form at the place of a claim holds another signature of its joint as a special case."""
-    signatures = search.ledger.signatures
-    special = signatures[gain.signature]
-    if special.joint != own.joint or special.place == own.place:
-        return False
-    return any(signatures[n].place == own.place for n in representable_forms(search.ledger, gain.signature))
 
 
 def _leave_out(search: Search, model: Model) -> Model:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from compplan.diagnosis import Diagnosis
-from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
+from compplan.diagnosis.results.accuracy import Assessment, assess_diagnosis
 from compplan.diagnosis.results.delivery import Delivery
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.where import Split, split_diagnosis

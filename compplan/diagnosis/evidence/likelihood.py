@@ -1,0 +1,391 @@
+"""Likelihood of a campaign and posterior of the active columns, solved among columns or among values.
+
+With the products G = Phi^T N^-1 Phi and a = Phi^T N^-1 y, and D the prior variance of the columns,
+
+    S = (1/D + G)^-1,    m = S a,    log p(y) = -1/2 (log det N + log det(1 + D G) + y^T N^-1 y - a^T m)
+
+The noise N of a channel is v within a stay and v (1 + n lambda^2) for the mean of n rows, so that G is a sum of
+products that do not depend on it (compplan.diagnosis.evidence.normal_equations), each with a weight that does:
+
+    1/v of all rows,    -1/v n lambda^2 / (1 + n lambda^2) of the means of n rows
+
+Where every stay has one row, the means are the rows: one product with the sum of both weights.
+
+A tracker campaign has a hundred values and four hundred columns: there the covariance of the values is the smaller
+matrix. With the first value of every stay turned to its mean times the root of its rows, small errors Phi_B of variance
+D_B add V = diag(v) + Phi_B D_B Phi_B^T, and wide columns A (claims, free frames) are solved by themselves:
+
+    S = (1/D_A + Phi_A^T V^-1 Phi_A)^-1,    a = S Phi_A^T V^-1 y,    b = D_B Phi_B^T V^-1 (y - Phi_A a)
+
+which is the same by Woodbury's identity [Rasmussen2006, A.3].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dtrmm
+from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
+
+from compplan.diagnosis.evidence.normal_equations import ChannelProducts, Products
+from compplan.errors import ConvergenceError
+from compplan.robot import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ProductWeights:
+    """How products K enter the evidence.
+
+    Attributes:
+        channel: Channel of each. Shape (K,).
+        size: Rows of the stays whose means they are of; 0 for all rows of a channel with longer stays. Shape (K,).
+        whole: 1 for products of all rows of a channel, 0 for means beside them. Shape (K,).
+        count: Number of values. Shape (K,).
+    """
+
+    channel: NDArray[np.int_]
+    size: Array
+    whole: Array
+    count: Array
+
+    def share(self, log_shared: Array) -> Array:
+        """Return n lambda^2 of each. Shape (K,)."""
+        return np.asarray(self.size * np.exp(2.0 * log_shared)[self.channel])
+
+    def weigh(self, log_noise: Array, log_shared: Array) -> Array:
+        """Return the weights. Shape (K,)."""
+        share = self.share(log_shared)
+        return np.asarray(np.exp(-log_noise)[self.channel] * (self.whole - share / (1.0 + share)))
+
+    def log_det(self, log_noise: Array, log_shared: Array) -> float:
+        """Return log det N."""
+        single = self.whole * log_noise[self.channel] + np.log1p(self.share(log_shared))
+        return float(self.count @ single)
+
+
+@dataclass(frozen=True, eq=False)
+class ManyRows:
+    """Products of the active columns.
+
+    Attributes:
+        weights: How they enter.
+        gram: Columns with columns. Shape (K, a a).
+        against: Columns with observations. Shape (K, a).
+        square: Observations with themselves. Shape (K,).
+    """
+
+    weights: ProductWeights
+    gram: Array
+    against: Array
+    square: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedColumns:
+    """The solution at one noise and background.
+
+    Attributes:
+        value: Log likelihood, without constant.
+        weight: Weights of the products. Shape (K,).
+        lower: Lower factor of 1 + R G R, R the columns' standard deviations. Shape (a, a).
+        deviation: Those standard deviations. Shape (a,).
+        mean: Values of the columns. Shape (a,).
+        pull: a - G m. Shape (a,).
+    """
+
+    value: float
+    weight: Array
+    lower: Array
+    deviation: Array
+    mean: Array
+    pull: Array
+
+    @cached_property
+    def triangle(self) -> Array:
+        """Lower triangle of the covariance of the columns, zeros above. Shape (a, a)."""
+        inverse = invert_factor(self.lower)
+        inverse *= self.deviation[:, None]
+        inverse *= self.deviation
+        return inverse
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the columns. Shape (a, a)."""
+        return mirror_lower(self.triangle)
+
+
+def list_products(channels: Sequence[ChannelProducts]) -> tuple[ProductWeights, list[Products]]:
+    """List the products of all channels, each once, and how they enter."""
+    found: list[tuple[int, int, float, Products]] = []
+    for number, channel in enumerate(channels):
+        beside = {size: means for size, means in channel.means.items() if means is not channel.total}
+        own = [size for size in channel.means if size not in beside]
+        found.append((number, own[0] if own else 0, 1.0, channel.total))
+        found += [(number, size, 0.0, means) for size, means in beside.items()]
+    products = [part for *_, part in found]
+    numbers, sizes, whole = (np.array([entry[k] for entry in found]) for k in range(3))
+    count = np.array([part.count for part in products], float)
+    return ProductWeights(numbers.astype(int), sizes.astype(float), whole, count), products
+
+
+def gather_products(channels: Sequence[ChannelProducts], active: NDArray[np.int_]) -> ManyRows:
+    """Gather the products of the active columns."""
+    weights, products = list_products(channels)
+    gram = np.empty((len(products), len(active), len(active)))
+    for out, part in zip(gram, products, strict=True):
+        np.take(part.gram.take(active, axis=0), active, axis=1, out=out, mode="clip")
+    against = np.array([part.against[active] for part in products])
+    return ManyRows(weights, gram.reshape(len(products), -1), against, np.array([part.square for part in products]))
+
+
+def solve_columns(rows: ManyRows, variance: Array, log_noise: Array, log_shared: Array) -> SolvedColumns:
+    """Solve at one noise and background.
+
+    Args:
+        rows: The products.
+        variance: Prior variance of the columns. Shape (a,).
+        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+    """
+    weight = rows.weights.weigh(log_noise, log_shared)
+    deviation = np.sqrt(variance)
+    p = len(deviation)
+    gram = (weight @ rows.gram).reshape(p, p)
+    against = weight @ rows.against
+    inner = gram * deviation
+    inner *= deviation[:, None]
+    inner.reshape(-1)[:: p + 1] += 1.0
+    lower = factorize(inner)
+    mean = deviation * solve_factor(lower, deviation * against)
+    log_det = rows.weights.log_det(log_noise, log_shared) + 2.0 * float(np.sum(np.log(np.diag(lower))))
+    value = -0.5 * (log_det + float(weight @ rows.square) - float(against @ mean))
+    return SolvedColumns(value, weight, lower, deviation, mean, against - gram @ mean)
+
+
+def column_slopes(
+    rows: ManyRows, done: SolvedColumns, log_noise: Array, log_shared: Array
+) -> tuple[Array, Array, Array]:
+    """Return the derivatives of the log likelihood by log noise, log shared error, and the variance of each column.
+
+    Shapes (channels,), (channels,), (a,).
+
+    Args:
+        rows: The products.
+        done: The solution.
+        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+    """
+    weights, channels = rows.weights, len(log_noise)
+    # second moment of the columns, a triangle twice standing for both
+    own = np.diag(done.triangle)
+    moment = np.outer(done.mean, done.mean)
+    moment += 2.0 * done.triangle.T
+    moment.reshape(-1)[:: len(own) + 1] -= own
+    expected = rows.square - 2.0 * rows.against @ done.mean + rows.gram @ moment.reshape(-1)
+    share = weights.share(log_shared)
+    by_shared = np.exp(-log_noise)[weights.channel] * expected / (1.0 + share) - weights.count
+    of_noise = np.bincount(weights.channel, 0.5 * (done.weight * expected - weights.whole * weights.count), channels)
+    of_shared = np.bincount(weights.channel, share / (1.0 + share) * by_shared, channels)
+    # G - G S G = 1/D - S/D^2 on the diagonal
+    variance = np.maximum(done.deviation**2, 1e-300)
+    return np.asarray(of_noise), np.asarray(of_shared), 0.5 * (done.pull**2 - (1.0 - own / variance) / variance)
+
+
+def factorize(matrix: Array) -> Array:
+    """Return the lower factor of a symmetric matrix that rounding may have made slightly indefinite. Shape (p, p)."""
+    tried, jitter = matrix, float(np.finfo(float).eps)
+    while jitter < 1.0:
+        lower, failed = dpotrf(tried.T, lower=1, clean=1)
+        if not failed:
+            return np.asarray(lower)
+        # a rounding of all entries first, then a hundred times as much each time
+        jitter *= 100.0
+        tried = matrix + jitter * float(np.trace(matrix)) * np.eye(len(matrix))
+    raise ConvergenceError("the evidence of a model cannot be computed, its columns are degenerate", residual=jitter)
+
+
+def solve_factor(lower: Array, right: Array) -> Array:
+    """Return (L L^T)^-1 b. Shape of b: (p,) or (p, k)."""
+    return np.asarray(dpotrs(lower, right, lower=1)[0]) if len(lower) else right
+
+
+def invert_triangle(lower: Array) -> Array:
+    """Return L^-1, zeros above its diagonal included. Shape (p, p)."""
+    return np.asarray(dtrtri(lower, lower=1)[0]) if len(lower) else lower
+
+
+def multiply_triangle(lower: Array, right: Array) -> Array:
+    """Return L B, which takes half as long as a product of full matrices. Shape (p, p), (p, k) -> (p, k)."""
+    return np.asarray(dtrmm(1.0, lower, right, lower=1)) if right.size else right
+
+
+def invert_factor(lower: Array) -> Array:
+    """Return the lower triangle of (L L^T)^-1, zeros above. Shape (p, p)."""
+    return np.asarray(dlauum(invert_triangle(lower), lower=1, overwrite_c=1)[0]) if len(lower) else lower
+
+
+def mirror_lower(triangle: Array) -> Array:
+    """Return the symmetric matrix with a lower triangle above which there are zeros. Shape (p, p)."""
+    full = triangle + triangle.T
+    full[np.diag_indices_from(full)] *= 0.5
+    return np.asarray(full)
+
+
+@dataclass(frozen=True, eq=False)
+class FewRows:
+    """The values of all channels, and the active columns.
+
+    Attributes:
+        small: Columns of small errors, in units of the noise, turned. Shape (N, b).
+        large: Columns that are solved for by themselves. Shape (N, w).
+        observed: Values, in units of the noise, turned. Shape (N,).
+        size: Rows of the stay whose mean a value is, 0 for none. Shape (N,).
+        channel: Channel of each value. Shape (N,).
+        wide: Which of the active columns are solved for by themselves. Shape (a,).
+    """
+
+    small: Array
+    large: Array
+    observed: Array
+    size: Array
+    channel: NDArray[np.int_]
+    wide: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedRows:
+    """The solution at one noise and background.
+
+    Attributes:
+        value: Log likelihood, without constant.
+        inverse: Inverse of the lower factor of V. Shape (N, N).
+        wide: Wide columns, whitened by it. Shape (N, w).
+        inner: Lower factor of 1 + R Phi_A^T V^-1 Phi_A R, R the wide columns' standard deviations. Shape (w, w).
+        deviation: Those standard deviations. Shape (w,).
+        variance: Prior variance of all columns. Shape (a,).
+        large: Values of the wide columns. Shape (w,).
+        pull: V^-1 (y - Phi_A a). Shape (N,).
+        noise: Variance v. Shape (N,).
+        shared: What the error that a stay shares adds to it. Shape (N,).
+    """
+
+    value: float
+    inverse: Array
+    wide: Array
+    inner: Array
+    deviation: Array
+    variance: Array
+    large: Array
+    pull: Array
+    noise: Array
+    shared: Array
+
+    def across(self, white: Array) -> Array:
+        """Return what the wide columns take of whitened columns. Shape (N, k) -> (w, k)."""
+        return np.asarray(invert_triangle(self.inner) @ (self.deviation[:, None] * (self.wide.T @ white)))
+
+
+def gather_rows(
+    channels: Sequence[ChannelProducts], active: NDArray[np.int_], wide: NDArray[np.bool_]
+) -> FewRows | None:
+    """Gather the values of all channels; None where there are no fewer of them than of the active columns.
+
+    Args:
+        channels: The products.
+        active: Active columns.
+        wide: Which of these may be large. Shape (active,).
+    """
+    if sum(channel.total.count for channel in channels) >= len(active):
+        return None
+    rows = [channel.rows for channel in channels]
+    if any(part is None for part in rows):
+        return None
+    parts = [part for part in rows if part is not None]
+    return FewRows(
+        np.asfortranarray(np.concatenate([part.design.take(active[~wide], axis=1) for part in parts])),
+        np.concatenate([part.design.take(active[wide], axis=1) for part in parts]),
+        np.concatenate([part.observed for part in parts]),
+        np.concatenate([part.size for part in parts]),
+        np.repeat(np.arange(len(parts)), [len(part.observed) for part in parts]),
+        wide,
+    )
+
+
+def solve_rows(rows: FewRows, variance: Array, log_noise: Array, log_shared: Array) -> SolvedRows:
+    """Solve at one noise and background.
+
+    Args:
+        rows: Values and columns.
+        variance: Prior variance of the columns. Shape (a,).
+        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+    """
+    single = np.exp(log_noise)[rows.channel]
+    shared = single * rows.size * np.exp(2.0 * log_shared)[rows.channel]
+    noise = single + shared
+    small = rows.small * np.sqrt(variance[~rows.wide])
+    covariance = small @ small.T
+    covariance[np.diag_indices_from(covariance)] += noise
+    lower = factorize(covariance)
+    inverse = invert_triangle(lower)
+    observed, wide = inverse @ rows.observed, inverse @ rows.large
+    deviation = np.sqrt(variance[rows.wide])
+    scaled = wide * deviation
+    inner = factorize(scaled.T @ scaled + np.eye(len(deviation)))
+    large = deviation * solve_factor(inner, scaled.T @ observed)
+    left = observed - wide @ large
+    log_det = 2.0 * float(np.sum(np.log(np.diag(lower))) + np.sum(np.log(np.diag(inner))))
+    value = -0.5 * (log_det + float(observed @ left))
+    return SolvedRows(value, inverse, wide, inner, deviation, variance, large, inverse.T @ left, noise, shared)
+
+
+def row_slopes(rows: FewRows, done: SolvedRows, channels: int) -> tuple[Array, Array, Array]:
+    """Return the derivatives of the log likelihood by log noise, log shared error, and the variance of each column.
+
+    With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c. Those of wide
+    columns are not asked for and zero. Shapes (channels,), (channels,), (a,).
+
+    Args:
+        rows: Values and columns.
+        done: The solution.
+        channels: Number of channels.
+    """
+    by_value = 0.5 * (done.pull**2 - _precision_squares(done, done.inverse))
+    of_columns = np.zeros(len(rows.wide))
+    squares = _precision_squares(done, multiply_triangle(done.inverse, rows.small))
+    of_columns[~rows.wide] = 0.5 * ((done.pull @ rows.small) ** 2 - squares)
+    of_noise = np.bincount(rows.channel, by_value * done.noise, channels)
+    of_shared = np.bincount(rows.channel, by_value * 2.0 * done.shared, channels)
+    return np.asarray(of_noise), np.asarray(of_shared), of_columns
+
+
+def _precision_squares(done: SolvedRows, white: Array) -> Array:
+    """Return c^T P c of columns c that V has whitened. Shape (N, k) -> (k,)."""
+    across = done.across(white)
+    return np.asarray(np.einsum("nk,nk->k", white, white) - np.einsum("nk,nk->k", across, across))
+
+
+def row_mean(rows: FewRows, done: SolvedRows) -> Array:
+    """Return the values of the columns. Shape (a,)."""
+    mean = np.zeros(len(rows.wide))
+    mean[rows.wide], mean[~rows.wide] = done.large, done.variance[~rows.wide] * (done.pull @ rows.small)
+    return mean
+
+
+def row_covariance(rows: FewRows, done: SolvedRows) -> Array:
+    """Return the covariance of the columns. Shape (a, a)."""
+    wide, small = np.flatnonzero(rows.wide), np.flatnonzero(~rows.wide)
+    scaled = done.variance[small]
+    covariance = np.zeros((len(rows.wide), len(rows.wide)))
+    white = multiply_triangle(done.inverse, rows.small) * scaled
+    root = invert_triangle(done.inner) * done.deviation
+    across = root @ (done.wide.T @ white)
+    covariance[np.ix_(wide, wide)] = root.T @ root
+    covariance[np.ix_(wide, small)] = -root.T @ across
+    covariance[np.ix_(small, wide)] = covariance[np.ix_(wide, small)].T
+    covariance[np.ix_(small, small)] = np.diag(scaled) - white.T @ white + across.T @ across
+    return covariance
