@@ -51,7 +51,7 @@ def plan_job(root: Path, job: str) -> Planned:
         plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
         with (out / "joints.csv").open(encoding="utf-8") as file:
             cycle = float(list(csv.DictReader(file))[-1]["time_s"])
-    band = plan.get("error_band_mm") or plan.get("promise_mm") or {}
+    band = plan.get("error_band_mm") or plan.get("error_band_mm") or {}
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     deviation, between = (plan[name]["max"] for name in ("error_after_mm", "between_waypoints_mm"))
     return Planned(plan["status"], plan["waypoints"], deviation, between, cycle, band.get("p95_max"), cpu,

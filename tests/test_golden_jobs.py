@@ -23,13 +23,13 @@ JOINTS_DEG = np.rad2deg(1e-9)
 #: Rows of joints.csv that are kept of each job.
 ROWS = 9
 QUICK = (
-    "paths/circle_10mm", "paths/circle_500mm", "paths/spiral", "paths/limits_reach", "paths/limits_feed",
-    "examples/first_part/part", "examples/two_tools/bracket", "examples/rail/circle", "examples/forces/weld",
+    "paths/circle_10mm", "paths/limits_reach", "paths/limits_feed", "examples/first_part/part", "examples/rail/circle",
     "examples/forces/plate", "examples/positioner/groove",
 )  # fmt: skip
 LONG = (
     "paths/isf_cone", "paths/circle_spindle_90", "paths/gcode", "paths/freeform", "examples/forces/finishing",
-    "examples/forces/isf_cone", "examples/forces/pocket",
+    "examples/forces/isf_cone", "examples/forces/pocket", "paths/circle_500mm", "paths/spiral", "examples/forces/weld",
+    "examples/two_tools/bracket",
 )  # fmt: skip
 CAMPAIGNS = {
     "examples/identify": ("examples/identify/measurements.csv", "kuka_kr270"),

@@ -17,7 +17,13 @@ from compplan.io.transaction import read_manifest
 GOLD = json.loads(GOLDEN.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+#: Commands of the weekly run: other tests compare what they compute.
+WEEKLY = {"place", "map", "learn"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in WEEKLY else name for name in COMMANDS]
+)
 def test_every_number_that_a_command_writes_is_the_one_that_was_meant(name: str, tmp_path: Path) -> None:
     out, printed = run_command_line(COMMANDS[name], tmp_path)
     found = fold_outputs(out, printed)

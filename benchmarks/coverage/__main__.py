@@ -35,7 +35,7 @@ ROWS = 200
 def read_band(file: Path) -> Array:
     """Return the band at the rows of joints.csv, NaN where none is promised. Shape (n,). [m]"""
     head, *lines = file.read_text(encoding="utf-8").splitlines()
-    column = head.split(",").index("promise_mm")
+    column = head.split(",").index("error_band_mm")
     words = [line.split(",")[column] for line in lines]
     return np.array([1e-3 * float(word) if word else np.nan for word in words])
 
@@ -78,7 +78,7 @@ def run_job(folder: Path, seed: int, arms: int, *, inertia: bool, limit_s: float
     outcome, clock = run_plan(file, folder / "plans" / file.stem, limit_s=limit_s, by_clock=False), time.process_time()
     plan = outcome.plan or {}
     verdict, solved = plan.get("verdict") or {}, plan.get("status") == "solved"
-    found = measure_job(file, outcome.folder, arms, seed) if solved and plan.get("promise_mm") else None
+    found = measure_job(file, outcome.folder, arms, seed) if solved and plan.get("error_band_mm") else None
     return {
         "seed": seed, "robot": table["robot"], "tolerance_mm": table["plan"]["tolerance_mm"],
         "status": plan.get("status"), "said": outcome.said, "verdict": verdict.get("word"),

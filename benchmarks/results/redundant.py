@@ -34,7 +34,7 @@ METHOD = (
     "`benchmarks/redundant_jobs.py` holds the jobs. *CAM posture*: one configuration, x of the tool as the job has it, "
     "the rail where the arm stands best. *Graph*: the posture of the ladder graph, as repeated mirror gets it. "
     "*Graph, eased*: the same, its speed eased where the arm vibrates most, as the program's is: what counts. "
-    "*Program*: what `compplan plan` takes with no preset named, *promise* and *fast* with these. "
+    "*Program*: what `compplan plan` takes with no preset named, *error_band* and *fast* with these. "
     "Each is timed by the fastest run (as TOPP-RA finds it) with the smoothing that plans have, before correction. "
     "Cycle: the whole run. "
     "Promise: the widest 95 % band, vibration included. Turns: how often the rail and the spin turn back. CPU of the "
@@ -45,9 +45,9 @@ LIMITS = (
     "The jobs were made by the author of the program, with feeds that the joints cannot hold everywhere.",
     "MoveIt and PyRoki are not run.",
 )
-WAYS = ("CAM posture", "graph", "graph, eased", "program", "promise", "fast")
+WAYS = ("CAM posture", "graph", "graph, eased", "program", "error_band", "fast")
 
-PRESETS = ("promise", "fast")
+PRESETS = ("error_band", "fast")
 
 
 class Row(NamedTuple):
@@ -82,7 +82,7 @@ def measure(settings: Settings) -> Findings:
         shorter.append(gain)
         narrower.append(narrow)
         wins += [name] if _wins(ours, graph) else []
-        asked += [name] if _wins(ours, graph) or _wins(ways["promise"], graph) else []
+        asked += [name] if _wins(ours, graph) or _wins(ways["error_band"], graph) else []
         if gain < -0.002 or narrow < -0.002:
             worse.append(f"`{name}`: cycle {100 * gain:+.1f} %, promise {100 * narrow:+.1f} % gained beside the graph")
         plain = ways["CAM posture"]
@@ -97,7 +97,7 @@ def measure(settings: Settings) -> Findings:
             f"{len(wins)} of {len(JOBS)} jobs: at least 15 % shorter at no wider promise, or 25 % narrower at no "
             f"longer cycle, beside repeated mirror at the graph's posture with the same easing (aim: 9): "
             f"{', '.join(wins) or 'none'}. "
-            f"With preset `promise` where that does it: {len(asked)}"
+            f"With preset `error_band` where that does it: {len(asked)}"
             f"{''.join(f', {name}' for name in asked if name not in wins)}.",
             f"Cycle beside it: {100 * np.median(shorter):.1f} % shorter in the median, {100 * max(shorter):.1f} % at "
             f"most; the promise {100 * np.median(narrower):.1f} % narrower in the median, "

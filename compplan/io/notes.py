@@ -1,4 +1,8 @@
-"""Notes of a result: sentences, of which some have to be settled before the machine moves."""
+"""Notes of a result. The severity is set where a note is made.
+
+`Stop("...")` must be settled before the machine moves: it stands whole on the terminal, in the report and in the setup
+sheet. Plain text is a remark: it stands in the report and in the summary, the terminal counts it.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from collections.abc import Iterable
 
 
 class Stop(str):
-    """A note that has to be settled before the machine moves; a note of another kind is plain text."""
+    """A note of the severity "must settle": to be settled before the machine moves."""
 
     __slots__ = ()
 

@@ -122,7 +122,7 @@ class LimitsTable(StrictTable):
 class PostureTable(StrictTable):
     """[posture]: what the redundant degree of freedom is used for, and how far the tool axis may lean."""
 
-    preset: Literal["accurate", "promise", "smooth", "fast"] = "accurate"
+    preset: Literal["accurate", "error_band", "smooth", "fast"] = "accurate"
     weights: dict[str, Annotated[float, Field(le=1e9)]] = Field(default_factory=dict)
     measure: Literal["expected", "p95"] = "expected"
     wrench_uncertainty: float = Field(default=0.1, ge=0.0, le=2.0)

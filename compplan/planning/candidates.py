@@ -38,9 +38,9 @@ from compplan.uncertainty.sensitivities import pick_rows
 LOG = logging.getLogger(__name__)
 
 #: Presets whose finished postures are measured beside that of a preset, and which of a posture's costs it makes least.
-BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "promise": ("accurate", "smooth"),
+BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error_band": ("accurate", "smooth"),
           "smooth": ("accurate", "fast")}  # fmt: skip
-LEAST = {"fast": "driven_s", "accurate": "band_mm", "promise": "band_mm", "smooth": "joint_travel_deg"}
+LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
 #: Windows of smoothing, as shares of those that plans have, and candidates whose speed is eased, the best ones.
 WINDOWS, EASED = (1.0, 0.7), 2
 #: Gain that a posture is changed for, and difference of time or band that counts as none.
@@ -67,7 +67,7 @@ TOO_LONG, BISECTIONS = 1.02, 2
 PRICES = {
     "fast": Prices(most_band=np.inf),
     "accurate": Prices(time=0.1, band=1.0),
-    "promise": Prices(time=0.1, band=1.0),
+    "error_band": Prices(time=0.1, band=1.0),
     "": Prices(time=1.0, band=0.3),
 }
 
@@ -98,8 +98,8 @@ class TimedStart(NamedTuple):
 def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     """Better a start; the start itself where the feed sets the time, or nothing wins.
 
-    A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and `promise` by
-    the band at no more time. Without a name the run gets shorter, and no band wider.
+    A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
+    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider.
 
     Args:
         start: The start of the posture search.
@@ -321,7 +321,7 @@ def judge_gain(preset: str, time: float, band: float, still: float) -> float:
         return time
     if max(time, band) > 1.0 + SAME:
         return np.inf
-    if preset == "promise":
+    if preset == "error_band":
         return band
     return 0.5 * (band + still) if preset else 0.5 * (time + band)
 

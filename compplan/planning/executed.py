@@ -109,7 +109,7 @@ class ExecutedPath:
     def say(self) -> str:
         """Say in a sentence where the drives take the tip, and what programs do about it; "" where none is known."""
         if not self.known:
-            return (f"{self.smaller} corners have smaller zones than the language's own, so that they leave the path "
+            return (f"{self.smaller} corners have zones of their own size, so that programs leave the path there "
                     f"by at most {ROUNDED:.0%} of the tolerance.") if self.smaller else ""  # fmt: skip
         left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm beside the path"
         if self.leads:

@@ -205,11 +205,13 @@ def _straight(robot: Robot, length: float) -> str:
 
 def ask_about_form(job: Job, robot: Robot) -> list[str]:
     """Ask about angles in the form of another maker, and about a pendant frame that nobody confirmed."""
-    notes = []
+    notes: list[str] = []
     maker = load_controller(robot).name
     for name, table in (("tool", job.tool), ("part", job.part)):
         if table is not None and table.abc_deg is not None and "Doosan" in maker:
-            notes.append(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
+            notes.append(
+                Stop(f"{name}.abc_deg are KUKA's A B C (z, y', x''); those of a Doosan turn z, y', z'': zyz_deg.")
+            )
     found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
     if found is not None and not found.confirmed:
         notes.append(Stop(
@@ -238,10 +240,13 @@ def _angle(a: Array, b: Array) -> float:
 
 #: Tables of a job whose files go into programs line by line.
 COPIED = ("output.header.", "output.footer.", "output.templates.")
+COPIED_NOTE = " (its lines go into the program)"
 
 
 def describe_outside(job: Job, robot: Robot) -> str:
-    """Say which files the plan reads from outside the job's folder, links followed; "" where there are none.
+    """List the files that the plan reads from outside the job's folder, links followed; "" where there are none.
+
+    The note must be settled where lines of such a file go into a program.
 
     The robots that ship with compplan do not count. A job that no file holds is measured from the working directory.
 
@@ -250,11 +255,11 @@ def describe_outside(job: Job, robot: Robot) -> str:
         robot: Its robot.
 
     """
-    told = [
-        f"{key} = {path}" + (" (its lines go into the program)" if key.startswith(COPIED) else "")
-        for key, path in list_outside(job, robot)
-    ]
-    return f"Read from outside the job's folder: {'; '.join(told)}." if told else ""
+    told = [f"{key} = {path}{COPIED_NOTE if key.startswith(COPIED) else ''}" for key, path in list_outside(job, robot)]
+    if not told:
+        return ""
+    said = f"Read from outside the job's folder: {'; '.join(told)}."
+    return Stop(said) if any(COPIED_NOTE in text for text in told) else said
 
 
 def list_outside(job: Job, robot: Robot) -> list[tuple[str, Path]]:

@@ -52,8 +52,8 @@ def summarise_operations(plans: Sequence[Plan], name: str) -> dict[str, Any]:
         "tools": [summarise_operation(plan, part) for plan, part in zip(plans, parts, strict=True)],
         "made_by": describe_origin(),
     }
-    if all("promise_mm" in part for part in parts):
-        whole["promise_mm"] = {"p95_max": max(part["promise_mm"]["p95_max"] for part in parts)}
+    if all("error_band_mm" in part for part in parts):
+        whole["error_band_mm"] = {"p95_max": max(part["error_band_mm"]["p95_max"] for part in parts)}
     failing = [(plan, part["failure"]) for plan, part in zip(plans, parts, strict=True) if "failure" in part]
     if failing:
         whole["failure"] = "; ".join(f"{_label(plan)}: {said}" for plan, said in failing)
@@ -67,7 +67,7 @@ def summarise_operation(plan: Plan, part: dict[str, Any]) -> dict[str, Any]:
     tool = {"operation": None if plan.job is None else plan.job.cam.operation, "label": _label(plan)}
     return {
         **tool, "folder": _label(plan), "length_mm": round(1e3 * float(np.linalg.norm(tip[:3, 3])), 6),
-        **{key: part[key] for key in kept}, **({"promise_mm": part["promise_mm"]} if "promise_mm" in part else {}),
+        **{key: part[key] for key in (*kept, "error_band_mm") if key in part},
     }  # fmt: skip
 
 

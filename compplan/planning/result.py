@@ -221,7 +221,7 @@ class Plan(Shown):
         missing = NO_BAND if self.status == "infeasible" else missing
         widest = missing if band is None else (
             f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "
-            f"model is {self.robot.grade}"
+            f"is {band.known.grade}"
         )  # fmt: skip
         stops = self.explain_failures()
         return [
@@ -378,7 +378,7 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
         return {}
     widest, known = promise.widest, promise.known
     return {
-        "promise_mm": {
+        "error_band_mm": {
             "p95_max": promise.greatest * 1e3,
             "p95_rms": float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2))) * 1e3,
             "whole_path_p95": promise.whole * 1e3,
@@ -408,7 +408,7 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             }
             for rung in promise.ladder
         ],
-        "promise_from": {
+        "error_band_from": {
             "grade": known.grade,
             "source": known.source,
             "force": promise.force.source,

@@ -15,18 +15,16 @@ frequency unexcited.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
 from compplan.errors import ConvergenceError
+from compplan.io.lazy_imports import put_off
 from compplan.robot import Array
 from compplan.toolpath.toolpath import interpolate
 
@@ -106,32 +104,13 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
     return square
 
 
-class _Pyplot(ModuleType):
-    """Stands for matplotlib.pyplot until something is drawn."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(import_module("matplotlib.pyplot"), name)
-
-
 @cache
 def _toppra() -> tuple[Any, Any, Any]:
     """Load toppra where it is used: its path, a limit of given rows, its algorithm."""
     import logging
 
-    # toppra imports matplotlib for its plots alone: here that waits until something is drawn
-    package, plots = ModuleType("matplotlib"), _Pyplot("matplotlib.pyplot")
-    vars(package)["pyplot"] = plots
-    waits = {} if "matplotlib.pyplot" in sys.modules else {"matplotlib": package, "matplotlib.pyplot": plots}
-    known = {name: sys.modules[name] for name in waits if name in sys.modules}
-    sys.modules.update(waits)
-    try:
-        import toppra
-    finally:
-        for name in waits:
-            del sys.modules[name]
-        sys.modules.update(known)
+    put_off(("matplotlib", "matplotlib.pyplot"))  # toppra imports them for its plots alone
+    import toppra
     from toppra.algorithm import TOPPRA
     from toppra.constraint import DiscretizationType
     from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate

@@ -13,6 +13,8 @@ from compplan.reporting.thinning import thin_rows
 
 #: Points of a line that are drawn at most.
 POINTS = 1500
+#: Share of the greatest value that a linear axis shows below zero.
+BELOW = 0.03
 
 
 def _label(text: str) -> str:
@@ -44,7 +46,9 @@ def draw_curves(curves: Curves) -> Any:
         )  # fmt: skip
     figure.update_xaxes(title_text=_label(curves.x))
     figure.update_yaxes(title_text=_label(curves.y), type="log" if curves.logarithmic else "linear")
-    if not curves.logarithmic:
-        figure.update_yaxes(rangemode="tozero")
+    if not curves.logarithmic:  # a corrected curve at zero stays apart from the axis
+        levels = [] if curves.level is None else [curves.level[0]]
+        top = np.nanmax(np.concatenate([levels, *(np.asarray(line.y, float).ravel() for line in curves.lines)]))
+        figure.update_yaxes(range=[-BELOW * top, 1.05 * top], zeroline=False)
     figure.update_layout(margin={"t": 46, "r": 12, "l": 60, "b": 46})
     return figure

@@ -19,15 +19,13 @@ from typing import Any
 
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_text
-from compplan.reporting.scripts import load_plotly, write_policy
+from compplan.reporting.scripts import load_plotly, pack_text, write_policy
 from compplan.reporting.style import build_template, format_number
 from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
 #: A command in a sentence: its options with their values, words in capitals, and files.
 COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
-#: A value of fewer characters is written wherever it stands.
-SHORT = 100
 
 
 @dataclass(frozen=True)
@@ -236,7 +234,7 @@ def render_page(
         for k, section in enumerate(shown)
     ]  # fmt: skip
     themes = {theme: build_template(theme) for theme in ("light", "dark")}
-    payload = {**share_values(charts), "themes": themes}
+    payload = json.dumps({"charts": charts, "themes": themes}, separators=(",", ":"), allow_nan=False)
     script = (TEMPLATES / "page.js").read_text(encoding="utf-8")
     return str(
         _environment()
@@ -256,39 +254,9 @@ def render_page(
             script=script,
             policy=write_policy(script, with_charts=bool(charts)),
             plotly=load_plotly() if charts else "",
-            payload=json.dumps(payload, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+            payload=pack_text(payload),
         )
     )
-
-
-def share_values(charts: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Keep long values that charts repeat, such as the path length under every line, once.
-
-    Args:
-        charts: Charts as plotly's JSON.
-
-    Returns:
-        "charts", where `{"shared": k}` stands for a value that comes again, and "shared", the values.
-    """
-    count: dict[str, int] = {}
-    number: dict[str, int] = {}
-
-    def walk(node: Any, replace: bool) -> Any:
-        if isinstance(node, dict | list) and (("bdata" in node) if isinstance(node, dict) else len(node) > SHORT):
-            text = json.dumps(node, separators=(",", ":"))
-            if not replace:
-                count[text] = count.get(text, 0) + 1
-            elif count[text] > 1 and len(text) > SHORT:
-                return {"shared": number.setdefault(text, len(number))}
-            return node
-        if isinstance(node, dict):
-            return {key: walk(value, replace) for key, value in node.items()}
-        return [walk(value, replace) for value in node] if isinstance(node, list) else node
-
-    plain = list(charts)
-    walk(plain, False)
-    thinner = [walk(chart, True) for chart in plain]
-    return {"charts": thinner, "shared": [json.loads(text) for text in number]}
 
 
 def _with_origin(provenance: Provenance) -> Provenance:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.notes import list_remarks
+from compplan.planning.deflection import describe_bending
 from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.posture.initial_branches import compare_postures
 from compplan.planning.slow import describe_causes, mark_slow
@@ -117,7 +118,7 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
 def describe_plan(plan: Plan) -> list[str]:
     """Say in a few sentences what the plan reaches."""
     before, after = plan.before.max_deviation, plan.after.max_deviation
-    tolerance, bending = plan.task.tolerance, plan.bending
+    tolerance = plan.task.tolerance
     verb = "keeps" if plan.status == "solved" else "is a compromise that keeps"
     model = f"If the robot is as modelled, the plan {verb} the loaded tool within {format_bound(after)} of the path"
     if before > 0 and plan.strategy != "none":
@@ -129,9 +130,8 @@ def describe_plan(plan: Plan) -> list[str]:
         f"{model}. {within} of the cut is then within the tolerance of {format_set_length(tolerance)}.",
         f"If it is not ({plan.mismatch.cell}, assumed), up to {left} is left.",
     ]
-    if not bending.compensated and bending.inertia > tolerance:
-        moved = format_length(bending.inertia)
-        said.append(f"The inertia of the motion bends the arm by up to {moved}, not compensated.")
+    told = describe_bending(plan.bending)
+    said.append(f"{told[0].upper()}{told[1:]}.")
     lowered = ""
     if not plan.notes and (slow := mark_slow(plan.task, plan.timing)).any():
         lowered = f" The feed is lowered at {slow.sum()} of {plan.after.cut.sum()} waypoints."

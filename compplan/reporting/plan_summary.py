@@ -18,7 +18,7 @@ from compplan.planning.slow import mark_slow
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.curve_chart import draw_curves
 from compplan.reporting.page import Block, Chart, Column, KeyFigure, PageTable, Row, Section, Summary, TableCell
-from compplan.reporting.provenance import GRADE_MEANING
+from compplan.reporting.provenance import explain_grade
 from compplan.reporting.style import (
     format_length,
     format_mm,
@@ -133,7 +133,7 @@ def _describe_frames(plan: Plan) -> list[tuple[str, str]]:
     robot, job = plan.robot, plan.job
     controller = load_controller(robot)
     rows = [("Robot", f"{robot.name}; controller {controller.name or 'not known'}"),
-            ("Robot model", GRADE_MEANING[robot.grade])]  # fmt: skip
+            ("Robot model", explain_grade(robot))]  # fmt: skip
     if job is not None:
         where = f"on {robot.base}, that carries the part" if robot.ground else "in the robot base"
         rows.append((f"Part frame, {where}", describe_pose(job.T_base_part)))

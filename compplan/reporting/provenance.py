@@ -21,9 +21,17 @@ GRADE_MEANING = {
 DOUBTFUL = ("assumed", "unverified", "placeholder", "estimated", "scaled", "from memory")
 
 
+def explain_grade(robot: Robot) -> str:
+    """Return where the numbers of a robot come from: its measurements, else the grade of its folder."""
+    known = robot.uncertainty
+    if known is not None and known.grade == "measured":
+        return f"measured: {known.source}"
+    return GRADE_MEANING[robot.grade]
+
+
 def describe_grade(robot: Robot) -> str:
     """Say in a sentence how far the numbers of a robot can be trusted."""
-    return f"Robot model: {GRADE_MEANING[robot.grade]}."
+    return f"Robot model: {explain_grade(robot)}."
 
 
 def describe_robot(
@@ -36,7 +44,7 @@ def describe_robot(
         facts: Further facts, placed before the robot's.
         assumptions: Further assumptions, placed after the robot's.
     """
-    rows = [*(facts or []), ("robot", robot.name), ("robot model", GRADE_MEANING[robot.grade])]
+    rows = [*(facts or []), ("robot", robot.name), ("robot model", explain_grade(robot))]
     rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
     rows.append(("elastic model", _elastic_model(robot)))
     if robot.gravity is None:

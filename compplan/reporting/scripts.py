@@ -41,3 +41,8 @@ def _plotly_digest() -> str:
 def load_plotly() -> str:
     """Return the chart library, packed, as text."""
     return base64.b64encode(PLOTLY.read_bytes()).decode("ascii")
+
+
+def pack_text(text: str) -> str:
+    """Return a text as the script of a page unpacks it: gzip in base64."""
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")

@@ -74,12 +74,12 @@ class PostureErrors:
 
 
 def posture_errors(job: Job, robot: Robot) -> PostureErrors | None:
-    """Return what a job's posture is to be chosen for; None where its preset does not ask for the promise.
+    """Return what a job's posture is to be chosen for; None where its preset does not ask for the error band.
 
     Raises:
         InputError: If the folder's uncertainty.toml names what this robot does not have.
     """
-    if job.posture.preset != "promise":
+    if job.posture.preset != "error_band":
         return None
     known = robot_uncertainty(robot)
     if job.touched_off:  # to first order what moves the base moves a touched-off part as well

@@ -57,11 +57,6 @@ def test_a_tie_is_honest_only_where_the_twin_is_listed() -> None:
     assert listed.ties == (True,) and silent.ties == (False,)
 
 
-def test_the_same_joint_of_another_effect_is_no_place() -> None:
-    score = score_answer("a", truth(), answer(claim("joint_stiffness", "joint_3")))
-    assert score.missed == ("joint_stiffness joint_2",) and not score.clean
-
-
 def test_a_later_campaign_is_judged_without_missing_rows_and_outliers() -> None:
     score = score_answer(
         "a", truth(split={"fresh": {"outlier_rows": [1]}}), answer(claim("joint_stiffness", "joint_2"))

@@ -62,7 +62,7 @@ def test_every_figure_of_the_readme_about_accuracy_stands_in_the_page_that_it_li
 
 
 def test_the_readme_is_short_and_holds_no_evidence_of_its_own() -> None:
-    assert README.count("\n") <= 160 and len(README.split()) <= 1500
+    assert README.count("\n") <= 110 and len(README.split()) <= 1500
     assert not re.findall(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,}\b", README)
     assert not re.findall(r"\bseeds?\b", README)
 

@@ -100,7 +100,7 @@ def test_nothing_leads_by_a_lag_that_nobody_measured(plans) -> None:
 
 @pytest.mark.parametrize(
     ("tolerance", "motion", "status", "says"),
-    [(0.035, {}, "solved", "times slower where the drives"),
+    [pytest.param(0.035, {}, "solved", "times slower where the drives", marks=pytest.mark.slow),
      (0.02, {"lost_motion_deg": [0.02] * 6}, "not_confirmed", "the controller, drives as identified, takes")],
 )  # fmt: skip
 def test_where_identified_drives_leave_the_tolerance_the_run_is_slower_or_not_confirmed(

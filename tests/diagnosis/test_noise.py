@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from compplan.diagnosis.data.noise import estimate_noise
+from compplan.diagnosis.data.noise import LEVEL, Noise, estimate_noise
+from compplan.diagnosis.evidence.evidence import Hyper, _hyperprior
 from compplan.effects import command_campaign
 from compplan.measurement.campaign import Campaign
 
@@ -59,3 +63,16 @@ def test_poses_that_come_back_far_off_are_a_cause_and_no_noise() -> None:
     side = np.where(np.arange(len(gap)) // 3 // POSES % 2 == 0, 1.0, -1.0)[:, None]
     noise = estimate_noise(campaign, gap + 5e-5 * side, None, "position", ROBOT)
     assert noise.stay < 1.6 * ROBOT
+
+
+def test_the_noise_has_the_chi_square_likelihood_and_leeway_of_its_witnesses() -> None:
+    few, off = Noise(1e-5, 12.0, "repeats"), 0.3
+    assert few.leeway == pytest.approx(12.0 / chi2.ppf(0.5 * (1.0 - LEVEL), 12.0))
+    channels = [SimpleNamespace(witnesses=12.0)]
+    nothing = np.zeros(0)
+
+    def value(log_noise: float) -> float:
+        return _hyperprior(channels, Hyper(np.array([log_noise]), np.array([-9.0]), nothing), nothing.astype(bool))[0]
+
+    expected = chi2.logpdf(12.0 * np.exp(-off), 12.0) - off - chi2.logpdf(12.0, 12.0)
+    assert value(off) - value(0.0) == pytest.approx(expected)

@@ -13,6 +13,7 @@ from compplan.effects import EFFECTS, Effect, apply_effects, build_model, solve_
 from compplan.effects.checks import check_effect
 from compplan.effects.linearization import Linearization, linearize_model
 from compplan.effects.signature import pack_parameters
+from compplan.effects.tool_frame import tool_twists
 from compplan.effects.tracking_lag import lagged_speed
 from compplan.errors import InputError, UnknownNameError
 from compplan.measurement.campaign import Campaign
@@ -295,3 +296,11 @@ def test_a_table_that_says_what_its_effect_needs_is_taken(robot: Robot) -> None:
     with pytest.raises(InputError, match="needs a joint"):
         lonely = {"effect": "joint_offset", "parameters": {"offset_rad": 0.1}}
         check_effect(lonely, robot, Path("effects.toml"), "effect[0]")
+
+
+def test_a_turned_tool_moves_a_target_beside_the_tip_by_angle_times_lever(arm: Linearization) -> None:
+    R, lever = arm.attained.frames.tcp_rotation, np.array([0.0, 0.05, 0.02])
+    beside = replace(arm, point=arm.attained.frames.tcp_position + R @ lever)
+    turned = tool_twists(beside)[:, :3, 3:]
+    assert turned[:, :, 0] == pytest.approx(R @ np.cross([1.0, 0.0, 0.0], lever))
+    assert turned[:, :, 2] == pytest.approx(R @ np.cross([0.0, 0.0, 1.0], lever))

@@ -17,7 +17,9 @@ def repeat_trips(loss: str) -> list[RoundTrip]:
     return [run_round_trip(robot, "joints", seed, loss=loss) for seed in range(60)]
 
 
-@pytest.mark.parametrize("loss", [pytest.param("least_squares", marks=pytest.mark.slow), "tukey"])
+@pytest.mark.parametrize(
+    "loss", [pytest.param("least_squares", marks=pytest.mark.slow), pytest.param("tukey", marks=pytest.mark.slow)]
+)
 def test_stated_intervals_hold_pooled_over_parameters_and_seeded_repeats(loss: str) -> None:
     coverage = measure_coverage(repeat_trips(loss))
     assert coverage.count == 360

@@ -206,7 +206,7 @@ def test_the_folder_holds_the_whole_and_each_tool(posted: cp.Posted) -> None:
     assert whole["status"] == "solved" == posted.status and len(whole["tools"]) == 2
     assert whole["waypoints"] == sum(part["waypoints"] for part in parts)
     assert whole["error_after_mm"]["max"] == max(part["error_after_mm"]["max"] for part in parts)
-    assert whole["promise_mm"]["p95_max"] == max(part["promise_mm"]["p95_max"] for part in parts)
+    assert whole["error_band_mm"]["p95_max"] == max(part["error_band_mm"]["p95_max"] for part in parts)
     assert [tool["folder"] for tool in whole["tools"]] == ["T1", "T2"]
     assert all((posted.folder / name).is_file() for tool in whole["tools"] for name in tool["programs"])
     assert [round(tool["length_mm"], 3) for tool in whole["tools"]] == [180.0, round(float(np.hypot(3, 215)), 3)]

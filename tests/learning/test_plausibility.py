@@ -125,6 +125,7 @@ def test_lengths_that_are_not_those_of_the_points_are_asked_about(name: str, sho
         learn_from_part(job, robot, file)
 
 
+@pytest.mark.slow
 def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: tuple[Job, Robot, Path]) -> None:
     """Off by .1 and -.05 mm and .02 degrees: the robot may do that too, so who measured has to say."""
     job, robot, folder = shop

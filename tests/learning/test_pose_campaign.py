@@ -283,7 +283,7 @@ def test_a_campaign_for_sockets_writes_a_log_that_is_read_and_counts(small_job, 
     again = [*words[:-1], tmp_path / "next", "--log", out / "campaign.csv", "--instrument", out / "instrument.toml"]
     assert run_command(again, monkeypatch, capsys).status == 0
     first, second = (json.loads((f / "campaign.json").read_text("utf-8")) for f in (out, tmp_path / "next"))
-    assert second["promise_mm"]["p95_max_now"] == pytest.approx(first["promise_mm"]["p95_max_after"], rel=0.1)
+    assert second["error_band_mm"]["p95_max_now"] == pytest.approx(first["error_band_mm"]["p95_max_after"], rel=0.1)
     stands = first["stands"]
     assert sorted(stand["label"] for stand in stands) == sorted(log.sights.names)
     assert all(f"put up {stand['says']}" in told for stand in stands)

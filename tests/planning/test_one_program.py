@@ -29,8 +29,8 @@ CIRCLE: dict[str, Any] = {
 
 def test_a_posture_wins_by_what_its_preset_is_for_alone() -> None:
     assert judge_gain("fast", 0.8, 3.0, 3.0) == 0.8
-    assert judge_gain("accurate", 1.0, 1.0, 0.9) == 0.95 and judge_gain("promise", 1.1, 0.5, 0.5) == np.inf
-    assert judge_gain("promise", 1.0, 0.5, 1.1) == 0.5 and judge_gain("accurate", 1.0, 0.5, 1.1) == 0.8
+    assert judge_gain("accurate", 1.0, 1.0, 0.9) == 0.95 and judge_gain("error_band", 1.1, 0.5, 0.5) == np.inf
+    assert judge_gain("error_band", 1.0, 0.5, 1.1) == 0.5 and judge_gain("accurate", 1.0, 0.5, 1.1) == 0.8
     assert judge_gain("", 0.9, 1.0, 2.0) == pytest.approx(0.95) and judge_gain("", 0.5, 1.01, 0.9) == np.inf
 
 

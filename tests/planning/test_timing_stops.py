@@ -11,7 +11,6 @@ import pytest
 
 from compplan.planning.run_timing import (
     FULL_USE,
-    INERTIA_WINDOWS,
     _smooth_run,
     _turn_in_place,
     state_timing,
@@ -30,15 +29,6 @@ def time_single(window: float, *, follows: bool = False, inertia: bool = False) 
         follows_feed=follows, smoothing=window,
     ))  # fmt: skip
     return float(_smooth_run(task, np.array([0.0, 2.0]), np.array([[0.0], [3.0]]), None, np.ones(2), window)[0][-1])
-
-
-def test_a_single_move_takes_as_long_as_the_same_move_in_many_pieces() -> None:
-    # a trapezoid: 3 rad at .8 rad/s, and .8 / 2 s for speeding up and slowing down
-    trapezoid = 3.0 / 0.8 + 0.8 / 2.0
-    assert time_single(0.0) == pytest.approx(trapezoid, rel=0.02)
-    assert time_single(0.1) == pytest.approx(trapezoid + 0.1, rel=0.02)
-    assert time_single(0.1, inertia=True) == pytest.approx(trapezoid + 0.1 * sum(INERTIA_WINDOWS), rel=0.04)
-    assert time_single(1.0 / 0.3, follows=True) > 1.1 * trapezoid
 
 
 @pytest.mark.parametrize("rows", [2, 6])
@@ -60,13 +50,6 @@ def test_a_commanded_tip_that_moves_on_the_spot_keeps_to_the_feed() -> None:
     tip = locate_frames(task.chain, q[:1]).tcp_position[0]
     chord = 2 * np.sin(0.01) * np.hypot(tip[0], tip[1])
     assert _turn_in_place(task, q, 0)[-1] == pytest.approx(1.875 * chord / 0.01, rel=1e-9)
-
-
-def test_a_turn_on_the_spot_without_a_feed_takes_what_its_joint_needs() -> None:
-    q = np.tile(np.radians([0.0, 20, -100, 15, 40, 0]), (5, 1))
-    q[:, 0] = np.linspace(0.0, 0.02, 5)
-    task = still_task(velocity=2.0, acceleration=1e6, feed=0.0)
-    assert _turn_in_place(task, q, 0)[-1] == pytest.approx(1.1 * 1.875 * 0.02 / (FULL_USE * 2.0), rel=1e-9)
 
 
 def still_task(velocity: float, acceleration: float, feed: float):

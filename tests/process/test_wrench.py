@@ -181,3 +181,23 @@ def test_a_wrench_file_counts_the_length_that_is_cut_and_no_rapid_move(tmp_path:
     (tmp_path / "s.csv").write_text("s_mm,fx_N,fy_N,fz_N\n0,0,0,0\n1000,1000,0,0\n")
     force = predict_wrench(FileProcess(model="file", file="s.csv", frame="part"), nominal, folder=tmp_path)[:, 0]
     assert force[[0, 1, 2, 4, 5]] == pytest.approx([0.0, 50.0, 100.0, 150.0, 200.0])
+
+
+def test_a_plunge_keeps_the_path_frame_of_the_cut_after_it() -> None:
+    position = np.array([[0, 0, 0.1], [0, 0, 0], [0.1, 0, 0]])
+    nominal = Toolpath(position, np.tile([0.0, 0, 1], (3, 1)), np.ones(3), np.zeros(3, bool))
+    assert path_axes(nominal)[1] == pytest.approx(np.eye(3))
+
+
+def test_slot_milling_needs_the_power_of_the_specific_cutting_force() -> None:
+    process, feed = milling(radial_ratio=0.0), np.array([0.02])
+    wrench = milling_wrench(process, feed)[0]
+    removal = 2.0 * 10.0 * 0.02e3  # mm^3/s
+    assert wrench[5] * 2 * np.pi * 6000 / 60 == pytest.approx(800.0 * removal * 1e-3, rel=1e-12)
+
+
+def test_the_side_of_the_material_mirrors_the_cut() -> None:
+    sides = (milling(width_mm=3.0, material_side=side) for side in ("left", "right"))
+    left, right = (milling_wrench(process, np.array([0.02]))[0] for process in sides)
+    assert left[1] > 0 and right[1] > 0  # a clockwise tool is pushed to its left either way
+    assert left[0] < 0 < right[0]  # up milling is held back, climb milling is drawn on

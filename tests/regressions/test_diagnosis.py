@@ -21,7 +21,14 @@ from compplan.robot import Robot
 
 
 @pytest.mark.parametrize(
-    "name", ["errors of no effect", "two zeros that are one length", "late on a path", "a zero near the noise"]
+    "name",
+    [
+        "a zero near the noise",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("errors of no effect", "two zeros that are one length", "late on a path")
+        ),
+    ],
 )
 def test_rounding_changes_no_line_of_a_diagnosis(name: str) -> None:
     known = known_campaigns.CAMPAIGNS[name]

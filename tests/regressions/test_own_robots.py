@@ -55,8 +55,12 @@ def test_the_geometry_gives_signs_zeros_words_and_pendant_of_every_shipped_arm(n
 @pytest.mark.parametrize(
     ("arm", "package", "model", "xacro", "controller", "program", "line"),
     [
-        (KUKA, "kuka_kr12_support", "kr12r1450", True, "krc4", "*_L1.src", "LIN {X "),
-        (ABB, "abb_irb2420_support", "irb2420_16_155", False, "irc5", "*_L_1.mod", "MoveL "),
+        pytest.param(
+            KUKA, "kuka_kr12_support", "kr12r1450", True, "krc4", "*_L1.src", "LIN {X ", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            ABB, "abb_irb2420_support", "irb2420_16_155", False, "irc5", "*_L_1.mod", "MoveL ", marks=pytest.mark.slow
+        ),
         (FANUC, "fanuc_m16_support", "m16ib20", False, "r30ib", "*_L.LS", ":L P["),
     ],
     ids=["kuka", "abb", "fanuc"],

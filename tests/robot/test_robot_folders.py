@@ -170,25 +170,6 @@ def test_the_tool_frame_has_its_z_axis_out_of_the_flange(name: str) -> None:
     assert tool_z @ (place(model, q, "flange").translation - body) > 0.003
 
 
-def test_the_tx200_stands_where_the_paper_puts_it_with_its_tool_upright() -> None:
-    model = load_model("staubli_tx200")
-    tip = place(model, np.radians([0, 49.7, 89.3, 0, 41, 0]), "tool0")
-    assert tip.translation == pytest.approx([1.4994, 0.0, 0.183], abs=1e-4)
-    assert tip.rotation[:, 2] == pytest.approx([0, 0, -1], abs=1e-9)
-    flange = place(model, np.radians([0, 49.7, 89.3, 0, 41, 0]), "flange")
-    assert flange.translation[2] - tip.translation[2] == pytest.approx(0.2757, abs=1e-9)
-
-
-def test_the_second_spring_of_the_tx200_is_400_mm_off_the_arm_plane() -> None:
-    springs = read_toml("staubli_tx200", "elasticity.toml")["spring"]
-    assert [(s["joint"][-1], s["axis"]) for s in springs] == [
-        ("1", "own"), ("2", "own"), ("3", "own"), ("3", "rx"), ("4", "own"), ("5", "own"),
-    ]  # fmt: skip
-    stiffness = [1e-6 / s["compliance"] for s in springs]
-    assert stiffness == pytest.approx([2.32, 1.76, 2.04, 1.45, 0.09, 0.02], rel=1e-8)
-    assert springs[3]["offset"] == [0.0, 0.4, 0.0] and not springs[3]["actuator"]
-
-
 @pytest.mark.parametrize("name", KUKA_ARMS)
 def test_a_kuka_in_its_mastering_like_home_has_its_arm_level_in_front(name: str) -> None:
     a1, elbow_height, forearm, step = KUKA_ARMS[name]
@@ -242,14 +223,6 @@ def test_the_fanuc_keeps_its_forearm_level_while_j3_stands_still_and_j2_moves() 
         )
     down = place(model, to_robot("fanuc_m10ia", [0, 20, 0, 0, -90, 0]), "tool0")
     assert down.rotation[:, 2] == pytest.approx([0, 0, -1], abs=1e-9)
-
-
-def test_the_rail_carries_the_kr240_along_y() -> None:
-    rail, arm = load_model("kuka_kr240_rail"), load_model("kuka_kr240")
-    q = np.radians(WORKING_POSTURE_DEG["kuka_kr240"])
-    moved = place(rail, np.r_[2.5, q], "tool0")
-    assert moved.isApprox(pin.SE3(np.eye(3), np.array([0, 2.5, 0.5])) * place(arm, q, "tool0"), 1e-12)
-    assert rail.upperPositionLimit[0] - rail.lowerPositionLimit[0] == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - REDUNDANT))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -121,5 +122,6 @@ def test_a_plan_says_that_soft_limits_narrow_a_joint(tmp_path, monkeypatch, caps
     shutil.rmtree(tmp_path / "work" / "robot")
     controller = '<safety_controller soft_lower_limit="-1" soft_upper_limit="1"/>'
     write_robot(tmp_path / "work" / "robot", into_joint=controller)
-    answer = run_command(["plan", tmp_path / "work" / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
-    assert "Soft limits of the URDF (<safety_controller>) narrow joint_1 to -57.3 .. 57.3 deg." in answer.out
+    run_command(["plan", tmp_path / "work" / "job.toml", "--out", tmp_path / "out"], monkeypatch, capsys)
+    notes = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["notes"]
+    assert "Soft limits of the URDF (<safety_controller>) narrow joint_1 to -57.3 .. 57.3 deg." in notes

@@ -13,6 +13,7 @@ from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import (
     Toolpath,
     check_toolpath,
+    place_toolpath,
     resample_toolpath,
     write_toolpath,
 )
@@ -105,3 +106,15 @@ def test_an_unknown_kind_of_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     with pytest.raises(InputError, match=r"unknown kind of toolpath file '.step', choose from .csv .nc"):
         read_toolpath(tmp_path / "part.step")
+
+
+def test_placing_turns_positions_axes_and_wrenches_together() -> None:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
+    pose[:3, 3] = [1, 2, 3]
+    toolpath = Toolpath(np.eye(3), np.tile([1.0, 0, 0], (3, 1)), np.ones(3), np.zeros(3, bool), np.eye(3, 6))
+    placed = place_toolpath(toolpath, pose)
+    assert placed.frame == "base"
+    assert placed.position[0] == pytest.approx([1, 3, 3])
+    assert placed.axis[0] == pytest.approx([0, 1, 0])
+    assert placed.wrench is not None and placed.wrench[0] == pytest.approx([0, 1, 0, 0, 0, 0])

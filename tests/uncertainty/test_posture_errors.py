@@ -83,13 +83,13 @@ SURE = {"wrench_level": 0.02, "wrench_direction_deg": 0.3, "wrench_path": 0.0}
 def test_a_posture_chosen_for_the_promise_keeps_a_smaller_one_where_one_joint_is_badly_known(joint: str) -> None:
     """One compliance is known to 50 %, the others to 2 %; the accurate preset counts ten per cent of each."""
     bands = {}
-    for preset in ("accurate", "promise"):
+    for preset in ("accurate", "error_band"):
         job = check_job({**JOB, "posture": {"preset": preset}, "noise": SURE}, "job.toml")
         robot = job_robot(job)
         own = {spring.joint: spring.compliance for spring in robot.springs if spring.axis == "own"}
         widths = [stiffness(name, (0.5 if name == joint else 0.02) * value) for name, value in own.items()]
         bands[preset] = measure_choice(job, replace(robot, uncertainty=known_by(*widths)))
-    assert bands["promise"] < 0.9 * bands["accurate"]
+    assert bands["error_band"] < 0.9 * bands["accurate"]
 
 
 def measure_choice(job: Job, robot: Robot) -> float:
@@ -102,13 +102,14 @@ def measure_choice(job: Job, robot: Robot) -> float:
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
 
 
+@pytest.mark.slow
 def test_a_plan_for_the_promise_says_what_it_counts() -> None:
     few = {**JOB["toolpath"], "waypoints": 12}
-    plan = plan_job(check_job({**JOB, "toolpath": few, "posture": {"preset": "promise"}}, "job.toml"))
+    plan = plan_job(check_job({**JOB, "toolpath": few, "posture": {"preset": "error_band"}}, "job.toml"))
     stance = plan.task.start.stance
     assert stance is not None and stance.settings.errors is not None
     told = stance.describe()
-    assert "assumed" in told["promise_from"] and "uncertainty_assumed" not in told
+    assert "assumed" in told["error_band_from"] and "uncertainty_assumed" not in told
     assert plan.promise is not None
     # what the search counted is what the plan promises: the rms error, and the quantile over errors and waypoints
     spread = np.sqrt(np.mean(np.trace(plan.promise.covariance[plan.promise.cut], axis1=1, axis2=2)))
@@ -117,4 +118,4 @@ def test_a_plan_for_the_promise_says_what_it_counts() -> None:
 
 def test_presets_that_do_not_exist_are_refused() -> None:
     with pytest.raises(InputError, match="preset"):
-        check_job({**JOB, "posture": {"preset": "promised"}}, "job.toml")
+        check_job({**JOB, "posture": {"preset": "error_bands"}}, "job.toml")

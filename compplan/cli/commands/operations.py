@@ -30,11 +30,11 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
 
     """
     from compplan.cli.commands.progress import show_progress
-    from compplan.io.notes import Stop
     from compplan.planning.operations import summarise_operations
     from compplan.planning.plan import plan_job
     from compplan.planning.result import replace_said
     from compplan.reporting.operations_page import describe_operations
+    from compplan.reporting.plan_text import format_notes
     from compplan.reporting.writers.operations import deliver_operations, describe_order
     from compplan.reporting.writers.plan import note_programs
 
@@ -54,8 +54,8 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
         for plan in plans:
             label = "" if plan.job is None else plan.job.label
             click.echo(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
-        for told in summary["notes"]:
-            click.echo(f"before the machine moves: {told}" if isinstance(told, Stop) else told)
+        for line in format_notes(summary["notes"], folder):
+            click.echo(line)
         if any(plan.job is not None and plan.job.output.programs for plan in plans):
             click.echo(describe_order(summary, files))
         click.echo(f"wrote {len(files)} files to {folder}; next: open {folder / 'report.html'}, or compplan view "

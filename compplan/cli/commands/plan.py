@@ -21,12 +21,6 @@ STAGES = (
     "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
     "95 % band", "write",
 )  # fmt: skip
-#: What to do after a plan, by its status.
-NEXT = {
-    "solved": "compplan campaign designs measurements that narrow the 95 % band",
-    "not_confirmed": "do not run the programs before what keeps the plan from being confirmed is settled",
-    "infeasible": "compplan place finds a place of the part that is within reach",
-}
 
 
 @click.command()
@@ -83,13 +77,9 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
 def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     """Plan a job of one tool, as `carry_out` says."""
     from compplan.cli.commands.progress import show_progress
-    from compplan.io.notes import Stop
-    from compplan.planning.deflection import describe_bending
-    from compplan.planning.notes import describe_part_frame
     from compplan.planning.plan import plan_job
     from compplan.planning.result import replace_said
-    from compplan.reporting.provenance import describe_grade
-    from compplan.reporting.style import format_length
+    from compplan.reporting.plan_text import format_plan
     from compplan.reporting.writers.plan import deliver_plan, note_programs, summarise_plan
 
     with show_progress(STAGES) as announce:
@@ -102,24 +92,8 @@ def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> 
     if as_json:
         click.echo(dump_json(summarise_plan(plan), indent=2))
     else:
-        click.echo(plan.verdict.sentence)
-        before, after = (format_length(run.max_deviation) for run in (plan.before, plan.after))
-        click.echo(f"{plan.name}: {plan.status}, {len(plan.task)} waypoints, {plan.timing.time[-1]:.1f} s cycle time")
-        click.echo(f"greatest deviation {before} uncorrected, {after} planned ({plan.judge})")
-        click.echo(f"  {describe_bending(plan.bending)}")
-        click.echo(describe_part_frame(job))
-        wrong = plan.mismatch
-        click.echo(f"{format_length(wrong.max_deviation)} planned where the robot is not as modelled ({wrong.cell})")
-        if plan.promise is not None:
-            click.echo(f"true tip within {format_length(plan.promise.whole)} along the whole path, with 95 %")
-            click.echo(f"  from: {plan.promise.known.source}; force {plan.promise.force.source}")
-        elif plan.status == "infeasible":
-            click.echo("no 95 % band is stated, waypoints are out of reach")
-        click.echo(describe_grade(plan.robot))
-        for note in plan.notes:
-            click.echo(f"before the machine moves: {note}" if isinstance(note, Stop) else note)
-        click.echo(f"wrote {', '.join(str(path.relative_to(folder)) for path in files)} to {folder}")
-        click.echo(f"next: open {folder / 'report.html'}, or compplan view {folder}; {NEXT[plan.status]}")
+        for line in format_plan(plan, folder, files):
+            click.echo(line)
     if plan.status != "solved":
         failing = sorted(plan.command.failures)
         limits = sorted(set(plan.command.failures.values()))

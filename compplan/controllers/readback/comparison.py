@@ -267,16 +267,9 @@ class _Stand:
         kept[:-1] |= wanted.feed[rows][1:] <= 0.0
         kept[-1] = True
         return PlannedRows(
-            self.position,
-            self.rotation,
-            wanted.time[rows],
-            kept,
-            wanted.free,
-            self.tolerance * wanted.coarser[rows],
-            self.cycle,
-            wanted.asked,
-            np.abs(wanted.corner).max(axis=1) > 0.0,
-        )
+            self.position, self.rotation, wanted.time[rows], kept, wanted.free, self.tolerance * wanted.coarser[rows],
+            self.cycle, wanted.asked, np.abs(wanted.corner).max(axis=1) > 0.0,
+        )  # fmt: skip
 
     def compare(self, moves: list[Move], held: NDArray[np.int_]) -> list[str]:
         """Say where the moves of a program, which end at some of the rows, are not those planned."""
@@ -370,13 +363,7 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> ReportedProgr
     seen = stand.tool @ np.linalg.inv(_millimetres(read_frame(tool))) @ np.r_[centre, 1.0]
     words = read_words(robot, joints.names, wanted.sent[rows])
     return ReportedProgram(
-        shown[:, ~counting.external],
-        words,
-        wanted.feed[rows] <= 0.0,
-        wanted.stands,
-        share,
-        mass,
-        seen[:3],
+        shown[:, ~counting.external], words, wanted.feed[rows] <= 0.0, wanted.stands, share, mass, seen[:3]
     )
 
 

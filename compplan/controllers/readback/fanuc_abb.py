@@ -84,22 +84,10 @@ class _Fanuc:
             external += tuple(float(number) for number in re.findall(rf"J\d= *({NUMBER}) deg", text))
         kind, stops = {"J": "joint", "L": "line", "C": "arc"}[word], ending in ("FINE", "CNT0")
         mounted = self.frames.get(self.active["UTOOL"])
-        self.moves.append(
-            Move(
-                kind,
-                stops,
-                joints,
-                external,
-                pose,
-                feed,
-                percent,
-                configuration,
-                mounted,
-                base,
-                via=via,
-                carried=carried is not None,
-            )
-        )
+        self.moves.append(Move(
+            kind, stops, joints, external, pose, feed, percent, configuration, mounted, base, via=via,
+            carried=carried is not None,
+        ))  # fmt: skip
 
 
 def read_fanuc(path: Path) -> list[Move]:
@@ -155,23 +143,10 @@ class _Rapid:
         mounted, load = self.tools.get(tool, (None, ()))
         base = np.eye(4) if frame is None else self.objects.get(frame)
         kind, stops = {"MoveAbsJ": "joint", "MoveL": "line", "MoveC": "arc"}[word], zone == "fine"
-        self.moves.append(
-            Move(
-                kind,
-                stops,
-                joints,
-                external,
-                pose,
-                feed,
-                None,
-                configuration,
-                mounted,
-                base,
-                load,
-                via=via,
-                carried=self.units.get(frame or "", "") in self.active,
-            )
-        )
+        self.moves.append(Move(
+            kind, stops, joints, external, pose, feed, None, configuration, mounted, base, load, via=via,
+            carried=self.units.get(frame or "", "") in self.active,
+        ))  # fmt: skip
 
 
 def read_rapid(path: Path) -> list[Move]:

@@ -196,22 +196,10 @@ class _Krl:
         kind = {"PTP": "joint", "LIN": "line", "CIRC": "arc"}[word if word == "PTP" else word.removeprefix("S")]
         middle = None if via is None else kuka_pose(*(via[key] for key in "XYZABC"))
         load = tuple(self.values.get("$LOAD") or ())
-        self.moves.append(
-            Move(
-                kind,
-                stops,
-                joints,
-                external,
-                pose,
-                feed,
-                percent,
-                configuration,
-                **frames,
-                load=load,
-                via=middle,
-                carried=self.carried,
-            )
-        )
+        self.moves.append(Move(
+            kind, stops, joints, external, pose, feed, percent, configuration, **frames, load=load, via=middle,
+            carried=self.carried,
+        ))  # fmt: skip
 
     def percent(self) -> float:
         rates = {self.values[f"$VEL_AXIS[{number}]"] for number in range(1, 7)}

@@ -14,7 +14,7 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import MainForm, need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_shares, split_parts
+from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, split_parts
 from compplan.controllers.writers.text import clean_text, legal_name, wrap_text
 from compplan.controllers.writers.zones import stop_at_corners
 from compplan.io.tables import Array, write_text
@@ -28,7 +28,7 @@ LONGEST_NAME, LONGEST_REMARK = 24, 32
 #: Tool and user frame where a job names none, and the position variables through which jobs fill them if asked.
 CELL = CellWords(int, int, {"tool": 1, "base": 1, "positioner": 1}, int)
 TOOL_VARIABLE, FRAME_VARIABLE, MOVES_PART = 98, 99, True
-RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 20.0, 10.0, 0.01
+RAPID_PERCENT, SLOWEST_PERCENT = 20.0, 0.01
 #: Position level within a cut: 1 is the one that passes nearest without a stop.
 BLEND = 1
 
@@ -135,9 +135,8 @@ def _points(program: Program, rows: slice, linear: bool) -> list[str]:
 
 def _moves(program: Program, rows: slice, linear: bool) -> list[str]:
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
-    shares, events = joint_shares(program), phrase_events(program.events, program.wiring, PHRASES, "INFORM")
-    known = np.where(np.isfinite(shares), 100.0 * shares, UNKNOWN_PERCENT)
-    percent = np.clip(np.where(program.rapid, RAPID_PERCENT, known), SLOWEST_PERCENT, 100.0)
+    events = phrase_events(program.events, program.wiring, PHRASES, "INFORM")
+    percent = joint_percent(program, RAPID_PERCENT, SLOWEST_PERCENT)
     lines = events.get(-1, []) if rows.start == 0 else []
     for row in range(rows.start, rows.stop):
         place, level = f"C{row - rows.start:05d}", f"PL={0 if stops[row] else BLEND}"

@@ -12,7 +12,7 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import MainForm, need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, count_digits, head_lines, joint_shares, split_parts
+from compplan.controllers.writers.program import Program, count_digits, head_lines, joint_percent, split_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.io.tables import Array, write_text
@@ -29,7 +29,7 @@ CELL = CellWords(str, str)
 RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
                       "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
 #: How near a point within a cut has to be passed [mm], and percents of the joint rates.
-ACCURACY, RAPID_PERCENT, UNKNOWN_PERCENT, SLOWEST_PERCENT = 0.1, 20.0, 10.0, 0.01
+ACCURACY, RAPID_PERCENT, SLOWEST_PERCENT = 0.1, 20.0, 0.01
 
 
 #: Inputs are counted from here.
@@ -96,7 +96,7 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     alone, stops = program.alone(linear=linear), program.stops(linear=linear)
     name, arcs = part[:LONGEST_VARIABLE], program.arcs.tolist()
     lines, joints, places = [f".PROGRAM {part}()"], [".JOINTS"], [".TRANS"]
-    percent, slides = _percents(program), program.joints[:, program.prismatic]
+    percent, slides = joint_percent(program, RAPID_PERCENT, SLOWEST_PERCENT), program.joints[:, program.prismatic]
     table = place_table(program.positions, "ZYZ") if linear else np.zeros((len(program), 6))
     arm = np.column_stack([program.joints[:, ~program.prismatic], slides])
     events = phrase_events(program.events, program.wiring, PHRASES, "Kawasaki AS")
@@ -126,13 +126,6 @@ def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
     lines += [f"  ACCURACY {ACCURACY:.3g} ALWAYS"] if float(zone) != ACCURACY else []
     lists = [*places, ".END"] * (len(places) > 1) + [*joints, ".END"] * (len(joints) > 1)
     return "\n".join([*lines, ".END", *lists, ""])
-
-
-def _percents(program: Program) -> Array:
-    """Return the speed of joint moves: rapid ones 20, others what the feed asks for. Shape (n,) [%]."""
-    shares = joint_shares(program)
-    known = np.where(np.isfinite(shares), 100.0 * shares, UNKNOWN_PERCENT)
-    return np.clip(np.where(program.rapid, RAPID_PERCENT, known), SLOWEST_PERCENT, 100.0)
 
 
 def _numbers(pose: Array) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from compplan.controllers.writers.text import clean_text
 from compplan.errors import InputError
+from compplan.io.notes import Stop
 from compplan.toolpath.events import Event
 
 #: A signal: its number, or its name where the language has names.
@@ -182,10 +183,10 @@ def describe_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases) -
     if cooled:
         notes.append("coolant is a comment only: no output is named in [output.io]")
     if wiring.spindle is not None and any(event.kind.startswith("spindle_c") for event in left):
-        notes.append("spindle speeds are comments: the output of [output.io] turns it, its drive sets the speed")
+        notes.append(Stop("spindle speeds are comments: the output of [output.io] turns it, its drive sets the speed"))
         if wiring.spindle_ready is None:
             notes.append(f"the program waits {wiring.spindle_wait_s:g} s for the spindle (assumed): spindle_ready")
     tools = {(event.value, event.text) for event in events if event.kind == "tool"}
     if len(tools) > 1:
-        notes.append(f"{len(tools)} tools are called: the program is planned for one: write [[tool]] for each")
+        notes.append(Stop(f"{len(tools)} tools are called: the program is planned for one: write [[tool]] for each"))
     return notes

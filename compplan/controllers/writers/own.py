@@ -13,6 +13,7 @@ from compplan.controllers.writers.frames import place_table, quaternions, rotati
 from compplan.controllers.writers.post import name_main, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent
 from compplan.controllers.writers.text import legal_name
+from compplan.controllers.writers.zones import OTHER, find_zones
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
 from compplan.toolpath.events import find_halts
@@ -56,6 +57,7 @@ def _list_moves(program: Program) -> list[dict[str, Any]]:
     alone, stops, arcs = program.alone(linear=linear), program.stops(linear=linear), program.arcs
     places = _say_poses(program.positions) if linear else [None] * len(program)
     middles = dict(zip(np.flatnonzero(arcs).tolist(), _say_poses(program.via_positions[arcs]), strict=True))
+    zones = 1e3 * find_zones(program, OTHER)[0] if linear else np.zeros(len(program))
     percent, halts = joint_percent(program), set(find_halts(program.events))
     moves = []
     for row in range(len(program)):
@@ -64,6 +66,7 @@ def _list_moves(program: Program) -> list[dict[str, Any]]:
             "kind": "arc" if kind == "line" and arcs[row] else kind, "row": row, "end": places[row],
             "via": middles.get(row), "joints": program.joints[row].tolist(), "feed_mm_s": float(program.feed[row]),
             "percent": float(percent[row]), "stop": bool(stops[row]), "halts": row in halts,
+            "zone_mm": float(zones[row]),
             "line": 0 if program.line_of is None else int(program.line_of[row]),
             "events": [vars(event) for event in program.events if event.place == row],
         })  # fmt: skip

@@ -394,14 +394,17 @@ def joint_shares(program: Program) -> Array:
     return shares
 
 
-def joint_percent(program: Program) -> Array:
-    """Return the share of the joint rates that each move asks for, 1 to 100; rapid moves 100, unknown ones 10.
+def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:
+    """Return the share of the joint rates that each move asks for, up to 100; unknown ones 10. Shape (n,). [%]
 
-    Shape (n,). [%]
+    Args:
+        program: The program.
+        rapid: Share that rapid moves have. [%]
+        least: Least share. [%]
+
     """
     shares = joint_shares(program)
-    percent = np.where(np.isfinite(shares), 100.0 * shares, np.where(program.rapid, 100.0, 10.0))
-    return np.clip(percent, 1.0, 100.0)
+    return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)
 
 
 def describe_feeds(program: Program, written: Array, steps: str) -> list[str]:

@@ -42,7 +42,7 @@ Margin = Callable[[Array, NDArray[np.int_]], Array]
 ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
 #: Share of the plain posture's figure that a choice has to get below to be worth its turns: figures of the band are not
 #: known better (assumed), the others are compared as they are.
-GAINS = {"accurate": 0.999, "promise": 0.99, "smooth": 1.0, "fast": 1.0}
+GAINS = {"accurate": 0.999, "error_band": 0.99, "smooth": 1.0, "fast": 1.0}
 #: Searches that collisions may ask for, and rounds of further stations.
 COLLISION_ROUNDS, STATION_ROUNDS = 25, 4
 #: Rotation and leans below which a tool stands as the job has it. [rad]
@@ -229,7 +229,7 @@ def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool 
         return costs["joint_travel_deg"]
     if preset == "fast":
         return costs["time_s"]
-    return sum_errors(costs) if preset == "promise" or counts_travel else costs["sensitivity_rms_mm"]
+    return sum_errors(costs) if preset == "error_band" or counts_travel else costs["sensitivity_rms_mm"]
 
 
 def sum_errors(costs: dict[str, float]) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.io.meshes import load_mesh
+from compplan.io.notes import Stop
 from compplan.planning.posture.contacts import Solid, find_contacts, locate_link_frames
 from compplan.robot import Array, Robot
 from compplan.robot.shapes import BodyShapes, describe_shapes, leave_out, read_bodies
@@ -144,7 +145,9 @@ def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
     notes = [f"Collision shapes of the arm: {describe_shapes(bodies)}."]
     if table.without_shapes:
         unseen = ", ".join(f"{body.link}: {body.gap}" for body in bodies if body.link in table.without_shapes)
-        notes.append(f"[collision] without_shapes leaves out of the check what is not known of the arm ({unseen}).")
+        notes.append(
+            Stop(f"[collision] without_shapes leaves out of the check what is not known of the arm ({unseen}).")
+        )
     if job.tool is not None and "tool" not in meshes:
         capsule = stand_in_tool(robot)
         if capsule is not None:

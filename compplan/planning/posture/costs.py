@@ -96,7 +96,7 @@ class Weights:
 #: squared sensitivity that any posture along the path has, so that a preset means the same for light and heavy cuts.
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, travel=0.0),
-    "promise": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
+    "error_band": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
     "smooth": Weights(
         sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0, travel=0.0
     ),
@@ -135,7 +135,7 @@ def choose_weights(preset: str, level: float, own: dict[str, float] | None = Non
     """Turn a preset into weights.
 
     Args:
-        preset: "accurate", "promise", "smooth" or "fast".
+        preset: "accurate", "error_band", "smooth" or "fast".
         level: Least squared sensitivity along the path, mean over the cut. [mm^2]
         own: Weights that replace the preset's, in their units.
 

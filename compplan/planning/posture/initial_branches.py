@@ -164,7 +164,7 @@ class Start:
 
 
 def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureRequest:
-    """Read what a job asks of the posture; `errors` is what the preset "promise" counts.
+    """Read what a job asks of the posture; `errors` is what the preset "error_band" counts.
 
     Raises:
         InputError: If a mesh that the job names is missing or cannot be read.

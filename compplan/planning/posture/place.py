@@ -97,7 +97,7 @@ def place_part(
         job: The job; its table [place] says where the part may stand.
         robot: The robot with its tool.
         announce: Is told what is being done.
-        errors: What the preset "promise" counts.
+        errors: What the preset "error_band" counts.
 
     Raises:
         InputError: If the table [place] asks for too many places.

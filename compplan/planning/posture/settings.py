@@ -23,7 +23,7 @@ class PostureSettings:
         free_spin: Whether the rotation about the tool axis is free.
         configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
         start: Joint positions to start near, or None. [rad or m]
-        preset: "accurate", "promise", "smooth" or "fast".
+        preset: "accurate", "error_band", "smooth" or "fast".
         compares: Whether the preset was asked for by name: finished postures are then measured beside those of others.
         weights: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
         measure: What sensitivity means: "expected" (root mean square) or "p95".
@@ -76,7 +76,7 @@ class PostureSettings:
 
 
 def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureSettings:
-    """Take the settings from a job's tables [plan] and [posture], and for the preset "promise" what is known.
+    """Take the settings from a job's tables [plan] and [posture], and for the preset "error_band" what is known.
 
     A wrench that is given in tool axes would turn with the tool: the rotation then stays where the job has it.
     """

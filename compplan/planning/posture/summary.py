@@ -106,7 +106,7 @@ class PostureSummary:
         """Describe for plan.json and place.json what the sensitivity counts."""
         known, errors = self.settings.uncertainty, self.settings.errors
         if errors is not None:
-            return {"promise_from": errors.source}
+            return {"error_band_from": errors.source}
         zero = float(np.degrees(known.joint_zero))
         shares = {"wrench": known.wrench, "compliance": known.compliance, "joint_zero_deg": zero}
         return {"uncertainty_assumed": shares}

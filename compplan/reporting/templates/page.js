@@ -1,7 +1,6 @@
 "use strict";
 (async () => {
-  const page = JSON.parse(document.getElementById("page-data").textContent);
-  page.charts = restore(page.charts);
+  const page = JSON.parse(await unpack("page-data"));
   const root = document.documentElement;
   const button = document.getElementById("theme");
   const system = window.matchMedia("(prefers-color-scheme: dark)");
@@ -17,21 +16,17 @@
   const narrow = () => window.innerWidth < 620;
   const touched = () => window.matchMedia("(pointer: coarse)").matches;
 
-  // Values that come again lie in the page once.
-  function restore(node) {
-    if (Array.isArray(node)) return node.map(restore);
-    if (node === null || typeof node !== "object") return node;
-    if ("shared" in node) return page.shared[node.shared];
-    return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, restore(value)]));
-  }
-
-  // The library lies in the page, compressed.
-  async function unpackLibrary() {
-    const text = document.getElementById("plotly-library").textContent;
+  // Charts and their library lie in the page, compressed.
+  async function unpack(name) {
+    const text = document.getElementById(name).textContent;
     const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text();
+  }
+
+  async function unpackLibrary() {
     const script = document.createElement("script");
-    script.textContent = await new Response(stream).text();
+    script.textContent = await unpack("plotly-library");
     document.head.append(script);
   }
 

@@ -23,7 +23,7 @@ SLACK, FINE, MAGNIFIED, SHADE = 2e-4, 5e-5, 0.1, 0.02
 POINTS, RINGS, CORNERS = 20_000, 300, 16
 #: A corner of the part takes the colour of the path within this distance of it. [m]
 NEAR = 0.025
-PROMISE = "promise"
+PROMISE = "error_band"
 #: A length of deviation.csv that reads 0 is below this. [m]
 TINY = 1e-12
 #: Greatest magnification, and the share of the tolerance below which a deviation is not worth one.

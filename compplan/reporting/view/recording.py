@@ -158,10 +158,10 @@ def read_plan(folder: Path) -> PlanRecording:
     n = len(table.values["time"])
     names = [f"{way}_{axis}" for way in WAYS for axis in "xyz"]
     told = read_table(
-        folder / "deviation.csv", [FileColumn(name, "length", True, missing=True) for name in (*names, "promise")]
+        folder / "deviation.csv", [FileColumn(name, "length", True, missing=True) for name in (*names, "error_band")]
     )
-    if len(told.values["promise"]) != n:
-        message = f"has {len(told.values['promise'])} rows, joints.csv has {n}; plan again"
+    if len(told.values["error_band"]) != n:
+        message = f"has {len(told.values['error_band'])} rows, joints.csv has {n}; plan again"
         raise InputError(message, file=folder / "deviation.csv")
     return PlanRecording(
         cell=cell,
@@ -173,7 +173,7 @@ def read_plan(folder: Path) -> PlanRecording:
         wrench=np.column_stack([table.values[name] for name in ("fx", "fy", "fz", "mx", "my", "mz")]),
         move=np.asarray(table.text.get("move", np.full(n, "cut"))),
         deviation={way: _fill(_vectors(told, way + "_{}")) for way in WAYS},
-        promise=told.values["promise"],
+        promise=told.values["error_band"],
     )
 
 

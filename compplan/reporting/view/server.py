@@ -268,9 +268,9 @@ class PlanViewer:
             way, magnify = self.chosen, float(self.magnify.value)
             self.stage.draw("/path", self.scene.draw_path(way, magnify), 6.0)
             shown = way == PROMISE
-            rings = self.stage.draw("/promise", self.scene.draw_error_band(magnify), 1.5) if shown else None
+            rings = self.stage.draw("/error_band", self.scene.draw_error_band(magnify), 1.5) if shown else None
             if rings is None:
-                self.server.scene.remove_by_name(f"{self.stage.root}/promise")
+                self.server.scene.remove_by_name(f"{self.stage.root}/error_band")
             self.stage.light_part(self.scene, way)
             self._draw_beside(magnify)
             self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)

@@ -150,7 +150,7 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "robot": campaign.plan.robot.name,
         "poses": len(choice.rows),
         "rows_of_log": campaign.log,
-        "promise_mm": {
+        "error_band_mm": {
             "p95_max_now": choice.greatest[0] * 1e3,
             "p95_max_after": choice.greatest[-1] * 1e3,
             "p95_max_after_each": (choice.greatest * 1e3).tolist(),

@@ -92,7 +92,7 @@ def write_deviation(plan: Plan, path: Path, kept: NDArray[np.bool_]) -> None:
     ):  # fmt: skip
         padded = _pad(values, before, after)
         columns |= {f"{name}_{axis}_mm": 1e3 * padded[:, k] for k, axis in enumerate("xyz")}
-    columns["promise_mm"] = 1e3 * _pad(promise[:, None], before, after)[:, 0]
+    columns["error_band_mm"] = 1e3 * _pad(promise[:, None], before, after)[:, 0]
     write_table(path, {name: np.asarray(values)[kept] for name, values in columns.items()}, decimals=9)
 
 

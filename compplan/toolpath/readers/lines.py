@@ -56,3 +56,11 @@ def split_lines(text: str) -> list[str]:
     if not lines[-1]:
         lines.pop()
     return lines
+
+
+def cut_comment(line: str) -> tuple[str, str]:
+    """Return a line without the comment after a ;, and the comment; a ; within quotes begins none."""
+    place = line.find(";")
+    while place >= 0 and line.count('"', 0, place) % 2:
+        place = line.find(";", place + 1)
+    return (line, "") if place < 0 else (line[:place].rstrip(), line[place + 1 :].strip())

@@ -11,6 +11,7 @@ from cam_files import read_cam_text
 
 from compplan.errors import InputError
 from compplan.toolpath.readers import CamFile
+from compplan.toolpath.readers.krl import read_pose
 from compplan.toolpath.toolpath import check_toolpath
 
 KRL = "&ACCESS RVP\n&REL 1\nDEF part( )\n;FOLD INI\nINTERRUPT ON 3\nBAS (#INITMOV,0)\n;ENDFOLD\n{}\nEND\n"
@@ -245,3 +246,8 @@ def test_a_speed_by_a_name_that_is_not_known_needs_the_option(tmp_path: Path) ->
         with pytest.raises(InputError, match=r"feed_mm_s \(--feed\)"):
             read_cam_text(tmp_path, text, suffix)
         assert read_cam_text(tmp_path, text, suffix, feed_mm_s=5.0).toolpath.feed[-1] == pytest.approx(0.005)
+
+
+def test_the_angle_c_of_krl_turns_about_x_first() -> None:
+    pose = read_pose({"X": 1.0, "Y": 2.0, "Z": 3.0, "A": 0.0, "B": 0.0, "C": 90.0})
+    assert pose[:3, 1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, combine, dot
-from compplan.toolpath.readers.cnc.contour import Corner, Element
+from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.expressions import evaluate
 from compplan.toolpath.readers.cnc.flow import END, Flow, Program
-from compplan.toolpath.readers.cnc.heidenhain_approach import Way, approach, depart
+from compplan.toolpath.readers.cnc.heidenhain_approach import Approaches
 from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
-from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, Datums, find_spatial
+from compplan.toolpath.readers.cnc.heidenhain_frames import Datums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_lexer import (
     ASSIGN,
     CALL,
@@ -25,17 +25,15 @@ from compplan.toolpath.readers.cnc.heidenhain_lexer import (
     GRAMMAR,
     JUMP,
     LABEL,
-    M_WORDS,
     NUMBER,
     PLAIN,
     VALUE,
     split_blocks,
-    split_words,
 )
+from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.motion import POLAR
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
-from compplan.toolpath.readers.frames import UNIT, Frame, stretch
+from compplan.toolpath.readers.frames import Frame, stretch
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import refuse_unit
 
@@ -48,16 +46,6 @@ SILENT = frozenset(map(float, (
     6, 10, 11, 16, 17, 21, 22, 25, 26, 31, 32, 52, 53, 54, 57, 59, 89, 90, 91, 92, 94, 97, 98, 99, 101, 102, 103,
     *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
 )))  # fmt: skip
-REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation of rotary axes",
-             **dict.fromkeys(range(200, 205), "laser")}  # fmt: skip
-#: Feeds that are rapid traverse on old controls (TNC 145, 155). [mm/min]
-OLD_RAPID = frozenset({9999.0, 15999.0})
-PLANES = {0: 19, 1: 18, 2: 17}
-#: What words of a block are called in all dialects; with I before them they count from where the tool is.
-ADDRESSES = {**{letter: letter for letter in (*AXES, *LETTERS)}, "PR": "RP", "PA": "AP"}
-TOOL = re.compile(r"CALL\s*(\"[^\"]*\"|\d+(?:\.\d+)?|Q[LRS]?\d+)?\s*([XYZUVW](?=\s|$))?\s*(.*)")
-TOOL_DEF = re.compile(rf"DEF\s*(\"[^\"]*\"|\d+|Q\d+)?\s*(?:L\s*({VALUE}))?\s*(?:R\s*({VALUE}))?\s*(?:F\s*{VALUE})?\s*$")
-TOOL_WORD = re.compile(rf"(D[LR]2?|S|F[UZ]?)\s*:?\s*(?:=\s*)?({VALUE})")
 POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
 CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({VALUE})\s*(?:F\s*({VALUE}))?\s*")
 WORD = re.compile(r"[A-Z]+")
@@ -66,7 +54,6 @@ SILENT_FUNCTION = re.compile(
     r"(MODE\s+(MILL|SET)|FEED|S-PULSE|PROG\s+PATH\s+IS\s+CONTOUR|AFC|DCM|COUNT|RESET|TABDATA|FILE|CORRDATA|LIFTOFF|"
     r"DRESS|TURNDATA\s+SPIN)"
 )
-Words = dict[str, str]
 
 
 class Klartext:
@@ -89,16 +76,12 @@ class Klartext:
         self.datums = Datums(self.it)
         self.value, self.values = self.datums.value, self.datums.values
         self.labels: dict[str, int] = {}
-        self.begun = self.per_turn = False
+        self.begun = False
         #: Whether every move from here on calls the cycle (M89).
         self.calls = False
-        #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
-        self.old = self.fast = False
-        #: Side of the contour on which the tool runs: L, R, or none.
-        self.side = ""
-        self.tool_feed: float | None = None
-        self.radii: dict[str, float] = {}
-        self.cycles = HeidenhainCycles(self.it, self.datums, self.to_mm_s, self.radii)
+        self.words = KlartextWords(self.it, self.datums)
+        self.cycles = HeidenhainCycles(self.it, self.datums, self.words)
+        self.approaches = Approaches(self.it, self.words)
         self.points: list[Point] = []
         self.inch = options.unit == "inch"
         self._set_unit()
@@ -175,7 +158,7 @@ class Klartext:
         if text.startswith("CALL") or (" GOTO" in text and text.startswith(("FN", "IF"))):
             return self._jump(text, program, index)
         self._carry_out(text, program, index)
-        it.steady = text[0] == "L" and not (self.fast or self.calls) and it.motion.is_steady()
+        it.steady = text[0] == "L" and not (self.words.fast or self.calls) and it.motion.is_steady()
         return index
 
     def _jump(self, text: str, program: Program, index: int) -> int:
@@ -244,7 +227,7 @@ class Klartext:
         if not found:
             self.it.flow.line = block.line
             raise InputError(f"corner {block.text[:30]!r} is not read, expected RND or CHF, a number and F")
-        feed = None if found.group(3) is None else self.to_mm_s(self.value(found.group(3)))
+        feed = None if found.group(3) is None else self.words.to_mm_s(self.value(found.group(3)))
         return Corner("ROUND" if found.group(1) == "RND" else "LEG", self.value(found.group(2)), feed, block.line)
 
     def check_corner(self, rest: str) -> None:
@@ -265,16 +248,7 @@ class Klartext:
     def _set_unit(self) -> None:
         self.datums.unit = stretch(INCH, INCH, INCH) if self.inch else Frame()
         self.it.set_frame()
-        self._set_feed_scale()
-
-    def _set_feed_scale(self) -> None:
-        self.it.state.feed_scale = self.to_mm_s(1.0) * 60.0
-
-    def to_mm_s(self, number: float) -> float:
-        """Return a feed in mm/s; in programs in inches F counts tenths of an inch a minute."""
-        if self.per_turn:
-            return number * self.datums.unit.scale * self.it.state.spindle / 60.0
-        return number * (1.0 if self.datums.unit.rows == UNIT else 0.1 * INCH) / 60.0
+        self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
         """Carry out Q1 = formula."""
@@ -319,9 +293,9 @@ class Klartext:
     def run_word_function(self, rest: str) -> None:
         """FUNCTION: control of the tip, dwells."""
         if rest.startswith("RESET TCPM"):
-            self.control_tip(False)
+            self.words.control_tip(False)
         elif rest.startswith("TCPM"):
-            self.control_tip(True, spatial="AXIS SPAT" in rest)
+            self.words.control_tip(True, spatial="AXIS SPAT" in rest)
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
         elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({NUMBER})", rest)):
@@ -331,102 +305,30 @@ class Klartext:
         else:
             raise InputError(f"FUNCTION {rest[:30]!r} is not read and may change the path")
 
-    def control_tip(self, on: bool, *, spatial: bool = False) -> None:
-        """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
-        self.it.contour.refuse_open()
-        self.it.rotary.spatial, self.it.state.tip_control = spatial, on
-        self.it.set_frame()
-
     def probe(self, rest: str) -> None:
         """TCH PROBE: where it ends is not known."""
         self.it.note("probing (TCH PROBE) is left out; where it ended is not known")
         self.it.contour.refuse_open()
         self.it.course.lose()
 
-    def split(self, text: str) -> tuple[Words, set[int]]:
-        """Return the words of a block by their letters, and its M functions.
-
-        Raises:
-            InputError: If something in it is not read, or a word stands twice.
-
-        """
-        functions: set[int] = set()
-        if "M1" in text or "M 1" in text:
-            for found in M_WORDS.finditer(text):
-                functions.add(int(found.group(1)))
-                if found.group(1) == "140":
-                    self._retract(found.group(2))
-            text = M_WORDS.sub(" ", text)
-        found_words, rest = split_words(text)
-        if rest:
-            raise InputError(f"cannot read {rest[:30]!r} in the block {text[:40]!r}")
-        words: Words = {}
-        for letter, value in found_words:
-            if letter == "M":
-                functions.add(int(self.value(value)))
-            elif letter in words or (letter[0] == "I" and letter[1:] in words) or "I" + letter in words:
-                raise InputError(f"word {letter} stands twice in the block {text[:40]!r}")
-            else:
-                words[letter] = value
-        if "S" in words:
-            self._set_speed(self.value(words.pop("S")))
-        return words, functions
-
-    def _retract(self, words: str) -> None:
-        """Go back along the tool axis (M140 MB)."""
-        course, axis = self.it.course, self.datums.tool_axis
-        way = re.search(r"MB\s*([-+]?[\d.,]+)", words)
-        if way is None:
-            self.it.note("retracts to the end of the machine's travel (M140 MB MAX) are left out")
-            course.lose((axis,))
-            return
-        self.it.contour.refuse_open()
-        target = list(course.position)
-        target[axis] += self.value(way.group(1))
-        feed = re.search(r"F\s*([\d.]+)", words)
-        if feed:
-            course.line((target[0], target[1], target[2]), (), self.to_mm_s(float(feed.group(1))))
-        else:
-            course.rapid((target[0], target[1], target[2]))
-
-    def start_functions(self, functions: set[int]) -> None:
-        """Let happen what M functions switch before the move of their block."""
-        if not functions:
-            return
-        for number in sorted(functions & REFUSED_M.keys()):
-            raise InputError(f"M{number} ({REFUSED_M[number]}) is not read; post-process without it")
-        self.it.machine.switch_on(sorted(map(float, functions)), self.it.flow.line)
-        if 128 in functions:
-            self.control_tip(True)
-        if functions & {136, 137}:
-            self.per_turn = 136 in functions
-            self._set_feed_scale()
-
-    def stop_functions(self, functions: set[int]) -> None:
-        """Let happen what M functions switch after it."""
-        if 129 in functions:
-            self.control_tip(False)
-        if self.it.machine.stop(sorted(functions), self.it.flow.line):
-            self.it.flow.over = True
-
     def run_functions(self, text: str) -> None:
         """M functions alone."""
-        words, functions = self.split(text if text[:1] == "M" or not text else f"M{text}")
+        words, functions = self.words.split(text if text[:1] == "M" or not text else f"M{text}")
         if words.keys() - {"F", "FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
-        self.start_functions(functions)
+        self.words.start_functions(functions)
         self._call_cycle(functions & {89, 99})
-        self.stop_functions(functions)
+        self.words.stop_functions(functions)
 
     def stop(self, text: str) -> None:
         """STOP: the program stops."""
-        words, functions = self.split(text)
+        words, functions = self.words.split(text)
         if words.keys() - {"F", "FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
-        self.start_functions(functions)
+        self.words.start_functions(functions)
         self.it.log.happen("stop", self.it.flow.line)
         self._call_cycle(functions & {89, 99})
-        self.stop_functions(functions)
+        self.words.stop_functions(functions)
 
     def _call_cycle(self, functions: set[int]) -> None:
         """Carry out the cycle after a move that calls it: M99 once, M89 from here on."""
@@ -435,124 +337,16 @@ class Klartext:
             self.cycles.call()
             self.calls = self.calls and 99 not in functions
 
-    def _set_speed(self, speed: float) -> None:
-        """Take a speed of the spindle; one that turns changes its speed."""
-        self.it.state.spindle = speed
-        if self.per_turn:
-            self._set_feed_scale()
-        if self.it.state.turning:
-            self.it.log.happen(self.it.state.turning, self.it.flow.line, value=speed)
-
-    def change_tool(self, text: str) -> None:
-        """TOOL CALL and TOOL DEF: the tool, its axis, speed and feed."""
-        it = self.it
-        if re.match(r"DEF(?![A-Z])", text):
-            found = TOOL_DEF.match(text)
-            if not found:
-                raise InputError(f"tool TOOL {text[:36]!r} is not read")
-            self.old = self.old or found.group(2) is not None
-            if found.group(3) is not None:
-                self.radii[found.group(1) or ""] = self.value(found.group(3))
-            return
-        found = TOOL.match(text)
-        if not found:
-            raise InputError(f"tool call TOOL {text[:36]!r} is not read")
-        called, axis, rest = found.groups()
-        it.contour.refuse_open()
-        words, bare = dict(TOOL_WORD.findall(rest)), TOOL_WORD.sub("", rest)
-        if re.sub(r"M\s*\d+|\"[^\"]*\"", "", bare).strip():
-            raise InputError(f"cannot read {rest[:30]!r} in the tool call")
-        if any(self.value(words[key]) for key in ("DL", "DR") if key in words):
-            it.note("oversizes DL, DR of TOOL CALL are not applied: the path is that of the tool tip")
-        if "S" in words:
-            it.state.spindle = self.value(words["S"])
-            self._set_feed_scale()
-        if "F" in words:
-            self.tool_feed = self._set_feed(self.to_mm_s(self.value(words["F"])))
-            self.cycles.tool_feed = self.tool_feed
-        if called is not None:
-            number = 0.0 if called.startswith('"') else self.value(called)
-            key = called if called.startswith('"') else f"{number:g}"
-            if key != self.cycles.tool:
-                self.cycles.tool = key
-                it.state.tool, it.state.tool_name = number, called[1:-1] if called.startswith('"') else ""
-                it.machine.change_tool(it.flow.line)
-        if axis in ("X", "Y", "Z") and AXES.index(axis) != self.datums.tool_axis:
-            self.datums.tool_axis = AXES.index(axis)
-            it.state.plane = PLANES[self.datums.tool_axis]
-            it.set_frame()
-            self.datums.point_tool()
-        if "S" in words and it.state.turning:
-            it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
-        functions = {int(number) for number in re.findall(r"M\s*(\d+)", bare)}
-        self.start_functions(functions)
-        self.stop_functions(functions)
-
-    def _set_feed(self, feed: float) -> float:
-        self.it.state.feed = feed * 60.0
-        return feed
-
-    def take_side(self, words: Mapping[str, str]) -> None:
-        """Keep whether the tool runs left or right of the contour."""
-        for word in ("R0", "RL", "RR", "R"):
-            if word in words and (word != "R" or words[word] in ("+", "-")):
-                self.side = word[1:].replace("0", "")
-                if word != "R0":
-                    self.it.compensate_radius(f"{word}{words[word] if word == 'R' else ''}")
-
-    def take_feed(self, words: Mapping[str, str]) -> bool:
-        """Take the feed of a block; return whether it is rapid."""
-        if "FMAX" in words:
-            return True
-        if "FAUTO" in words:
-            if self.tool_feed is None:
-                raise InputError("F AUTO, but TOOL CALL states no F")
-            self._set_feed(self.tool_feed)
-        elif "FU" in words:
-            self._set_feed(self.value(words["FU"]) * self.datums.unit.scale * self.it.state.spindle / 60.0)
-        elif "FZ" in words or "FT" in words:
-            raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
-        elif "F" in words:
-            if not words["F"]:
-                raise InputError("word F has no number")
-            feed = self.value(words["F"])
-            self._set_feed(self.to_mm_s(feed))
-            self.fast = self.old and feed in OLD_RAPID
-        if self.fast:
-            self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")
-        return self.fast
-
-    def _read(self, words: Mapping[str, str]) -> Block:
-        """Return the places that words name, as addresses that all dialects share."""
-        block = Block()
-        for word, address in ADDRESSES.items():
-            if word in words or "I" + word in words:
-                text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS
-                by_plane = turns and any(name in text for name in TILT_ANGLES)
-                unread = turns and (self.it.rotary.ignored or (by_plane and self.tilted))
-                block.values[address] = 0.0 if unread else self.value(text)
-                if word not in words:
-                    block.relative.add(address)
-                if by_plane:
-                    block.names.append("TILT")
-        if block.has(POLAR):
-            self._need_pole()
-        return block
-
-    def _need_pole(self) -> None:
-        if self.it.state.pole is None:
-            raise InputError("no pole or centre (CC) stands before this block")
-
     def _move(self, kind: str, rest: str, corner: Corner | None) -> None:
         """Carry out a motion block; corner: that which the block after it asks for."""
         it, state = self.it, self.it.state
-        words, functions = self.split(re.sub(r"\([^()]*\)$", "", rest))
-        self.start_functions(functions)
-        self.take_side(words)
-        rapid = self.take_feed(words)
+        words, functions = self.words.split(re.sub(r"\([^()]*\)$", "", rest))
+        self.words.start_functions(functions)
+        self.words.take_side(words)
+        rapid = self.words.take_feed(words)
         if not words.keys().isdisjoint(("U", "V", "W", "IU", "IV", "IW")):
             it.note("axes U V W are not read")
-        block = self._read(words)
+        block = self.words.read(words)
         if functions & {91, 92}:
             it.leave_out_machine_move(block, "M91, M92")
         else:
@@ -570,7 +364,7 @@ class Klartext:
             it.motion.move(block)
             it.motion.corner = None
         self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
-        self.stop_functions(functions)
+        self.words.stop_functions(functions)
 
     def _read_vector(self, words: Words, block: Block) -> None:
         """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
@@ -598,7 +392,7 @@ class Klartext:
                 raise InputError("CR has no radius R")
             block.values["CR"] = self.value(words["R"])
         else:
-            self._need_pole()
+            self.words.need_pole()
             block.names.append("CC")
         if "IPA" in words:
             angle = self.value(words["IPA"])
@@ -608,8 +402,8 @@ class Klartext:
 
     def set_pole(self, rest: str) -> None:
         """CC: the pole, or the centre of arcs."""
-        words, functions = self.split(rest)
-        block, state, start = self._read(words), self.it.state, self.it.contour.position
+        words, functions = self.words.split(rest)
+        block, state, start = self.words.read(words), self.it.state, self.it.contour.position
         named = block.list_axes()
         if named and len(named) != 2:
             raise InputError(f"CC names {len(named)} axes, expected 2 (or none: where the tool is)")
@@ -620,8 +414,8 @@ class Klartext:
             base = start[axis] if not named or letter in block.relative else 0.0
             place[axis] = base + block.values.get(letter, 0.0)
         state.pole, state.pole_plane = (place[0], place[1], place[2]), plane
-        self.start_functions(functions)
-        self.stop_functions(functions)
+        self.words.start_functions(functions)
+        self.words.stop_functions(functions)
 
     def call_cycle(self, rest: str) -> None:
         """CYCL CALL, CYCL CALL POS, CYCL CALL PAT, CYCL DEF: cycles."""
@@ -632,77 +426,24 @@ class Klartext:
         pattern = words.startswith("PAT")
         if pattern and not self.points:
             raise InputError("CYCL CALL PAT, and no pattern that is read is defined")
-        found, functions = self.split(words.removeprefix("PAT").removeprefix("POS"))
-        self.start_functions(functions - {89, 99})
-        self.take_feed(found)
+        found, functions = self.words.split(words.removeprefix("PAT").removeprefix("POS"))
+        self.words.start_functions(functions - {89, 99})
+        self.words.take_feed(found)
         if pattern or words.startswith("POS"):
-            for place in self.points if pattern else [self.it.motion.target(self._read(found))[0]]:
+            for place in self.points if pattern else [self.it.motion.target(self.words.read(found))[0]]:
                 self.cycles.call_at(place)
         else:
             self.cycles.call()
         if not pattern:
             self.calls = (self.calls or 89 in functions) and 99 not in functions
-        self.stop_functions(functions)
+        self.words.stop_functions(functions)
 
     def define_pattern(self, text: str) -> None:
         """PATTERN DEF: single positions."""
         if POSITION.sub("", text.removeprefix("DEF")).strip():
             raise InputError(f"PATTERN {text[:32]!r} is not read, only PATTERN DEF with POS is")
         places = POSITION.findall(text)
-        self.points = [self.it.motion.target(self._read(self.split(words)[0]))[0] for words in places]
-
-    def run_approach(self, rest: str) -> None:
-        """APPR: its moves wait for the first element of the contour."""
-        it = self.it
-        way, words, functions = self._read_way(rest, "APPR")
-        it.contour.refuse_open()
-        it.course.begin_cut()
-        start, (first, _) = it.contour.position, it.motion.target(self._read(words))
-        depth = combine(dot(combine(1.0, first, -1.0, start), self.normal), self.normal, 0.0, self.normal)
-        if math.hypot(*depth) > 1e-9:
-            it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
-
-        def begin(element: Element) -> list[Element]:
-            return approach(way, start, first, depth, element.tangent(element.start))
-
-        it.contour.wait(begin, first, it.flow.line)
-        self.start_functions(functions)
-        self.stop_functions(functions)
-
-    def run_departure(self, rest: str) -> None:
-        """DEP: leave the contour."""
-        it = self.it
-        way, words, functions = self._read_way(rest, "DEP")
-        self.start_functions(functions)
-        direction = it.motion.find_direction()
-        it.contour.refuse_open()
-        last, target = it.contour.position, it.motion.target(self._read(words))[0]
-        height = target[self.datums.tool_axis] - last[self.datums.tool_axis]
-        flat = combine(1.0, target, -height, self.normal) if way.kind == "LCT" else None
-        for element in depart(way, last, flat, direction):
-            it.contour.add(element)
-        if abs(height) > 1e-9:
-            place = combine(1.0, it.contour.position, height, self.normal)
-            it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
-        self.side, it.state.motion = "", 1.0
-        self.stop_functions(functions)
-
-    def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
-        found = re.match(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest)
-        if not found:
-            raise InputError(f"{what} {rest[:20]!r} is not read, expected LT, LN, CT, LCT")
-        words, functions = self.split(found.group(2))
-        feed_before = None if self.it.state.motion == 0.0 else self.it.motion.feed(0.0)
-        self.take_side(words)
-        if self.take_feed(words) and what == "APPR":
-            raise InputError("an approach with FMAX is not read; give it a feed")
-        kind = found.group(1)
-        need = "LEN" if kind in ("LT", "LN") else "CCA" if kind == "CT" else ""
-        if need and need not in words:
-            raise InputError(f"{what} {kind} has no {need}")
-        length, radius, angle = (self.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
-        feed, line = self.it.motion.feed(0.0), self.it.flow.line
-        return Way(kind, length, radius, angle, self.side, self.normal, feed, feed_before, line), words, functions
+        self.points = [self.it.motion.target(self.words.read(self.words.split(words)[0]))[0] for words in places]
 
 
 def refuse(what: str, word: str) -> Callable[[Klartext, str], None]:
@@ -718,23 +459,26 @@ def pass_over(dialect: Klartext, rest: str) -> None:
     """Carry out a statement that says nothing of the path."""
 
 
-def end_part(rest: str) -> None:
+def end_part(dialect: Klartext, rest: str) -> None:
     """END-SUB: nothing of the path; END of anything else is not read."""
     if rest != "-SUB":
         raise InputError(f"block 'END {rest[:36]}' is not read and may move the tool; post-process without it")
 
 
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
-    "BEGIN": Klartext.begin, "STOP": Klartext.stop, "M": Klartext.run_functions, "TOOL": Klartext.change_tool,
+    "BEGIN": Klartext.begin, "STOP": Klartext.stop, "M": Klartext.run_functions,
+    "TOOL": lambda dialect, rest: dialect.words.change_tool(rest),
     "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
     # frames
     "PLANE": lambda dialect, rest: dialect.datums.run_plane(rest), "TRANS": Klartext.shift_datum,
     # contours and cycles
-    "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner, "APPR": Klartext.run_approach,
-    "DEP": Klartext.run_departure, "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
+    "CC": Klartext.set_pole, "RND": Klartext.check_corner, "CHF": Klartext.check_corner,
+    "APPR": lambda dialect, rest: dialect.approaches.run_approach(rest),
+    "DEP": lambda dialect, rest: dialect.approaches.run_departure(rest),
+    "CYCL": Klartext.call_cycle, "PATTERN": Klartext.define_pattern,
     # nothing of the path
     **dict.fromkeys(("BLK", "FLUTE", "SEL", "DECLARE", "OPEN", "CLOSE", "WRITE", "GLOBAL", "SQL", "LBL"), pass_over),
-    "END": lambda dialect, rest: end_part(rest),
+    "END": end_part,
     # refused
     "SPL": refuse("splines", "SPL"), "CONTOUR": refuse("contour cycles", "CONTOUR"),
     **{word: refuse("free contours", word) for word in ("FL", "FLT", "FC", "FCT", "FPOL", "FSELECT")},

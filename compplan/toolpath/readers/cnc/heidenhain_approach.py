@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
+from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine, cross, dot
 from compplan.toolpath.readers.cnc.contour import Element
+from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords, Words
+from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.state import PLANE_NORMALS
 
 
 @dataclass(frozen=True)
@@ -154,3 +159,77 @@ def _tangent_point(
     sign = (1.0 if right_hand else -1.0) * (1.0 if inwards else -1.0)
     reach = combine(radius * math.cos(angle), unit, sign * radius * math.sin(angle), along)
     return combine(1.0, centre, 1.0, reach)
+
+
+class Approaches:
+    """Carry out APPR and DEP.
+
+    Args:
+        it: The program that is read.
+        words: Words of its blocks.
+
+    """
+
+    def __init__(self, it: Interpreter, words: KlartextWords) -> None:
+        self.it, self.words = it, words
+
+    @property
+    def _normal(self) -> Point:
+        return PLANE_NORMALS[self.it.state.plane]
+
+    def run_approach(self, rest: str) -> None:
+        """APPR: its moves wait for the first element of the contour."""
+        it = self.it
+        way, words, functions = self._read_way(rest, "APPR")
+        it.contour.refuse_open()
+        it.course.begin_cut()
+        start, (first, _) = it.contour.position, it.motion.target(self.words.read(words))
+        depth = combine(dot(combine(1.0, first, -1.0, start), self._normal), self._normal, 0.0, self._normal)
+        if math.hypot(*depth) > 1e-9:
+            it.note("an approach with a depth goes there before it touches the contour; newer controls sink on the way")
+
+        def begin(element: Element) -> list[Element]:
+            return approach(way, start, first, depth, element.tangent(element.start))
+
+        it.contour.wait(begin, first, it.flow.line)
+        self.words.start_functions(functions)
+        self.words.stop_functions(functions)
+
+    def run_departure(self, rest: str) -> None:
+        """DEP: leave the contour."""
+        it = self.it
+        way, words, functions = self._read_way(rest, "DEP")
+        self.words.start_functions(functions)
+        direction = it.motion.find_direction()
+        it.contour.refuse_open()
+        last, target = it.contour.position, it.motion.target(self.words.read(words))[0]
+        height = target[self.words.datums.tool_axis] - last[self.words.datums.tool_axis]
+        flat = combine(1.0, target, -height, self._normal) if way.kind == "LCT" else None
+        for element in depart(way, last, flat, direction):
+            it.contour.add(element)
+        if abs(height) > 1e-9:
+            place = combine(1.0, it.contour.position, height, self._normal)
+            it.contour.add(Element(it.contour.position, place, (), way.feed, it.flow.line))
+        self.words.side, it.state.motion = "", 1.0
+        self.words.stop_functions(functions)
+
+    def _read_way(self, rest: str, what: str) -> tuple[Way, Words, set[int]]:
+        found = re.match(r"P?(LT|LN|CT|LCT)\b\s*(.*)", rest)
+        if not found:
+            raise InputError(f"{what} {rest[:20]!r} is not read, expected LT, LN, CT, LCT")
+        words, functions = self.words.split(found.group(2))
+        feed_before = None if self.it.state.motion == 0.0 else self.it.motion.feed(0.0)
+        self.words.take_side(words)
+        if self.words.take_feed(words) and what == "APPR":
+            raise InputError("an approach with FMAX is not read; give it a feed")
+        kind = found.group(1)
+        need = "LEN" if kind in ("LT", "LN") else "CCA" if kind == "CT" else ""
+        if need and need not in words:
+            raise InputError(f"{what} {kind} has no {need}")
+        length, radius, angle = (self.words.datums.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
+        feed, line = self.it.motion.feed(0.0), self.it.flow.line
+        return (
+            Way(kind, length, radius, angle, self.words.side, self._normal, feed, feed_before, line),
+            words,
+            functions,
+        )

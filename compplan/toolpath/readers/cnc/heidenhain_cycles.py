@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
@@ -13,6 +13,7 @@ from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid, set_level
 from compplan.toolpath.readers.cnc.heidenhain_frames import Datums
 from compplan.toolpath.readers.cnc.heidenhain_lexer import ASSIGN, CYCLE, NUMBER, VALUE
+from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import PLANE_AXES, PLANE_NORMALS
 
@@ -54,18 +55,15 @@ class HeidenhainCycles:
     Args:
         it: The program that is read.
         datums: Its frames and parameters.
-        to_mm_s: Gives a feed word in mm/s.
-        radii: Radii of tools that the program states, by the name it calls them by.
+        words: Words of its blocks, and with them its tool.
 
     """
 
-    def __init__(self, it: Interpreter, datums: Datums, to_mm_s: Callable[[float], float],
-                 radii: Mapping[str, float]) -> None:  # fmt: skip
-        self.it, self.datums, self.to_mm_s, self.radii = it, datums, to_mm_s, radii
+    def __init__(self, it: Interpreter, datums: Datums, words: KlartextWords) -> None:
+        self.it, self.datums, self.words, self.to_mm_s = it, datums, words, words.to_mm_s
         self.cycle: Cycle | None = None
         #: Whether lines with values of a cycle may follow.
         self.defining = False
-        self.tool, self.tool_feed = "", 0.0
 
     def define(self, text: str) -> None:
         """Carry out CYCL DEF."""
@@ -107,7 +105,7 @@ class HeidenhainCycles:
         if text.endswith("MAX"):
             return FASTEST
         if text.endswith("AUTO"):
-            return self.tool_feed / self.to_mm_s(1.0)
+            return (self.words.tool_feed or 0.0) / self.to_mm_s(1.0)
         if text == "PREDEF":
             raise InputError("values from GLOBAL DEF (PREDEF) are not read; write them out")
         return self.datums.value(text)
@@ -174,7 +172,7 @@ class HeidenhainCycles:
 
     def _mill_bore(self, values: Mapping[str, float], first: float, bottom: float, feed: float) -> None:
         """Mill a bore on a helix (cycle 208): from its middle out, down, round the bottom, back to the middle."""
-        radius, course, axis = self.radii.get(self.tool), self.it.course, self.datums.tool_axis
+        radius, course, axis = self.words.radii.get(self.words.tool), self.it.course, self.datums.tool_axis
         if radius is None:
             raise InputError("cycle 208 needs the radius of the tool (TOOL DEF n R), which the program does not state")
         reach, pitch = 0.5 * values.get("Q335", 0.0) - radius, abs(values.get("Q334", 0.0))

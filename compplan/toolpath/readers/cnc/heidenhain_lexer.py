@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from compplan.toolpath.readers.cnc.expressions import Grammar, acos_deg, asin_deg, atan_deg, cos_deg, sin_deg, tan_deg
-from compplan.toolpath.readers.lines import LONGEST_LINE, split_lines
+from compplan.toolpath.readers.lines import LONGEST_LINE, cut_comment, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 #: A value of a word: a number or a Q parameter, with or without a sign.
@@ -81,7 +81,7 @@ def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
         more = body.endswith("~")
         if more:
             body = body[:-1].rstrip()
-        body, comment = _cut_comment(body)
+        body, comment = cut_comment(body)
         if not goes_on:
             mark = "/" if body[:1] == "/" else ""
             body = body[1:].lstrip() if mark else body
@@ -102,19 +102,6 @@ def _tidy(text: str) -> str:
     """Return a block in capitals with single spaces."""
     tidy = (" ".join(text.split()) if "  " in text or "\t" in text else text.strip()).upper()
     return f"CYCL{tidy[5:]}" if tidy.startswith("CYCLE ") else tidy
-
-
-def _cut_comment(body: str) -> tuple[str, str]:
-    """Return a line without its comment, and the comment; a ; within quotes is none."""
-    if ";" not in body:
-        return body, ""
-    quoted = False
-    for place, letter in enumerate(body):
-        if letter == '"':
-            quoted = not quoted
-        elif letter == ";" and not quoted:
-            return body[:place].rstrip(), body[place + 1 :].strip()
-    return body, ""
 
 
 def split_words(text: str) -> tuple[list[tuple[str, str]], str]:

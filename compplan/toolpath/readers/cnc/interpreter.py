@@ -6,7 +6,7 @@ are. It holds an interpreter; nothing of the path is worked out anywhere else.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -165,6 +165,27 @@ class Interpreter:
     def finish(self, kind: str, unit: str, lines: int) -> CamFile:
         """Return toolpath and facts."""
         return self.log.finish(self.file, kind, unit, lines)
+
+    def run_words(self, block: Block, words: Iterable[float | str], find: Callable[[float | str], Code | None],
+                  pass_over: Callable[[Block, float | str], None]) -> str:  # fmt: skip
+        """Carry out the G codes and names of a block; return what takes its coordinates, "" where they are a move.
+
+        Args:
+            block: The block.
+            words: Its codes and names, which act by their rank, however they are shuffled.
+            find: Gives what a word does, None where it is not known.
+            pass_over: Notes a word that is not known, or refuses it.
+
+        """
+        takes = ""
+        found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]
+        for (_, _, word), entry in sorted(found, key=lambda item: item[0]) if len(found) > 1 else found:
+            if entry is None:
+                pass_over(block, word)
+                continue
+            entry.run(self.dialect, block, word)
+            takes = entry.takes if entry.takes == "machine" else takes or entry.takes
+        return takes
 
     def set_frame(self, *, carried: bool = False) -> None:
         """Put in force where the coordinates stand; carried: rotary axes have carried tool or part along.

@@ -205,22 +205,15 @@ class Rs274:
             InputError: If codes contradict each other, or one is not known and may move the tool.
 
         """
-        takes, codes = "", block.codes
+        codes = block.codes
         for group in CONTRARY if len(codes) > 1 else ():
             if len(said := sorted(group & set(codes))) > 1:
                 names = " and ".join(f"G{code:g}" for code in said)
                 one = ", expected one motion" if said[0] in MOTIONS else ""
                 raise InputError(f"{names} stand in one block{one or ' and contradict each other'}")
-        found = [(entry.rank if (entry := find_code(code)) else 0, code, entry) for code in codes]
-        for _, code, entry in sorted(found, key=lambda item: item[:2]):
-            if entry is None:
-                self.pass_over(block, code)
-                continue
-            entry.run(self, block, code)
-            takes = entry.takes if entry.takes == "machine" else takes or entry.takes
-        return takes
+        return self.it.run_words(block, codes, find_code, self.pass_over)
 
-    def pass_over(self, block: Block, code: float) -> None:
+    def pass_over(self, block: Block, code: float | str) -> None:
         """Note a code that is not known.
 
         Raises:
@@ -429,7 +422,7 @@ G_CODES: dict[float, Code] = {
 G_CODES |= {code: Code(G_CODES[code].run, rank - len(FIRST)) for rank, code in enumerate(FIRST)}
 
 
-def find_code(code: float) -> Code | None:
+def find_code(code: float | str) -> Code | None:
     """Return what a G code does, None where it is not known; G54.3 or G505 are work offsets."""
-    found = G_CODES.get(code)
-    return found or (OFFSET if 54.0 <= code < 60.0 or 500.0 <= code < 600.0 else None)
+    found = G_CODES.get(float(code))
+    return found or (OFFSET if 54.0 <= float(code) < 60.0 or 500.0 <= float(code) < 600.0 else None)

@@ -164,7 +164,9 @@ class Sinumerik:
             it.call(name, values.pop("P", 1.0))
         if "L" in values:
             it.call(f"L{values.pop('L'):g}", values.pop("P", 1.0))
-        takes = self._run_words(block) if block.codes or names else ""
+        if len(MOTIONS.intersection(block.codes)) > 1:
+            raise InputError("two motions stand in one block, expected one")
+        takes = it.run_words(block, (*block.codes, *names), find_word, self._pass_over)
         if block.machine or 4.0 in block.codes or "S" in values or "T" in values:
             it.machine.start(block, it.flow.line)
         if values and self._move(block, takes):
@@ -178,24 +180,13 @@ class Sinumerik:
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
-    def _run_words(self, block: Block) -> str:
-        """Carry out G codes and words without a number; return what takes the coordinates of the block."""
-        takes, words = "", list[float | str]((*block.codes, *block.names))
-        if len(MOTIONS.intersection(block.codes)) > 1:
-            raise InputError("two motions stand in one block, expected one")
-        found = [(entry.rank if (entry := find_word(word)) else 0, place, word, entry)
-                 for place, word in enumerate(words)]  # fmt: skip
-        for _, _, word, entry in sorted(found, key=lambda item: item[:2]):
-            if entry is not None:
-                entry.run(self, block, word)
-                takes = entry.takes or takes
-            elif isinstance(word, str):
-                raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
-            elif block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
-                raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
-            else:
-                self.it.note(f"G{word:g} is not read")
-        return takes
+    def _pass_over(self, block: Block, word: float | str) -> None:
+        """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
+        if isinstance(word, str):
+            raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
+        if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
+            raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
+        self.it.note(f"G{word:g} is not read")
 
     def _move(self, block: Block, takes: str) -> bool:
         """Carry out the coordinates of a block; return whether it moves the tool."""

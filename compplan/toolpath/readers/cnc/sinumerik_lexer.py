@@ -17,6 +17,7 @@ from compplan.toolpath.readers.cnc.expressions import (
     tan_deg,
 )
 from compplan.toolpath.readers.cnc.state import Block
+from compplan.toolpath.readers.lines import cut_comment as cut_after
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?"
 #: A block that holds nothing but letters with numbers; most blocks of CAM systems do.
@@ -301,14 +302,8 @@ def cut_comment(line: str) -> tuple[str, str]:
             close = rest.find(")")
             comment = rest[1 : close if close > 0 else len(rest)].strip()
             line = rest[close + 1 :] if close > 0 else ""
-    if ";" in line:
-        quoted = False
-        for place, letter in enumerate(line):
-            if letter == '"':
-                quoted = not quoted
-            elif letter == ";" and not quoted:
-                line, comment = line[:place], line[place + 1 :].strip()
-                break
+    line, told = cut_after(line)
+    comment = told or comment
     body = line.strip()
     if "(" in body and (found := REMARK.search(body)):
         comment = body[found.end() :].rstrip(") ") or comment

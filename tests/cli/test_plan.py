@@ -1,0 +1,65 @@
+"""What `compplan plan` prints: six lines, then every note that must be settled, whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from commandline import run_command
+from golden_cell import write_job
+
+from compplan.io.notes import Stop
+from compplan.reporting.plan_text import WIDTH, format_plan
+from tests.reporting.test_report import make_plan
+
+PATHS = Path(__file__).parents[2] / "paths"
+README = (PATHS.parent / "README.md").read_text(encoding="utf-8")
+SETTLE = "before the machine moves: "
+
+
+@pytest.mark.parametrize("job", ["circle_10mm", "limits_reach"])
+def test_a_plan_prints_six_lines_of_100_characters_at_most(
+    job: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = run_command(["plan", PATHS / f"{job}.toml", "--out", "out"], monkeypatch, capsys)
+    lines = answer.out.splitlines()
+    stops = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))["stops"]
+    settle = [line.removeprefix(SETTLE) for line in lines if line.startswith(SETTLE)]
+    others = [line for line in lines if not line.startswith(SETTLE) and not line.endswith(" in out/report.html")]
+    assert settle == stops
+    assert 5 <= len(others) <= 6 and max(map(len, others)) <= WIDTH
+    assert "->" in others[1] and any(line.startswith("wrote report.html, plan.json, joints.csv") for line in others)
+
+
+def test_each_note_that_must_be_settled_stands_whole_on_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write_job(tmp_path, "rapid")
+    (tmp_path / "cell" / "controller.toml").unlink()
+    answer = run_command(["plan", job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    stops = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))["stops"]
+    assert any("SIGNS AND ZEROS OF THE JOINTS ARE NOT KNOWN" in stop for stop in stops)
+    assert [line for line in answer.out.splitlines() if line.startswith(SETTLE)] == [f"{SETTLE}{s}" for s in stops]
+
+
+def test_long_notes_that_must_be_settled_are_not_cut_and_remarks_are_counted() -> None:
+    stops = [Stop("check every axis against the display " * 9), Stop("is z of the part turned over?")]
+    plan = replace(make_plan(), notes=(stops[0], "a remark", stops[1], "another remark"))
+    lines = format_plan(plan, Path("out"), [Path("out/plan.json")])
+    assert lines[-3:] == [*(f"{SETTLE}{stop}" for stop in stops), "2 notes in out/report.html"]
+    assert not any("a remark" in line for line in lines)
+
+
+def test_the_first_plan_of_the_readme_ends_with_keeps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = next(line for line in README.splitlines() if line.startswith("    compplan plan ")).split()[2]
+    answer = run_command(["plan", PATHS.parent / job, "--out", tmp_path / "out"], monkeypatch, capsys)
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    assert answer.status == 0 and answer.out.startswith("Keeps 0.5 mm: ")
+    assert plan["error_before_mm"]["max"] > 5.5 and plan["error_band_mm"]["whole_path_p95"] < 0.5
+    assert f"up to {plan['error_before_mm']['max']:.1f} mm" in README
+    assert f"within {plan['error_band_mm']['whole_path_p95']:.2f} mm" in README
