@@ -30,5 +30,5 @@ def test_every_number_that_a_command_writes_is_the_one_that_was_meant(name: str,
     changed = list(differences(found, GOLD[name]))
     assert not changed, "\n".join([*changed[:20], "if all of these are meant: python tests/support/golden_numbers.py"])
     command = COMMANDS[name].split()[0]
-    if command in RESULTS:
+    if command in RESULTS and command != "convert":  # its page is written where --report says
         assert set(RESULTS[command]) <= {file for written in read_manifest(out).values() for file in written["files"]}
