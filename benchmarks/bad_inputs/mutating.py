@@ -41,7 +41,7 @@ TARGETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "place": (1, ("job.toml", "robot/robot.urdf")),
     "montecarlo": (1, ("job.toml", "robot/uncertainty.toml")),
     "campaign": (1, ("job.toml", "robot/uncertainty.toml")),
-    "learn": (2, ("measured.csv", "job.toml")),
+    "learn": (2, ("measured.csv", "measured.csv", "pushed.toml")),
     "init robot": (3, ("robot/robot.urdf",)),
     "post": (1, ("part.gcode", "robot/controller.toml")),
     "tools csv": (1, ("tools.csv", "tools.csv", "two_csv.toml")),
@@ -57,7 +57,7 @@ TARGETS: dict[str, tuple[int, tuple[str, ...]]] = {
     "instrument": (1, ("instrument.toml", "touched.csv")),
     "instrument identify": (1, ("instrument.toml", "instrument.toml", "touched.csv")),
     "calibration": (1, ("calibration.conf",)),
-    "learned force": (1, ("robot/process.toml",)),
+    "learned force": (1, ("robot/process.toml", "robot/process.toml", "pushed.toml")),
     "noise": (1, ("noise.toml", "robot/uncertainty.toml", "robot/registration.toml")),
     "init xacro": (1, ("arm.xacro",)),
 }  # fmt: skip
@@ -69,12 +69,13 @@ LINES = {
     "trace": "trace executed.csv --program program.csv --robot ur10 --out out",
     "trace rtde": "trace rtde.csv --program program.csv --robot ur10 --out out",
     "execute": "execute program.csv --robot ur10 --out out.csv",
-    **{f"scan {form}": f"learn job.toml scan.{form} --robot robot --assume-ok --out out" for form in SCANS},
+    **{f"scan {form}": f"learn pushed.toml scan.{form} --robot robot --assume-ok --out out" for form in SCANS},
     "instrument": "diagnose touched.csv --robot robot --instrument instrument.toml --out out",
     "instrument identify": "identify touched.csv --robot robot --instrument instrument.toml --out out",
     "calibration": "calibration read calibration.conf --robot ur10e --out out",
+    "learn": "learn pushed.toml measured.csv --robot robot --out out",
     "learned force": "plan pushed.toml --out out",
-    "noise": "montecarlo noise.toml --samples 16 --workers 1 --no-sensitivity --out out",
+    "noise": "montecarlo noise.toml --samples 4 --workers 1 --no-sensitivity --out out",
     "init xacro": "init robot arm.xacro --out new",
 }  # fmt: skip
 #: Commands that take any robot: some of their mutants are of a shipped one.
@@ -137,7 +138,7 @@ def list_faults(file: str) -> list[Callable[[np.random.Generator, str], str]]:
         return [*anywhere, *2 * [change_column, repeat_rows, keep_rows, drop_column, swap_columns]]
     if file.endswith((".urdf", ".xacro")):
         return [*anywhere, *2 * [change_attribute, drop_element, repeat_element, change_attribute]]
-    if file in ("job.toml", "mill.toml") or file.startswith("two_"):
+    if file in ("job.toml", "mill.toml", "pushed.toml") or file.startswith("two_"):
         return [*anywhere, *4 * [set_job_key]]
     return anywhere
 

@@ -13,6 +13,9 @@ from compplan.errors import CompplanError, InputError
 
 #: Greatest size of a number that is read from a table, in the unit of its column or key.
 GREATEST = 1e12
+#: Least standard deviation that is taken for true, in mm and in m or rad: no instrument that follows a robot sees less.
+LEAST_SIGMA_MM = 1e-6
+LEAST_SIGMA = 1e-3 * LEAST_SIGMA_MM
 
 
 @contextmanager

@@ -168,8 +168,9 @@ def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None
     if body.startswith(b"\n") or b"\n\n" in body:
         return None
     try:
-        grid = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2)
-    except ValueError:  # ragged or empty: the slow way says where
+        with guard_parser(path, "is not a table"):
+            grid = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2)
+    except InputError:  # ragged or empty: the slow way says where
         return None
     whole = grid.shape[1] == len(header) and bool(np.isfinite(grid).all())
     return (header, grid, np.arange(2, 2 + len(grid))) if whole else None

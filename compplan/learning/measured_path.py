@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from compplan.io.columns import FileColumn
 from compplan.io.in_memory import is_file_name, open_table
+from compplan.io.parsing import LEAST_SIGMA, LEAST_SIGMA_MM
 from compplan.io.scans import is_scan
 from compplan.io.tables import Table
 from compplan.learning.plausibility import (
@@ -117,10 +118,10 @@ def read_measured_points(source: Any) -> Table:
     if not len(table):
         raise table.error("the table has no rows, expected one row a measured point")
     sigma = table.values.get("sigma", np.full(len(table), np.nan))
-    wrong = (sigma <= 0.0) | (sigma > FARTHEST)
+    wrong = (sigma < LEAST_SIGMA) | (sigma > FARTHEST)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
-        message = f"sigma_mm is {sigma[row] * 1e3:g}, expected more than 0 and at most {FARTHEST * 1e3:g} mm"
+        message = f"sigma_mm is {sigma[row] * 1e3:g}, expected {LEAST_SIGMA_MM:g} to {FARTHEST * 1e3:g} mm"
         raise table.error(f"{message}; leave it empty where it is not known", row)
     return _probe_points(table)
 

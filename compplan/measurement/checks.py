@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.io.parsing import LEAST_SIGMA
 from compplan.io.tables import Table
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.repeated_rows import find_pasted
@@ -22,8 +23,6 @@ from compplan.robot import Array, Robot
 TURN, WAY = 2.0 * np.pi, 10.0
 #: Greatest force [N], moment [N m], length of a campaign [s] and standard deviation [m, rad] that are taken for true.
 MOST_FORCE, MOST_MOMENT, LONGEST, MOST_SIGMA = 1e6, 1e6, 1e8, 1.0
-#: Least standard deviation [m, rad]: a nanometre; no instrument that follows a robot sees less.
-LEAST_SIGMA = 1e-9
 #: Temperatures that instruments and robots stand. [C]
 COLDEST, HOTTEST = -60.0, 300.0
 #: Share of the rows that may be gross outliers (measurement log, contract).

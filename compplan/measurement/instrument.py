@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from compplan.io.columns import FileColumn
+from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.tables import Table
 from compplan.io.tomlfile import SchemaOne, StrictTable, Vector3, read_toml_model
 from compplan.measurement.observations import CONTACT, DISTANCE, POSITION, READING, KnownDistances, Observations
@@ -24,8 +25,6 @@ ASSUMED_SIGMA = 5e-5
 ASSUMED_DISTANCE_MM = 0.02
 #: How far the length of a direction may be from 1: rounding, or other numbers (assumed).
 ROUNDING = 0.01
-#: Least standard deviation that is taken for true: a nanometre, as of columns of a log. [mm]
-LEAST_SIGMA_MM = 1e-6
 #: Greatest distance of an instrument from the robot's base along an axis: a kilometre. [mm]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 COLUMNS = (

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from compplan.errors import InputError
+from compplan.io.parsing import GREATEST
 from compplan.io.tables import is_plain
 from compplan.robot.model import Robot
 
@@ -37,8 +38,9 @@ def read_soft_limits(element: ElementTree.Element, file: Path) -> dict[str, floa
             soft[end] = float(text) if is_plain(text) else np.nan
         except ValueError:
             soft[end] = np.nan
-        if not np.isfinite(soft[end]):
-            raise InputError(f"{key} is {text!r}, expected a finite number", file=file, where=where)
+        if not abs(soft[end]) <= GREATEST:
+            message = f"{key} is {text!r}, expected a finite number up to {GREATEST:g}"
+            raise InputError(message, file=file, where=where)
     if soft["lower"] > soft["upper"]:
         message = f"soft_lower_limit {soft['lower']:g} is above soft_upper_limit {soft['upper']:g}"
         raise InputError(message, file=file, where=where)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError, UnknownNameError
+from compplan.io.parsing import GREATEST
 from compplan.io.tables import is_plain
 from compplan.io.xmlfile import parse_xml
 from compplan.robot.model import Array, Body, Joint, Mimic
@@ -175,9 +176,10 @@ def read_numbers(element: ElementTree.Element | None, key: str, default: str, fi
     """
     text = default if element is None else element.get(key, default)
     values = [_parse(word) for word in text.split()]
-    if len(values) != 3 or not np.isfinite(values).all():
+    if len(values) != 3 or not all(abs(value) <= GREATEST for value in values):
         tag = "" if element is None else f"{element.tag} "
-        raise InputError(f"{tag}{key} is {text!r}, expected three numbers", file=file, where=where)
+        message = f"{tag}{key} is {text!r}, expected three numbers up to {GREATEST:g}"
+        raise InputError(message, file=file, where=where)
     return np.array(values)
 
 
@@ -227,8 +229,9 @@ def _read_number(element: ElementTree.Element, key: str, file: Path, where: str)
     if text is None:
         raise InputError(f"{element.tag} has no {key}", file=file, where=where)
     value = _parse(text)
-    if not math.isfinite(value):
-        raise InputError(f"{element.tag} {key} is {text!r}, expected a finite number", file=file, where=where)
+    if not abs(value) <= GREATEST:
+        message = f"{element.tag} {key} is {text!r}, expected a finite number up to {GREATEST:g}"
+        raise InputError(message, file=file, where=where)
     return value
 
 

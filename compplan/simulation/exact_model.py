@@ -5,7 +5,6 @@ Nothing here goes through `compplan.robot.folder` or the chain of the planner, s
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import pinocchio as pin
 from compplan.controllers.readback.frames import read_frame, read_mounting
 from compplan.io.parsing import guard_parser
 from compplan.io.tables import read_text
+from compplan.io.tomlfile import read_toml
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot, ExactRobotBuilder
 
@@ -40,8 +40,8 @@ def read_exact_robot(
 
     """
     urdf = folder / geometry if (folder / geometry).is_file() else folder / "robot.urdf"
-    table = tomllib.loads(read_text(folder / "elasticity.toml"))
-    tree = _Tree(read_text(urdf))
+    table = read_toml(folder / "elasticity.toml")
+    tree = _Tree(urdf)
     names = tree.chain_to(table["tcp"])
     flange = table.get("flange") or tree.default_flange(names)
     gravity = None if table.get("gravity") is None else np.array(table["gravity"], float)
@@ -108,9 +108,9 @@ def _write_skeleton(urdf: ElementTree.Element) -> str:
 class _Tree:
     """A URDF as Pinocchio reads it; names of parents and mimic joints come from its text."""
 
-    def __init__(self, urdf: str) -> None:
-        text = ElementTree.fromstring(urdf)
-        with guard_parser(text.get("name") or "robot.urdf", "cannot be read as URDF by Pinocchio"):
+    def __init__(self, urdf: Path) -> None:
+        with guard_parser(urdf, "cannot be read as URDF by Pinocchio"):
+            text = ElementTree.fromstring(read_text(urdf))
             self.model = pin.buildModelFromXML(_write_skeleton(text))
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))

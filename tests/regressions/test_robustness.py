@@ -13,6 +13,7 @@ import pytest
 from commandline import run_command
 
 import compplan as cp
+from compplan.simulation.exact_model import read_exact_robot
 
 ROOT = Path(__file__).parents[2]
 JOB = """schema = 1
@@ -326,3 +327,63 @@ def test_a_trace_in_radians_is_not_read_as_degrees(tmp_path: Path, monkeypatch, 
     words = ["trace", tmp_path / "log.csv", "--program", good / "program.csv", "--robot", "ur10", "--out"]
     done = run_command([*words, tmp_path / "out"], monkeypatch, capsys)
     assert done.status == 2 and "log.csv" in done.err and done.err.count("\n") == 1, done.out + done.err
+
+
+GOOD = ROOT / "tests" / "bad_inputs" / "good"
+
+
+@pytest.mark.parametrize("line", ["learn job.toml measured.csv --robot robot", "campaign job.toml --poses 3"])
+def test_a_standard_deviation_below_a_nanometre_is_refused_on_the_command_line(line: str, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(GOOD)
+    done = run_command([*line.split(), "--sigma-mm", "1e-300"], monkeypatch, capsys)
+    assert done.status == 2 and "--sigma-mm" in done.err and "1e-06" in done.err, done.err
+    assert done.err.count("\n") == 1
+
+
+def test_a_standard_deviation_below_a_nanometre_is_refused_in_measured_points(monkeypatch, capsys, tmp_path) -> None:
+    (tmp_path / "measured.csv").write_text("x_mm,y_mm,z_mm,sigma_mm\n0,0,0,0.02\n1,0,0,1e-300\n")
+    words = [
+        "learn",
+        GOOD / "job.toml",
+        tmp_path / "measured.csv",
+        "--robot",
+        GOOD / "robot",
+        "--out",
+        tmp_path / "out",
+    ]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and "measured.csv:3: sigma_mm is 1e-300, expected 1e-06" in done.err, done.err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('effort="', 'effort="1e300" was="', "limit effort is '1e300'"),
+        ('<axis xyz="', '<axis xyz="0 0 1e13" was="', "axis xyz is '0 0 1e13'"),
+        ('ixx="', 'ixx="1e13" was="', "inertia ixx is '1e13'"),
+        ("<limit ", '<safety_controller soft_lower_limit="-1e13" soft_upper_limit="1"/><limit ', "soft_lower_limit"),
+    ],
+)
+def test_numbers_beyond_1e12_in_a_urdf_are_refused(old: str, new: str, told: str, tmp_path: Path) -> None:
+    shutil.copytree(GOOD / "robot", tmp_path / "robot")
+    file = tmp_path / "robot" / "robot.urdf"
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(cp.InputError, match=r"robot\.urdf: .*up to 1e\+12") as refused:
+        cp.load_robot(tmp_path / "robot")
+    assert told in str(refused.value)
+
+
+def test_a_urdf_that_pinocchio_cannot_read_is_named_by_its_file(tmp_path: Path) -> None:
+    shutil.copytree(GOOD / "robot", tmp_path / "robot")
+    file = tmp_path / "robot" / "robot.urdf"
+    file.write_text(file.read_text().replace("<parent ", "<uncle ", 1))
+    with pytest.raises(cp.InputError, match=r"robot\.urdf: cannot be read as URDF by Pinocchio"):
+        read_exact_robot(tmp_path / "robot")
+
+
+def test_a_map_of_a_plane_that_the_arm_does_not_reach_is_refused(tmp_path: Path, monkeypatch, capsys) -> None:
+    words = ["map", GOOD / "robot", "--points", "5", "--height-mm", "1e5", "--out", tmp_path / "out"]
+    done = run_command(words, monkeypatch, capsys)
+    assert done.status == 2 and "reaches no place of the horizontal plane" in done.err, done.out + done.err
+    assert done.err.count("\n") == 1

@@ -8,6 +8,7 @@ import click
 
 from compplan.cli.commands.options import robot_instead
 from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.tables import dump_json
 
 
@@ -21,7 +22,7 @@ from compplan.io.tables import dump_json
               help="Weights that can hang at the tool; 0: none.")  # fmt: skip
 @click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
               help="Force with which the tool can be pulled sideways, along x or y of the base.")  # fmt: skip
-@click.option("--sigma-mm", "sigma", type=click.FloatRange(0.0, 10.0, min_open=True), default=0.03, show_default=True,
+@click.option("--sigma-mm", "sigma", type=click.FloatRange(LEAST_SIGMA_MM, 10.0), default=0.03, show_default=True,
               help="Standard deviation of the instrument, per axis.")  # fmt: skip
 @click.option("--register", metavar="FRAMES",
               help="Frames that are unknown: base, tool, base,tool (of a tracker if left out) or none.")  # fmt: skip

@@ -8,6 +8,7 @@ import click
 
 from compplan.cli.commands.options import complete_robots, posture_kept
 from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.io.parsing import LEAST_SIGMA_MM
 from compplan.io.tables import dump_json
 
 
@@ -23,7 +24,7 @@ from compplan.io.tables import dump_json
               help="Whether the points stand where their frame says, or a shift and turn of all is fitted and taken"
               " off: then a shift of the whole part teaches nothing. Left out: datum, but such a shift is asked about.",
               )  # fmt: skip
-@click.option("--sigma-mm", type=click.FloatRange(0.0, 20.0, min_open=True),
+@click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
 @click.option("--instrument", type=click.Path(path_type=Path),
               help="TOML file of the instrument: its sigma_mm, where --sigma-mm is left out.")  # fmt: skip

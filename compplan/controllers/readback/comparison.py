@@ -7,7 +7,6 @@ model (Pinocchio); nothing goes through the writers.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +28,9 @@ from compplan.controllers.readback.posture import read_words
 from compplan.controllers.readback.reported import ReportedProgram
 from compplan.controllers.readback.robot import JointTable, read_joints
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
+from compplan.errors import InputError
+from compplan.io.parsing import guard_parser
+from compplan.io.tomlfile import read_toml
 from compplan.robot import Array
 
 #: Files that each language writes, joint programs and programs with positions, and who reads them; {} is the name.
@@ -43,8 +45,6 @@ FORMS: dict[str, tuple[tuple[str, ...], Callable[[Path], list[Move]] | None]] = 
     "kawasaki_as": (("{}.as", "{}_l.as"), read_kawasaki),
     "csv": (("{}_joints.csv",), None),
 }
-#: What a reader that meets something else may end in.
-STRANGE = (AssertionError, KeyError, ValueError, IndexError, TypeError, AttributeError, StopIteration, OSError)
 #: Rounding that programs leave: of a joint [deg or mm], of the tip [mm], of its turn [deg], of a feed (share).
 JOINT, PLACE, TURN, FEED = 2e-3, 5e-3, 2e-3, 2e-2
 #: Rounding of feeds that are written with one decimal. [mm/s]
@@ -117,8 +117,8 @@ def compare_written(
             continue
         excused = language in own or bool(output.get("io"))
         for file, found in _read_back(folder, language, counting, output.get("main")):
-            if isinstance(found, BaseException):
-                fault = f"{file.name} cannot be read back: {type(found).__name__} {found}"[:200]
+            if isinstance(found, InputError):
+                fault = f"{file.name}: {found.message}"[:200]
                 (notes if excused else breaches).append(f"not checked: {fault}" if excused else fault)
             else:
                 moves = stand.place_joints([stand.take_frame(move) for move in found if move.kind != "act"])
@@ -141,17 +141,20 @@ def compare_written(
 
 def _read_back(
     folder: Path, language: str, counting: ReadCounting, main: str | None
-) -> Iterator[tuple[Path, list[Move] | BaseException]]:
+) -> Iterator[tuple[Path, list[Move] | InputError]]:
     """Return the programs of a language and their moves, or what kept them from being read."""
     patterns, read = FORMS[language]
     files = _find_mains(folder, patterns, main)
     for file in files:
         try:
-            yield file, read_csv(file, counting.names, counting.external) if read is None else read(file)
-        except STRANGE as error:
+            with guard_parser(file, "cannot be read back"):
+                moves = read_csv(file, counting.names, counting.external) if read is None else read(file)
+        except InputError as error:
             yield file, error
+        else:
+            yield file, moves
     if not files:
-        yield folder / language, FileNotFoundError("no program was written")
+        yield folder / language, InputError("cannot be read back: no program was written")
 
 
 def _find_mains(folder: Path, patterns: tuple[str, ...], main: str | None) -> list[Path]:
@@ -370,7 +373,7 @@ def _say(stand: _Stand, tables: Mapping[str, Any], robot: Path) -> ReportedProgr
 def _read_cycle(robot: Path) -> float:
     """Return the cycle of a robot's controller, as its folder states it. [s]"""
     file = robot / "controller.toml"
-    table = tomllib.loads(file.read_text(encoding="utf-8")).get("motion", {}) if file.is_file() else {}
+    table = read_toml(file).get("motion", {}) if file.is_file() else {}
     return 1e-3 * float(table.get("cycle_ms", 1e3 * CYCLE))
 
 
@@ -396,7 +399,7 @@ def _tool(arm: StiffArm, q: Array, position: Array, rotation: Array) -> Array:
 def _world(robot: Path) -> Array:
     """Return the frame that the controller's frames count from, seen from the base. Shape (4, 4). [mm]"""
     file, pose = robot / "controller.toml", np.eye(4)
-    table = tomllib.loads(file.read_text(encoding="utf-8")).get("world", {}) if file.is_file() else {}
+    table = read_toml(file).get("world", {}) if file.is_file() else {}
     pose[:3, :3] = pin.exp3(np.radians(table.get("rotation_deg", (0.0, 0.0, 0.0))))
     pose[:3, 3] = table.get("position_mm", (0.0, 0.0, 0.0))
     return pose

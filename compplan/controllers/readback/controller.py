@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.tomlfile import read_toml
 from compplan.robot import Array
 
 
@@ -50,7 +50,7 @@ def read_counting(folder: Path, outer: tuple[bool, ...]) -> ReadCounting:
 
     """
     file, nq = folder / "controller.toml", len(outer)
-    table: Mapping[str, Any] = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    table: Mapping[str, Any] = read_toml(file) if file.is_file() else {}
     names = tuple(str(name) for name in table.get("joint_names", ()))
     sign = np.array(table.get("sign", [1.0] * nq), float)
     matrix = np.diag(sign) + np.array(table.get("coupling", np.zeros((nq, nq))), float)

@@ -5,7 +5,6 @@ Written from the keys as docs/formats.md states them; it shares nothing with `co
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from compplan.io.tomlfile import read_toml
 from compplan.robot import Array
 
 #: Axes about which each form of angles turns, one after the other, and whether they turn along.
@@ -90,7 +90,7 @@ def read_mounting(tool: Mapping[str, Any], folder: Path, flange_to_tool0: pin.SE
     if tool.get("frame", "flange") != "pendant":
         return pin.SE3.Identity()
     file = folder / "controller.toml"
-    stated = tomllib.loads(file.read_text(encoding="utf-8")).get("pendant") if file.is_file() else None
+    stated = read_toml(file).get("pendant") if file.is_file() else None
     if stated is None:
         return pin.SE3.Identity() if flange_to_tool0 is None else flange_to_tool0
     x, z = np.array(stated["x"], float), np.array(stated["z"], float)

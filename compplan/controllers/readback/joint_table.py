@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.robot import JointTable
+from compplan.io.parsing import guard_parser
 from compplan.robot import Array
 
 #: Columns of joints.csv beside time and joints.
@@ -94,7 +95,8 @@ def check_joint_table(file: Path, joints: JointTable, wanted: Commanded) -> Iter
         yield f"joints.csv has no column {missing[0]}"
         return
     at = [head.index(name) for name in names]
-    table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
+    with guard_parser(file, "is not a table"):
+        table = np.loadtxt(file, delimiter=",", skiprows=1, usecols=at, ndmin=2, encoding="utf-8")
     if len(table) != wanted.table.sum():
         yield f"joints.csv has {len(table)} rows, planned are {wanted.table.sum()}"
         return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.tables import read_text
+from compplan.io.tomlfile import read_toml
+from compplan.io.xmlfile import parse_xml
 from compplan.robot import Array
 
 #: Words this near to their threshold may be told either way. [deg or mm]
@@ -53,7 +55,7 @@ def read_words(folder: Path, names: tuple[str, ...], q: Array) -> dict[str, Post
 
     """
     file, found = folder / "controller.toml", {}
-    table = tomllib.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    table = read_toml(file) if file.is_file() else {}
     stated: Mapping[str, Any] = table.get("configuration", {})
     links = {word[key] for word in stated.values() if "joint" not in word for key in ("point", "frame")}
     places = _locate(folder, links, dict(zip(names, q.T, strict=True)), len(q)) if links else {}
@@ -76,7 +78,8 @@ def read_words(folder: Path, names: tuple[str, ...], q: Array) -> dict[str, Post
 def _locate(folder: Path, links: set[str], moved: Mapping[str, Array], count: int) -> dict[str, Array]:
     """Return the poses of links, base frame; the controller's own geometry where the folder has it. (n, 4, 4) [m]."""
     believed = folder / "controller.urdf"
-    root = ElementTree.parse(believed if believed.is_file() else folder / "robot.urdf").getroot()
+    file = believed if believed.is_file() else folder / "robot.urdf"
+    root = parse_xml(read_text(file), file)
     above = {_attribute(joint, "child", "link"): joint for joint in root.findall("joint")}
     found = {}
     for link in links:

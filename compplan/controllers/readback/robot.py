@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from compplan.io.tables import read_text
+from compplan.io.tomlfile import read_toml
+from compplan.io.xmlfile import parse_xml
 from compplan.robot import Array
 
 
@@ -39,8 +41,8 @@ class JointTable:
 
 def read_joints(folder: Path) -> JointTable:
     """Read the joints of a robot folder."""
-    table = tomllib.loads((folder / "elasticity.toml").read_text(encoding="utf-8"))
-    root = ElementTree.parse(folder / "robot.urdf").getroot()
+    table = read_toml(folder / "elasticity.toml")
+    root = parse_xml(read_text(folder / "robot.urdf"), folder / "robot.urdf")
     carrier = {}
     for joint in root.findall("joint"):
         child = joint.find("child")

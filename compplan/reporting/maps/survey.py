@@ -110,7 +110,7 @@ def map_robot(robot: Robot, settings: MapSettings, reduced: Robot | None = None)
         reduced: A reduced model to compare with; fitted if left out and the robot bends elsewhere than in its joints.
 
     Raises:
-        InputError: If nothing bends in the robot, or it has fewer than six joints.
+        InputError: If nothing bends in the robot, it has fewer than six joints, or it reaches no place of a plane.
     """
     chain = build_chain(robot)
     if not chain.compliance.any():
@@ -129,6 +129,9 @@ def map_robot(robot: Robot, settings: MapSettings, reduced: Robot | None = None)
         name: map_deflection(robot, reach_plane(arm, grid, settings.posture), settings.wrench, reduced)
         for name, grid in grids.items()
     }
+    for name, plane in planes.items():
+        if not (np.isfinite(plane.best.worst) & np.isfinite(plane.best.under_wrench)).any():
+            raise InputError(f"robot {robot.name!r} reaches no place of the {name} plane; ask for another one")
     first, second = int(arm.arm[1]), int(arm.arm[2])
     length, dexterity = _map_joints(robot, chain, first, second)
     quality = {name: _quality_over(chain, plane, length) for name, plane in planes.items()}
