@@ -50,8 +50,10 @@ from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
-#: Pieces of the path to either side among which the nearest is taken, and poses that are followed at once.
-SIDE, BLOCK = 40, 100_000
+#: Pieces of the path to either side among which the nearest is taken: of the wanted path, and of the commanded one.
+SIDE, NEAR = 40, 8
+#: Poses that are followed at once.
+BLOCK = 100_000
 #: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
 #: many smoothing times before and behind, and in each turn this much farther: what follows a corner comes from before.
 FURTHER, SLOWEST, REACH, FARTHER = 1.15, 5.0, 2.0, 3.0
@@ -344,9 +346,12 @@ def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, fl
     row = np.clip(np.ceil(place).astype(int), 1, len(q) - 1)
     cut = task.cut[row] & task.cut[row - 1]
     distance, beside = np.zeros(len(row)), np.zeros(len(q))
+    commanded = locate_frames(task.chain, q).tcp_position
     for rows in np.array_split(np.flatnonzero(cut), max(1, int(cut.sum()) // BLOCK)):
-        load, moved = (interpolate(place[rows], every, values) for values in (task.wrench, effect))
-        bias = None if task.bias is None else interpolate(place[rows], every, task.bias)
+        # around a corner the force turns with the place: it is the nearest, not the one at this share of a move
+        at = find_nearest(commanded, row[rows], locate_frames(task.chain, reached[rows]).tcp_position, NEAR)[1]
+        load, moved = (interpolate(at, every, values) for values in (task.wrench, effect))
+        bias = None if task.bias is None else interpolate(at, every, task.bias)
         tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
         tip = task.see_position(tip) + moved
         nearest = find_nearest(task.position, row[rows], tip, SIDE)[0]
