@@ -75,7 +75,7 @@ LINES = {
     "calibration": "calibration read calibration.conf --robot ur10e --out out",
     "learn": "learn pushed.toml measured.csv --robot robot --out out",
     "learned force": "plan pushed.toml --out out",
-    "noise": "montecarlo noise.toml --samples 4 --workers 1 --no-sensitivity --out out",
+    "noise": "montecarlo noise.toml --samples 16 --workers 1 --no-sensitivity --out out",
     "init xacro": "init robot arm.xacro --out new",
 }  # fmt: skip
 #: Commands that take any robot: some of their mutants are of a shipped one.

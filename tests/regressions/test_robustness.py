@@ -387,3 +387,12 @@ def test_a_map_of_a_plane_that_the_arm_does_not_reach_is_refused(tmp_path: Path,
     done = run_command(words, monkeypatch, capsys)
     assert done.status == 2 and "reaches no place of the horizontal plane" in done.err, done.out + done.err
     assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("line", ["/", "/1", " / ", "//", "N10 /"])
+def test_a_line_of_skip_marks_alone_is_no_internal_fault(line: str, tmp_path: Path) -> None:
+    (tmp_path / "part.nc").write_text(f"G21 G90 G54\nG0 X0 Y0 Z20\n{line}\nG1 Z0 F600\nG1 X20\nM30\n")
+    try:
+        assert len(cp.read_toolpath(tmp_path / "part.nc")) > 1
+    except cp.InputError as refused:
+        assert "part.nc:3" in str(refused)

@@ -102,7 +102,7 @@ class Lexer:
             return Block(machine=[17.0]) if ends else None
         if "/" in line:
             line = self._drop_marks(line)
-        if line[0] in "ON" and O_WORD.match(line):
+        if line[:1] in ("O", "N") and O_WORD.match(line):
             raise InputError(f"program control {line[:40]!r} (O words) is not read; write the program out in the CAM "
                              "system")  # fmt: skip
         words, rest = split_words(line)
