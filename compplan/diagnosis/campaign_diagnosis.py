@@ -172,7 +172,7 @@ def _with_sizes(verdict: Verdict, state: FitState) -> Verdict:
 
 def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate, ...]:
     """Rank effects: named ones, then their rivals and what else explains the gap on its own."""
-    search, ledger = fit.search, fit.search.ledger
+    search, equations = fit.search, fit.search.equations
     hyper = fit.model.posterior.hyper
     probability: dict[Place, float] = {}
     chosen: dict[Place, Claim] = {}
@@ -188,11 +188,11 @@ def rank_candidates(fit: Fit, verdict: Verdict, folds: Folds) -> tuple[Candidate
     alone = search.model([], hyper, fit=False)
     gains = search.gains(alone)
     for gain in gains:
-        place = ledger.signatures[gain.signature].place
+        place = equations.signatures[gain.signature].place
         if place in probability and place not in chosen:
             chosen[place] = Claim(gain.signature, gain.size)
     for gain in distinct_places(search, gains, LISTED):
-        place = ledger.signatures[gain.signature].place
+        place = equations.signatures[gain.signature].place
         if place not in beforehand:
             chosen.setdefault(place, Claim(gain.signature, gain.size))
             probability.setdefault(place, 0.0)

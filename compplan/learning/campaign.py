@@ -104,7 +104,7 @@ class PoseCampaign:
 
     Attributes:
         plan: The plan of the path that they are for.
-        shop: What there is to measure with.
+        equipment: What there is to measure with.
         poses: The measurements, in the order of measuring.
         worth: Their order by what they bring, 1 the most; as `poses`.
         choice: What they bring, in the order of their worth.
@@ -118,7 +118,7 @@ class PoseCampaign:
     """
 
     plan: Plan
-    shop: Equipment
+    equipment: Equipment
     poses: Candidates
     worth: NDArray[np.int_]
     choice: Choice
@@ -137,18 +137,18 @@ class PoseCampaign:
     @property
     def stands(self) -> tuple[Fixture, ...]:
         """Where the instrument stands; none for a tracker, which stands anywhere."""
-        return list_fixtures(self.shop.instrument, self.poses.sights, self.poses.tip)
+        return list_fixtures(self.equipment.instrument, self.poses.sights, self.poses.tip)
 
 
 def design_campaign(
-    plan: Plan, shop: Equipment, count: int, log: Campaign | None = None,
+    plan: Plan, equipment: Equipment, count: int, log: Campaign | None = None,
     announce: Callable[[str], None] = lambda words: None,
 ) -> PoseCampaign:  # fmt: skip
     """Design measurements for the path of a plan.
 
     Args:
         plan: The plan.
-        shop: What there is to measure with.
+        equipment: What there is to measure with.
         count: How many poses.
         log: What has been measured already, or None.
         announce: Told what is being done.
@@ -159,61 +159,70 @@ def design_campaign(
     task, robot = plan.task, plan.robot
     announce("the path and what is known")
     solids, lowest = _scene_of(plan), float(task.position[:, 2].min())
-    known, scene, rows, notes = _stage_purpose(plan, shop, lowest, solids)
+    known, scene, rows, notes = _stage_purpose(plan, equipment, lowest, solids)
     # poses narrow the robot alone: what of the force goes with it counts as apart
-    touched = task.touched if shop.purpose == PATH else None
+    touched = task.touched if equipment.purpose == PATH else None
     path = replace(linearise_path(scene, known, read_force_spread(plan.job), rows, touched=touched), tie=None)
-    design = Design(known, path, shop.sigma, shop.frames)
-    if shop.purpose == CALIBRATION:
+    design = Design(known, path, equipment.sigma, equipment.frames)
+    if equipment.purpose == CALIBRATION:
         design = take_frames(design, scene)
     start, used, said = learn_log(design, robot, log)
     notes += said
     announce("postures")
-    postures, sights = find_postures(robot, plan.q, lowest, solids, shop.seed), None
-    if shop.instrument != TRACKER and len(postures):
-        postures, sights = put_up(robot, shop, postures, task.position[task.cut].mean(axis=0), lowest, solids)
+    postures, sights = find_postures(robot, plan.q, lowest, solids, equipment.seed), None
+    if equipment.instrument != TRACKER and len(postures):
+        postures, sights = put_up(robot, equipment, postures, task.position[task.cut].mean(axis=0), lowest, solids)
     if len(postures) < count:
         raise InputError(
             f"the arm finds {len(postures)} postures to measure in, {count} are asked for; check limits and collisions"
         )
-    candidates = list_candidates(robot, postures, shop.weights, shop.pull, known.unknowns)
+    candidates = list_candidates(robot, postures, equipment.weights, equipment.pull, known.unknowns)
     if sights is not None:
         candidates = sight_candidates(candidates, sights)
     announce("choice")
     design, start, candidates, choice, more = _choose(design, start, candidates, count)
-    notes += more + _ask_for_load(design, shop, choice.covariance, task.wrench[task.cut, :3])
+    notes += more + _ask_for_load(design, equipment, choice.covariance, task.wrench[task.cut, :3])
     chosen = candidates.take(choice.rows)
     order, touching = order_poses(robot, chosen.q, chosen.start, chosen.wrench, plan.q[0], solids)
     again = np.r_[order, order[0]]
     return PoseCampaign(
-        plan=plan, shop=shop, poses=chosen.take(again), worth=again + 1, choice=choice, design=design, start=start,
-        random=compare_random(design, candidates, count, start, shop.seed),
-        rest=_find_rest(design, known, choice.covariance), touching=touching, log=used, notes=tuple(notes),
-    )  # fmt: skip
+        plan=plan,
+        equipment=equipment,
+        poses=chosen.take(again),
+        worth=again + 1,
+        choice=choice,
+        design=design,
+        start=start,
+        random=compare_random(design, candidates, count, start, equipment.seed),
+        rest=_find_rest(design, known, choice.covariance),
+        touching=touching,
+        log=used,
+        notes=tuple(notes),
+    )
 
 
 def _stage_purpose(
-    plan: Plan, shop: Equipment, lowest: float, solids: CollisionScene
+    plan: Plan, equipment: Equipment, lowest: float, solids: CollisionScene
 ) -> tuple[Uncertainty, ForwardModel, NDArray[np.bool_], list[str]]:
     """Return what is known, the robot where the band is to be narrow, the rows that count, and what is assumed."""
     task, robot = plan.task, plan.robot
-    if shop.purpose == PATH:
+    if equipment.purpose == PATH:
         scene = build_path_model(robot, plan.q, task.wrench, task.step_time)
         return robot_uncertainty(robot), scene, task.cut, list_assumed(robot)
-    known = widen_uncertainty(robot, shop.loaded)
-    reach = find_postures(robot, plan.q, lowest, solids, shop.seed + 1, REACH)
+    known = widen_uncertainty(robot, equipment.loaded)
+    reach = find_postures(robot, plan.q, lowest, solids, equipment.seed + 1, REACH)
     # loads as they come on the path: the fit has to hold under them, too
     wrench = task.wrench[np.linspace(0, len(task.wrench) - 1, len(reach)).astype(int)]
-    return known, build_path_model(robot, reach, shop.loaded * wrench), np.ones(len(reach), bool), [known.source]
+    return known, build_path_model(robot, reach, equipment.loaded * wrench), np.ones(len(reach), bool), [known.source]
 
 
 def put_up(
-    robot: Robot, shop: Equipment, postures: Array, middle: Array, lowest: float, solids: CollisionScene
+    robot: Robot, equipment: Equipment, postures: Array, middle: Array, lowest: float, solids: CollisionScene
 ) -> tuple[Array, Observations]:
     """Put the instrument of a shop up about the path; return postures in which it sees the tip, and what it sees."""
-    places = PLACES[shop.instrument] if shop.places is None else shop.places
-    length = LENGTHS.get(shop.instrument, 0.0) if shop.length is None else shop.length
-    return find_touching(robot, postures, middle, lowest, shop.instrument, places, length, solids)
+    places = PLACES[equipment.instrument] if equipment.places is None else equipment.places
+    length = LENGTHS.get(equipment.instrument, 0.0) if equipment.length is None else equipment.length
+    return find_touching(robot, postures, middle, lowest, equipment.instrument, places, length, solids)
 
 
 def _choose(
@@ -284,11 +293,11 @@ def take_frames(design: Design, scene: ForwardModel) -> Design:
     return replace(design, path=replace(path, model=model.reshape(path.model.shape)))
 
 
-def _ask_for_load(design: Design, shop: Equipment, covariance: Array, force: Array) -> list[str]:
+def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force: Array) -> list[str]:
     """Say what unloaded poses leave, where compliances make most of it, and which force of the path none shows. [N]"""
     aside, down = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (force[:, :2], force[:, 2:]))
-    if shop.loaded:
-        if shop.pull > 0.0 or shop.purpose != PATH or shop.instrument == SOCKETS or aside <= down:
+    if equipment.loaded:
+        if equipment.pull > 0.0 or equipment.purpose != PATH or equipment.instrument == SOCKETS or aside <= down:
             return []
         return [
             f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"

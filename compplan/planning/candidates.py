@@ -107,16 +107,25 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
         shape: Whether the program shapes posture and speed; otherwise finished postures are compared alone.
 
     """
-    stance = start.stance
-    if stance is None or start.request is None or stance.settings.weights:
+    posture_choice = start.posture_choice
+    if posture_choice is None or start.request is None or posture_choice.settings.weights:
         return start
-    if stance.settings.compares:
+    if posture_choice.settings.compares:
         start = _compare_presets(start, asked)
-        stance = start.stance or stance
-    preset, settings = stance.settings.preset if stance.settings.compares else "", stance.settings
+        posture_choice = start.posture_choice or posture_choice
+    preset, settings = (
+        posture_choice.settings.preset if posture_choice.settings.compares else "",
+        posture_choice.settings,
+    )
     prices = PRICES.get(preset)
-    free = settings.free_spin or settings.lead > 0 or settings.lean > 0 or stance.q.shape[1] > 6 or asked.tube > 0.0
-    if prices is None or not free or stance.missed.any() or not shape or settings.start is not None:
+    free = (
+        settings.free_spin
+        or settings.lead > 0
+        or settings.lean > 0
+        or posture_choice.q.shape[1] > 6
+        or asked.tube > 0.0
+    )
+    if prices is None or not free or posture_choice.missed.any() or not shape or settings.start is not None:
         return start
     task = asked.state(start)
     if (not preset or (preset == "fast" and len(task) > LONGEST)) and _keeps_feed(task, asked):
@@ -142,10 +151,10 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
 
 def _compare_presets(start: Start, asked: Asked) -> Start:
     """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
-    stance, request = start.stance, start.request
-    assert stance is not None and request is not None
-    settings, margin = stance.settings, state_margin(request)
-    found: dict[str, PostureSummary] = {settings.preset: stance}
+    posture_choice, request = start.posture_choice, start.request
+    assert posture_choice is not None and request is not None
+    settings, margin = posture_choice.settings, state_margin(request)
+    found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in BESIDE[settings.preset]:
         try:
             given = asked.robot, asked.nominal, asked.tool_x, replace(settings, preset=other)
@@ -263,14 +272,18 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
     """Return the start of the candidate that was taken, with what it brings beside the first."""
-    stance, chosen, request = start.stance, run.start.stance, start.request
-    assert stance is not None and chosen is not None and request is not None
+    posture_choice, chosen, request = start.posture_choice, run.start.posture_choice, start.request
+    assert posture_choice is not None and chosen is not None and request is not None
     shaped = run.shaped or Shaped(0, ())
     gained = Bettered((first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, run.origin,
                       shaped.iterations, shaped.names)  # fmt: skip
     costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.band}
-    compared = {**stance.compared, "program": costs[stance.compared_by]} if stance.compared else {}
-    chosen = replace(chosen, settings=stance.settings, costs=costs, compared=compared, compared_by=stance.compared_by)
+    compared = (
+        {**posture_choice.compared, "program": costs[posture_choice.compared_by]} if posture_choice.compared else {}
+    )
+    chosen = replace(
+        chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=posture_choice.compared_by
+    )
     upright = run.start.upright
     nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
     stood = stand(chosen, nominal, request)

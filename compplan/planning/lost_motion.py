@@ -184,8 +184,8 @@ def list_reversals(task: PlanTask, q: Array) -> tuple[Reversals, ...]:
                   float(lost[j] * lever[j]))
         for j, name in enumerate(robot.joint_names)
     ]  # fmt: skip
-    if task.start is not None and task.start.stance is not None:
-        spin = task.start.stance.spin
+    if task.start is not None and task.start.posture_choice is not None:
+        spin = task.start.posture_choice.spin
         travel = float(np.abs(np.diff(spin)).sum())
         found.append(Reversals("spin", False, count_reversals(spin, SPIN_STROKE), travel, 0.0, False, 0.0))
     return tuple(found)

@@ -116,13 +116,13 @@ def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
 
 def _describe_margin(task: PlanTask) -> list[str]:
     """Say where the posture comes nearer to a joint limit than was asked for, and which limit that is."""
-    stance = None if task.start is None else task.start.stance
+    posture_choice = None if task.start is None else task.start.posture_choice
     turning = np.flatnonzero(~task.robot.prismatic & ~task.robot.carriers)
-    if stance is None or not len(turning):
+    if posture_choice is None or not len(turning):
         return []
     room = np.minimum(task.q_start - task.robot.lower, task.robot.upper - task.q_start)[:, turning]
     row, column = np.unravel_index(int(room.argmin()), room.shape)
-    kept, asked = float(room[row, column]), stance.settings.limit_margin
+    kept, asked = float(room[row, column]), posture_choice.settings.limit_margin
     if kept >= 0.99 * asked:
         return []
     joint = int(turning[column])
@@ -133,7 +133,7 @@ def _describe_margin(task: PlanTask) -> list[str]:
         f"{np.degrees(asked):.3g}: "
         + (
             "the way found keeps it at its stations, not between them."
-            if stance.keeps_margin
+            if posture_choice.keeps_margin
             else "no way along the path keeps it."
         )
     ]

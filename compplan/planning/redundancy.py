@@ -135,9 +135,9 @@ class Asked:
             return np.inf
 
 
-def find_free(task: PlanTask, stance: PostureSummary, asked: Asked) -> Free | None:
+def find_free(task: PlanTask, posture_choice: PostureSummary, asked: Asked) -> Free | None:
     """Find what a stance leaves free; None where nothing is, or where the path has no run to shape."""
-    settings, arm, robot = stance.settings, build_arm(task.robot), task.robot
+    settings, arm, robot = posture_choice.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
     rows = _pick_rows(task, FEW_IN_TUBE if asked.tube > 0.0 else FEW)
@@ -215,8 +215,13 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
         prices: What is weighed.
 
     """
-    stance, request = start.stance, start.request
-    if stance is None or request is None or task.missed.any() or (free := find_free(task, stance, asked)) is None:
+    posture_choice, request = start.posture_choice, start.request
+    if (
+        posture_choice is None
+        or request is None
+        or task.missed.any()
+        or (free := find_free(task, posture_choice, asked)) is None
+    ):
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
     problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.wish.torque)
@@ -233,7 +238,7 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
                   solution.cpu, solution.band)  # fmt: skip
         if solution.violation > REACHED:
             return None
-        found = _follow(task, stance, asked, free, solution, request)
+        found = _follow(task, posture_choice, asked, free, solution, request)
         if scene is None or found is None or _keeps_clear(scene, found.q, request.wanted):
             break
         share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
@@ -244,13 +249,18 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
 
 
 def _follow(
-    task: PlanTask, stance: PostureSummary, asked: Asked, free: Free, solution: Solution, request: PostureRequest
+    task: PlanTask,
+    posture_choice: PostureSummary,
+    asked: Asked,
+    free: Free,
+    solution: Solution,
+    request: PostureRequest,
 ) -> Start | None:
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
     place, every = task.origin[free.rows], np.arange(len(nominal))
     loaded = task.see_pose(attain_pose(task.chain, solution.q, task.wrench[free.rows], slope=False))
-    spin, lead, lean = _read_angles(task, stance, asked, free, loaded.rotation)
+    spin, lead, lean = _read_angles(task, posture_choice, asked, free, loaded.rotation)
     local = (np.swapaxes(free.frame, 1, 2) @ (loaded.position - task.position[free.rows])[..., None])[..., 0]
     held = solution.q[:, arm.held] - task.q_start[np.ix_(free.rows, arm.held)]
     near = solution.q - task.q_start[free.rows]
@@ -259,31 +269,47 @@ def _follow(
     spread = CubicSpline(place, moved, bc_type="natural")(inside)
     leans = {name: name in free.names for name in ("lead", "lean")}
     turned = {
-        "spin": stance.spin + spread[:, 0],
-        "lead": stance.lead + leans["lead"] * spread[:, 1],
-        "lean": stance.lean + leans["lean"] * spread[:, 2],
+        "spin": posture_choice.spin + spread[:, 0],
+        "lead": posture_choice.lead + leans["lead"] * spread[:, 1],
+        "lean": posture_choice.lean + leans["lean"] * spread[:, 2],
     }
-    for name, most in (("lead", stance.settings.lead), ("lean", stance.settings.lean)):
+    for name, most in (("lead", posture_choice.settings.lead), ("lean", posture_choice.settings.lean)):
         turned[name] = np.clip(turned[name], -most, most) if leans[name] else turned[name]
     aside = np.zeros((len(nominal), 3))
     if {"ahead", "left", "up"} & set(free.names):
         room = interpolate(every, place, free.room[:, :3])
         aside = (path_axes(nominal) @ np.clip(spread[:, 3:6], -room, room)[..., None])[..., 0]
     path = replace(nominal, position=nominal.position + aside)
-    before = orient_tool(nominal, asked.tool_x, every, stance.spin, stance.lead, stance.lean)
-    rotation = orient_tool(path, asked.tool_x, every, *turned.values()) @ np.swapaxes(before, 1, 2) @ stance.rotation
-    q = stance.q + spread[:, 6 + len(arm.held) :]
-    q[:, arm.held] = stance.q[:, arm.held] + spread[:, 6 : 6 + len(arm.held)]
+    before = orient_tool(nominal, asked.tool_x, every, posture_choice.spin, posture_choice.lead, posture_choice.lean)
+    rotation = (
+        orient_tool(path, asked.tool_x, every, *turned.values()) @ np.swapaxes(before, 1, 2) @ posture_choice.rotation
+    )
+    q = posture_choice.q + spread[:, 6 + len(arm.held) :]
+    q[:, arm.held] = posture_choice.q[:, arm.held] + spread[:, 6 : 6 + len(arm.held)]
     q = refine_ik(arm, q, path.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, path.position, rotation)).max(axis=1) > REACHED
-    torn = np.abs(np.diff(q, axis=0)).max(axis=1)[~nominal.rapid[1:]].max(initial=0.0) > stance.settings.most_step
+    torn = (
+        np.abs(np.diff(q, axis=0)).max(axis=1)[~nominal.rapid[1:]].max(initial=0.0) > posture_choice.settings.most_step
+    )
     if missed.any() or torn or (q < robot.lower).any() or (q > robot.upper).any():
         LOG.debug("posture and speed: not followed (missed %d, torn %s)", missed.sum(), torn)
         return None
-    picture = replace(stance.map, chosen=turned["spin"][stance.map.waypoint], held=q[stance.map.waypoint][:, arm.held])
-    costs = summarise_costs(task.chain, robot, nominal, q, stance.settings, request.axes)
-    better = replace(stance, q=q, rotation=rotation, spin=turned["spin"], lead=turned["lead"], lean=turned["lean"],
-                     costs=costs, map=picture)  # fmt: skip
+    picture = replace(
+        posture_choice.map,
+        chosen=turned["spin"][posture_choice.map.waypoint],
+        held=q[posture_choice.map.waypoint][:, arm.held],
+    )
+    costs = summarise_costs(task.chain, robot, nominal, q, posture_choice.settings, request.axes)
+    better = replace(
+        posture_choice,
+        q=q,
+        rotation=rotation,
+        spin=turned["spin"],
+        lead=turned["lead"],
+        lean=turned["lean"],
+        costs=costs,
+        map=picture,
+    )
     return replace(stand(better, path, request), aside=aside if aside.any() else None)
 
 
@@ -294,11 +320,13 @@ def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
 
 
 def _read_angles(
-    task: PlanTask, stance: PostureSummary, asked: Asked, free: Free, rotation: Array
+    task: PlanTask, posture_choice: PostureSummary, asked: Asked, free: Free, rotation: Array
 ) -> tuple[Array, Array, Array]:
     """Return by how much spin, lead and lean of attained orientations differ from those of the start. Shapes (k,)."""
-    place, every = task.origin[free.rows], np.arange(len(stance.spin))
-    spin, lead, lean = (interpolate(place, every, value) for value in (stance.spin, stance.lead, stance.lean))
+    place, every = task.origin[free.rows], np.arange(len(posture_choice.spin))
+    spin, lead, lean = (
+        interpolate(place, every, value) for value in (posture_choice.spin, posture_choice.lead, posture_choice.lean)
+    )
     axis = (np.swapaxes(free.frame, 1, 2) @ -rotation[:, :, 2, None])[..., 0]
     size = np.arccos(np.clip(axis[:, 2], -1.0, 1.0))
     ratio = np.where(size > 1e-6, size / np.maximum(np.sin(size), 1e-12), 1.0)

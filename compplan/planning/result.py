@@ -270,7 +270,7 @@ class Plan(Shown):
         start, model = self.task.start, None if self.job is None else self.job.process.model
         return list_citations(
             VERSION, self.strategy, bends=bool(self.robot.springs or self.robot.link_elasticities),
-            chosen_posture=start is not None and start.stance is not None, force_model=model,
+            chosen_posture=start is not None and start.posture_choice is not None, force_model=model,
             sources=[f"{name} of {self.robot.name}: {text}" for name, text in self.robot.sources.items()],
         )  # fmt: skip
 
@@ -339,8 +339,8 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "stops": list_stops([*plan.reasons, *plan.notes]),
         "made_by": describe_origin(),
     }
-    if plan.task.start is not None and plan.task.start.stance is not None:
-        summary["posture"] = plan.task.start.stance.describe()
+    if plan.task.start is not None and plan.task.start.posture_choice is not None:
+        summary["posture"] = plan.task.start.posture_choice.describe()
         if plan.task.start.bettered is not None:
             summary["posture"]["program"] = plan.task.start.bettered.describe()
     if plan.clearance is not None:

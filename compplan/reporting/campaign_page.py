@@ -30,7 +30,7 @@ def write_campaign_page(campaign: PoseCampaign, file: Path) -> None:
         Section(
             "What it brings",
             [Columns([[Chart(_draw_curve(campaign), _caption(campaign), 380)], [_compare(campaign)]], [3, 2])],
-            f"The 95 % band of the true tip {campaign.shop.place}, pose by pose in the order of their worth.",
+            f"The 95 % band of the true tip {campaign.equipment.place}, pose by pose in the order of their worth.",
         ),
         Section(
             "Poses",
@@ -56,8 +56,9 @@ def describe_campaign(campaign: PoseCampaign) -> str:
     """Say in a few sentences what the campaign brings and when to stop."""
     choice = campaign.choice
     text = (
-        f"{len(choice.rows)} poses narrow the 95 % band {campaign.shop.place} from {format_length(choice.greatest[0])}"
-        f" to {format_length(choice.greatest[-1])} at its widest point, if the robot is as uncertain as stated."
+        f"{len(choice.rows)} poses narrow the 95 % band {campaign.equipment.place} from "
+        f"{format_length(choice.greatest[0])} to {format_length(choice.greatest[-1])} at its widest point, "
+        "if the robot is as uncertain as stated."
     )
     if campaign.log:
         text += f" {campaign.log} rows of the log count already."

@@ -231,10 +231,10 @@ def _along(comparison: Comparison) -> Section:
     task = comparison.task
     time = np.concatenate([[0.0], np.cumsum(task.step_time)])
     stations = place_stations(task.position, time, task.compensated)
-    judged = np.where(task.compensated, 1e3, np.nan)
+    evaluated = np.where(task.compensated, 1e3, np.nan)
     cells = (*list_wrong(comparison), comparison.cells[0].name)
     panels = {
-        name_strategy(name): {cell: comparison.evaluations[cell][name].distance * judged for cell in cells}
+        name_strategy(name): {cell: comparison.evaluations[cell][name].distance * evaluated for cell in cells}
         for name in comparison.commands
     }
     figure = draw_panels(stations, panels, tolerance=1e3 * task.tolerance)

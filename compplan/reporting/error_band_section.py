@@ -29,9 +29,9 @@ def show_error_band(promise: ErrorBand, stations: Stations, tolerance: float) ->
         stations: Where the waypoints are.
         tolerance: Greatest deviation that counts as within tolerance. [m]
     """
-    judged = np.where(promise.cut, 1.0, np.nan)
-    series = {"all together": 1e3 * promise.radius * judged}
-    series |= {WORDS[name]: 1e3 * promise.parts[name] * judged for name in PARTS if promise.parts[name].any()}
+    evaluated = np.where(promise.cut, 1.0, np.nan)
+    series = {"all together": 1e3 * promise.radius * evaluated}
+    series |= {WORDS[name]: 1e3 * promise.parts[name] * evaluated for name in PARTS if promise.parts[name].any()}
     chart = draw_lines(
         stations,
         series,

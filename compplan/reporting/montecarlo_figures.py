@@ -21,7 +21,7 @@ from compplan.studies.statistics import trace_convergence
 def draw_distributions(run: Run) -> Any:
     """Draw the rms deviation of every strategy over the cells as boxes from 5 to 95 %."""
     figure = go.Figure()
-    rms = np.maximum(run.judged.rms, FLOOR)
+    rms = np.maximum(run.evaluated.rms, FLOOR)
     names = list(run.study.strategies)
     colours = colour_strategies(names, names[int(np.argmin(rms.mean(axis=0)))])
     for k, name in enumerate(names):
@@ -46,7 +46,7 @@ def draw_along(run: Run) -> Any:
     steps = np.linalg.norm(np.diff(study.task.position, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])[study.stations]
     time = np.concatenate([[0.0], np.cumsum(study.task.step_time)])[study.stations]
-    median, most = (1e3 * np.maximum(np.quantile(run.judged.along, share, axis=0), FLOOR) for share in (0.5, 0.95))
+    median, most = (1e3 * np.maximum(np.quantile(run.evaluated.along, share, axis=0), FLOOR) for share in (0.5, 0.95))
     panels = {
         name_strategy(name): {"median": median[k], "95 of 100 cells": most[k]}
         for k, name in enumerate(study.strategies)
@@ -102,7 +102,7 @@ def draw_convergence(run: Run) -> Any:
     """Draw how the mean rms of every strategy and its interval settle, one small chart a strategy."""
     panels, samples = {}, np.zeros(0)
     for k, name in enumerate(run.study.strategies):
-        trace = trace_convergence(1e3 * run.judged.rms[:, k], run.settings.replicates)
+        trace = trace_convergence(1e3 * run.evaluated.rms[:, k], run.settings.replicates)
         samples = np.array([float(n) for n, _ in trace])
         value, half = (np.array([getattr(each, part) for _, each in trace]) for part in ("value", "half_width"))
         panels[name_strategy(name)] = {"mean": np.stack([value, value - half, value + half])}

@@ -75,10 +75,10 @@ def write_plan_page(plan: Plan, file: Path, extra: Sequence[Section] = ()) -> No
     ]
     sections += [] if plan.promise is None else [show_error_band(plan.promise, stations, task.tolerance)]
     assumptions = list_assumptions(plan.job)
-    stance = None if task.start is None else task.start.stance
-    if stance is not None:
-        assumptions.append(list_uncertainties(stance))
-        sections.append(show_posture(stance, stations, plan.clearance, _weigh_postures(plan)))
+    posture_choice = None if task.start is None else task.start.posture_choice
+    if posture_choice is not None:
+        assumptions.append(list_uncertainties(posture_choice))
+        sections.append(show_posture(posture_choice, stations, plan.clearance, _weigh_postures(plan)))
     write_page(
         file,
         plan.name,
@@ -165,10 +165,10 @@ def _deviation(plan: Plan, stations: Stations) -> Section:
         linked_scenes=True,
         along=True,
     )
-    judged = np.where(plan.after.cut, 1.0, np.nan)
+    evaluated = np.where(plan.after.cut, 1.0, np.nan)
     line = draw_lines(
         stations,
-        {name: 1e3 * np.maximum(size, FLOOR) * judged for name, size in zip(names, (before, after), strict=True)},
+        {name: 1e3 * np.maximum(size, FLOOR) * evaluated for name, size in zip(names, (before, after), strict=True)},
         "mm",
         title="deviation",
         colours=(BEFORE, AFTER),

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 def extra_axis_sections(plan: Plan) -> list[Section]:
     """Build the section that shows the remaining deviation by extra axis; none where the robot has none."""
     start = plan.task.start
-    if start is None or start.stance is None or not start.stance.map.held_grid.size:
+    if start is None or start.posture_choice is None or not start.posture_choice.map.held_grid.size:
         return []
 
-    picture = start.stance.map
+    picture = start.posture_choice.map
     slides = bool(plan.robot.prismatic[0])
     scale, unit = (1e3, "mm") if slides else (180.0 / np.pi, "deg")
     figure = go.Figure()

@@ -37,23 +37,23 @@ COSTS = {
 
 
 def show_posture(
-    stance: PostureSummary, stations: Stations, clearance: ClearanceProfile | None = None,
+    posture_choice: PostureSummary, stations: Stations, clearance: ClearanceProfile | None = None,
     both: tuple[dict[str, float], dict[str, float]] | None = None,
 ) -> Section:  # fmt: skip
     """Show how the posture was chosen.
 
     Args:
-        stance: The posture along the path.
+        posture_choice: The posture along the path.
         stations: Where the waypoints are.
         clearance: Clearance along the path, where it was asked for.
         both: Costs of the graph's way and of the plain one (one configuration, the tool's x as the job has it) or None.
     """
-    blocks: list[Block] = [show_map(stance.map), _list_costs(stance, both)]
+    blocks: list[Block] = [show_map(posture_choice.map), _list_costs(posture_choice, both)]
     if clearance is not None:
         blocks.append(draw_clearance(stations, clearance))
-    lede = f"Rotation about the tool axis against path length, preset {stance.settings.preset!r}."
-    if len(stance.map.spin) == 1:
-        lede = f"The rotation about the tool axis is held, preset {stance.settings.preset!r}."
+    lede = f"Rotation about the tool axis against path length, preset {posture_choice.settings.preset!r}."
+    if len(posture_choice.map.spin) == 1:
+        lede = f"The rotation about the tool axis is held, preset {posture_choice.settings.preset!r}."
     return Section("Posture", blocks, lede)
 
 
@@ -158,24 +158,26 @@ def _field(values: Array, length: Array, spin: Array, scale: list[list[Any]], na
     )  # fmt: skip
 
 
-def _list_costs(stance: PostureSummary, both: tuple[dict[str, float], dict[str, float]] | None) -> PageTable:
+def _list_costs(posture_choice: PostureSummary, both: tuple[dict[str, float], dict[str, float]] | None) -> PageTable:
     rows: list[Row] = []
-    chosen, plain = both or (stance.costs, {})
+    chosen, plain = both or (posture_choice.costs, {})
     for key, value in chosen.items():
         words, unit = COSTS.get(key, (key.replace("_", " "), ""))
         beside = f"{format_number(plain[key])}\u00a0{unit}".rstrip() if key in plain else "\u2013"
         other = [beside] if plain else []
         rows.append([words, f"{format_number(value)}\u00a0{unit}".rstrip(), *other])
-    spin = np.degrees(stance.spin)
+    spin = np.degrees(posture_choice.spin)
     reach = f"{format_number(float(spin.min()))} to {format_number(float(spin.max()))}\u00a0deg"
     rows.append(["rotation about the tool axis", reach, *(["none"] if plain else [])])
-    if stance.changes:
-        told = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in stance.changes)
+    if posture_choice.changes:
+        told = "; ".join(
+            f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in posture_choice.changes
+        )
         rows.append(["configuration changes", told, *(["none"] if plain else [])])
     if not plain:
         return PageTable([Column("what the posture costs"), Column("")], rows)
     names = ["the graph's way", "tool's x as the job has it"]
-    names[stance.instead_of is not None] += ": chosen"
+    names[posture_choice.instead_of is not None] += ": chosen"
     columns = [Column("what the posture costs"), *map(Column, names)]
     return PageTable(columns, rows, _weigh(chosen, plain))
 
@@ -199,11 +201,11 @@ def _weigh(found: dict[str, float], plain: dict[str, float]) -> str:
     )
 
 
-def list_uncertainties(stance: PostureSummary) -> str:
+def list_uncertainties(posture_choice: PostureSummary) -> str:
     """Say which errors the choice of the posture assumes."""
-    if stance.settings.errors is not None:
-        return f"posture: chosen for the smallest 95 % band; {stance.settings.errors.source}"
-    uncertainty = stance.settings.uncertainty
+    if posture_choice.settings.errors is not None:
+        return f"posture: chosen for the smallest 95 % band; {posture_choice.settings.errors.source}"
+    uncertainty = posture_choice.settings.uncertainty
     return (
         f"posture: errors of {100 * uncertainty.wrench:g} % of the wrench, {100 * uncertainty.compliance:g} % of the "
         f"compliances and {np.degrees(uncertainty.joint_zero):.3g} deg of the joint zeros are assumed"

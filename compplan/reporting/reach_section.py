@@ -53,24 +53,24 @@ def show_reach(plan: Plan, stations: Stations) -> Section:
 
 def _band(plan: Plan, stations: Stations) -> Chart:
     """Show what matters first: how far the true tip may be from the path, against the tolerance."""
-    judged = np.where(plan.after.cut, 1.0, np.nan)
+    evaluated = np.where(plan.after.cut, 1.0, np.nan)
     before, after = (side.distance for side in (plan.before, plan.after))
-    series = {"as modelled": 1e3 * after * judged}
+    series = {"as modelled": 1e3 * after * evaluated}
     said = "Distance of the loaded tool tip from the path. As modelled: what the plan leaves if the model is the truth."
-    series[plan.mismatch.cell] = 1e3 * plan.mismatch.along(len(after)) * judged
+    series[plan.mismatch.cell] = 1e3 * plan.mismatch.along(len(after)) * evaluated
     said += f" {plan.mismatch.cell.capitalize()}: what it leaves if all of them are wrong by that much (assumed)."
     if plan.promise is not None:
-        series = {"true tip, 95 %": 1e3 * plan.promise.along * judged, **series}
+        series = {"true tip, 95 %": 1e3 * plan.promise.along * evaluated, **series}
         said = f"Shaded: where the true tip is with 95 %, by what is known of robot and force. {said}"
     shown = max(1.25 * 1e3 * plan.task.tolerance, *(1.08 * float(np.nanmax(values)) for values in series.values()))
-    uncorrected = 1e3 * before * judged
+    uncorrected = 1e3 * before * evaluated
     if np.nanmax(uncorrected) < 3 * shown:
         series["uncorrected"], shown = uncorrected, max(shown, 1.08 * float(np.nanmax(uncorrected)))
     else:
         said += f" Uncorrected lies off the chart, up to {format_length(1e-3 * float(np.nanmax(uncorrected)))}."
     limit: tuple[float, str] | None = (1e3 * plan.task.tolerance, f"tolerance {format_set_length(plan.task.tolerance)}")
     if plan.task.allowed is not None:
-        limit, series["tolerance here"] = None, 1e3 * plan.task.allowed.normal * judged
+        limit, series["tolerance here"] = None, 1e3 * plan.task.allowed.normal * evaluated
         shown = max(shown, 1.08 * float(np.nanmax(series["tolerance here"])))
         said += " The tolerance is that of each part, across the travel where it counts apart."
     colours = {"true tip, 95 %": NEUTRAL, "as modelled": AFTER, "uncorrected": BEFORE}

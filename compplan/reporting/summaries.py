@@ -170,7 +170,7 @@ def open_campaign(campaign: PoseCampaign, picture: Block) -> Summary:
     choice = campaign.choice
     now, then = float(choice.greatest[0]), float(choice.greatest[-1])
     useful = len(choice.rows) if choice.enough is None else choice.enough
-    place = campaign.shop.place
+    place = campaign.equipment.place
     verdict = f"{useful} poses are enough: they narrow the 95 % band {place} from {format_mm(now)} to "
     verdict += f"{format_mm(float(choice.greatest[useful]))}."
     tone = "good" if then < 0.8 * now else "unsure"

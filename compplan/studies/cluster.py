@@ -128,12 +128,12 @@ def _collect(client: Any, study: Study, numbers: list[int], points: Callable[[in
         for number in islice(todo, 1):
             pending.add(submit(number))
         try:
-            judged = future.result()
+            evaluated = future.result()
         except CompplanError:
             raise
         except Exception as error:
             raise InputError(f"the cluster gave up a chunk: {type(error).__name__}: {error}") from error
-        yield chunk_of.pop(future.key), judged
+        yield chunk_of.pop(future.key), evaluated
 
 
 def _hand_over(packed: bytes) -> bytes:

@@ -55,7 +55,7 @@ class Run:
     Attributes:
         study: The study.
         settings: How it was sampled.
-        judged: Figures of every sample, in their order; `along` of the first MOST_ALONG.
+        evaluated: Figures of every sample, in their order; `along` of the first MOST_ALONG.
         reused: Chunks that were found on disk.
         stopped: Whether it stopped because its intervals were narrow enough.
 
@@ -63,7 +63,7 @@ class Run:
 
     study: Study
     settings: Settings
-    judged: ChunkResult
+    evaluated: ChunkResult
     reused: int = 0
     stopped: bool = False
 
@@ -164,10 +164,10 @@ def evaluate_chunks(
         return done, reused, end
     results = compute_chunks(study, missing, points, workforce or Workers())
     try:
-        for number, judged in results:
+        for number, evaluated in results:
             if store is not None:
-                store.write(number, chunks[number].start, judged, study.strategies)
-            done[number] = _lighten(judged, chunks[number].start)
+                store.write(number, chunks[number].start, evaluated, study.strategies)
+            done[number] = _lighten(evaluated, chunks[number].start)
             tell()
             end = enough(done) if enough else None
             if end is not None:
@@ -187,9 +187,9 @@ def _join(done: dict[int, ChunkResult], count: int) -> ChunkResult:
     return ChunkResult(*(np.concatenate(parts) for parts in zip(*(done[n] for n in range(count)), strict=True)))
 
 
-def _lighten(judged: ChunkResult, start: int) -> ChunkResult:
+def _lighten(evaluated: ChunkResult, start: int) -> ChunkResult:
     """Drop the distances along the path of late samples."""
-    return judged._replace(along=judged.along[: max(0, MOST_ALONG - start)])
+    return evaluated._replace(along=evaluated.along[: max(0, MOST_ALONG - start)])
 
 
 def _find_end(study: Study, settings: Settings, done: dict[int, ChunkResult]) -> int | None:

@@ -82,9 +82,9 @@ class ChunkFolder:
         """Return the file of a chunk."""
         return self.folder / f"chunk-{chunk:06d}.npz"
 
-    def write(self, chunk: int, first: int, judged: ChunkResult, strategies: tuple[str, ...]) -> None:
+    def write(self, chunk: int, first: int, evaluated: ChunkResult, strategies: tuple[str, ...]) -> None:
         """Write a chunk: number of its first sample, names of the strategies, and the figures with their units."""
-        figures = {column: getattr(judged, name) for name, column in _COLUMNS.items()}
+        figures = {column: getattr(evaluated, name) for name, column in _COLUMNS.items()}
         about: dict[str, Any] = {"first": first, "strategies": np.array(strategies), "fingerprint": self.fingerprint}
         with replace_file(self.path(chunk)) as part, part.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **about, **figures)

@@ -54,7 +54,7 @@ def summarise_run(
     main = main if main in strategies else strategies[-1]
     summary: dict[str, Any] = {
         "schema": 1,
-        "samples": len(run.judged.rms),
+        "samples": len(run.evaluated.rms),
         "seed": settings.seed,
         "name": name,
         "robot": study.task.robot.name,
@@ -93,7 +93,7 @@ def compare_pairs(run: Run) -> list[dict[str, Any]]:
     """Compare every two strategies sample by sample: mean difference of the rms with its interval."""
     pairs = []
     for (i, a), (j, b) in combinations(enumerate(run.study.strategies), 2):
-        difference = 1e3 * (run.judged.rms[:, j] - run.judged.rms[:, i])
+        difference = 1e3 * (run.evaluated.rms[:, j] - run.evaluated.rms[:, i])
         mean = estimate_mean(difference, run.settings.replicates)
         pairs.append(
             {
@@ -106,20 +106,20 @@ def compare_pairs(run: Run) -> list[dict[str, Any]]:
 
 
 def _figures(run: Run, k: int) -> dict[str, Any]:
-    judged, replicates = run.judged, run.settings.replicates
-    good = int((judged.max[:, k] <= run.study.task.tolerance).sum())
-    share = estimate_share(good, len(judged.max))
+    evaluated, replicates = run.evaluated, run.settings.replicates
+    good = int((evaluated.max[:, k] <= run.study.task.tolerance).sum())
+    share = estimate_share(good, len(evaluated.max))
     figures: dict[str, Any] = {
-        "rms_mm": _spread(1e3 * judged.rms[:, k], replicates),
-        "mean_mm": _spread(1e3 * judged.mean[:, k], replicates),
-        "max_mm": _spread(1e3 * judged.max[:, k], replicates),
+        "rms_mm": _spread(1e3 * evaluated.rms[:, k], replicates),
+        "mean_mm": _spread(1e3 * evaluated.mean[:, k], replicates),
+        "max_mm": _spread(1e3 * evaluated.max[:, k], replicates),
         "within_tolerance": share.value,
         "within_tolerance_ci95": [share.low, share.high],
-        "waypoints_within_tolerance": float(judged.within[:, k].mean()),
+        "waypoints_within_tolerance": float(evaluated.within[:, k].mean()),
     }
     if "none" in run.study.strategies:
         first = run.study.strategies.index("none")
-        figures["of_uncorrected"] = float(np.mean(judged.rms[:, k]) / np.mean(judged.rms[:, first]))
+        figures["of_uncorrected"] = float(np.mean(evaluated.rms[:, k]) / np.mean(evaluated.rms[:, first]))
     return figures
 
 

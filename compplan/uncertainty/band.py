@@ -300,12 +300,12 @@ def _climb(
     """Predict the band of the whole cut after further measurements; nothing where nothing was differentiated."""
     if not len(slopes.rows):
         return (), ()
-    shop, k, touched = Shop(), len(slopes.rows), slopes
+    equipment, k, touched = Shop(), len(slopes.rows), slopes
     if touchable is not None:
         model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
         shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
         touched = replace(slopes, model=model, shared=shared, touched=touchable)
-    poses, points = pick_places(k, shop.poses), pick_places(k, shop.points)
+    poses, points = pick_places(k, equipment.poses), pick_places(k, equipment.points)
     repeats, near = known.repeatability or 0.0, left[slopes.rows]
     mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
 
@@ -322,18 +322,18 @@ def _climb(
         rows, sigmas = [np.zeros((0, columns.shape[2]))], [1.0]
         if "force_log" in steps:
             first = robot.shape[2] + smooth.shape[2]
-            turn = shop.force_direction / max(force.direction, 1e-12)
+            turn = equipment.force_direction / max(force.direction, 1e-12)
             rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
-            sigmas += [shop.force_level / max(force.common, 1e-12), turn, turn, turn]
+            sigmas += [equipment.force_level / max(force.common, 1e-12), turn, turn, turn]
         if "poses" in steps:
             rows.append(of_robot[poses].reshape(-1, columns.shape[2]))
-            sigmas.append(float(np.hypot(shop.tracker, repeats)))
+            sigmas.append(float(np.hypot(equipment.tracker, repeats)))
         if "first_part" in steps:
             rows.append(of_part[points].reshape(-1, columns.shape[2]))
-            sigmas.append(float(np.hypot(shop.probe, repeats)))
+            sigmas.append(float(np.hypot(equipment.probe, repeats)))
         local = slopes.local
         if {"force_log", "first_part"} & set(steps):
-            local = local * min(1.0, shop.force_level / max(force.path, 1e-12))
+            local = local * min(1.0, equipment.force_level / max(force.path, 1e-12))
         rest = np.concatenate([scatter, local, placed], axis=2)
         covariance = condition(columns, rows, sigmas) + rest @ np.swapaxes(rest, 1, 2)
         covariance = covariance + parts["repeatability"] + parts["motion"]

@@ -74,8 +74,8 @@ FORMS = {
 def test_each_form_of_a_rotation_is_multiplied_out_the_same_by_the_job_and_by_the_judge(form: str) -> None:
     numbers, wanted = FORMS[form]
     table: dict[str, Any] = {"position_mm": [1.0, 2.0, 3.0], form: list(numbers)}
-    own, judged = PartTable.model_validate(table).pose, read_frame(table).homogeneous
-    assert own[:3, :3] == pytest.approx(wanted, abs=1e-12) and judged == pytest.approx(own, abs=1e-12)
+    own, evaluated = PartTable.model_validate(table).pose, read_frame(table).homogeneous
+    assert own[:3, :3] == pytest.approx(wanted, abs=1e-12) and evaluated == pytest.approx(own, abs=1e-12)
     assert own[:3, 3] == pytest.approx([1e-3, 2e-3, 3e-3])
 
 

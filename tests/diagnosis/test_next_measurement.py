@@ -83,14 +83,14 @@ def test_a_claim_that_no_further_rows_would_offer_is_foreseen_by_its_own_model_a
     """The instrument moved at row 5: each millimetre of it is one at every row since, over noise of 0.02 mm."""
     (shift,) = [s for s in shift_at(AT, 5) if s.form.startswith("origin")]
     residual, noise = np.zeros((1, 3)), SimpleNamespace(sigma=2e-5)
-    ledger = SimpleNamespace(
+    equations = SimpleNamespace(
         p=3, signatures=[shift], columns=lambda number: np.arange(3), scale=np.full(3, 1e-3),
         source=[SimpleNamespace(name="position", residual=residual, noise=noise)],
     )  # fmt: skip
     since = np.arange(len(AT.campaign)) >= 5
     for claims, size in (([SimpleNamespace(signature=0)], 50.0), ([], 0.0)):
         fit = SimpleNamespace(
-            search=SimpleNamespace(ledger=ledger), model=SimpleNamespace(claims=claims),
+            search=SimpleNamespace(equations=equations), model=SimpleNamespace(claims=claims),
             problem=SimpleNamespace(register=()),
         )  # fmt: skip
         (columns,) = predict_columns(fit, AT)  # type: ignore[arg-type]

@@ -68,11 +68,11 @@ def test_a_stay_is_one_observation_however_many_rows_it_has() -> None:
     one = Signature("joint_offset", "joint_1", None, "", ("offset_rad",), np.ones(1), np.zeros((0, 6, 1)))
     source = SimpleNamespace(rows=np.arange(80), group=group, direction=None)
     design, observed = rng.normal(size=(2, 3, 1))[group], rng.normal(size=(80, 3))
-    ledger: Any = SimpleNamespace(
+    equations: Any = SimpleNamespace(
         source=[source], designs=[design], observed=[observed], p=1, signatures=[one],
         columns=lambda number: np.array([0]), columns_named=lambda *names: np.zeros(0, int),
         join_columns=lambda numbers: np.array([0]),
     )  # fmt: skip
-    means = average_stays(ledger, [0], [])
+    means = average_stays(equations, [0], [])
     assert means.observed.shape == (6,) and means.row.tolist() == [0, 0, 0, 40, 40, 40]
     np.testing.assert_allclose(means.observed[:3], observed[:40].mean(axis=0))

@@ -78,7 +78,7 @@ def test_a_point_with_a_spread_that_is_none_is_refused_and_an_empty_one_gets_the
     for wrong in (0.0, -0.03, 1000.0):
         points[4, 3] = wrong
         file = write_points(tmp_path / "a.csv", "x_mm,y_mm,z_mm,sigma_mm", points)
-        with pytest.raises(InputError, match=r"a.csv:6: sigma_mm is .*expected more than 0"):
+        with pytest.raises(InputError, match=r"a.csv:6: sigma_mm is .*expected 1e-06 to 20 mm"):
             read_measured_points(file)
     points[4, 3] = np.nan
     table = read_measured_points(write_points(tmp_path / "b.csv", "x_mm,y_mm,z_mm,sigma_mm", points))

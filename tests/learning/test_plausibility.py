@@ -41,7 +41,7 @@ def bend(t: Array) -> Array:
 
 
 @pytest.fixture(scope="module")
-def shop(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Robot, Path]:
+def equipment(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Robot, Path]:
     """Return a job, a robot that was measured, and a folder."""
     folder = tmp_path_factory.mktemp("wrong")
     t = np.linspace(0.0, 1.0, 40)
@@ -108,16 +108,18 @@ WRONG: dict[str, Callable[[Array], Array]] = {
 @pytest.mark.parametrize(
     "name", [name if k % 3 == 0 else pytest.param(name, marks=pytest.mark.slow) for k, name in enumerate(WRONG)]
 )
-def test_a_wrong_lesson_is_asked_about_and_never_learned(name: str, shop: tuple[Job, Robot, Path]) -> None:
-    job, robot, folder = shop
+def test_a_wrong_lesson_is_asked_about_and_never_learned(name: str, equipment: tuple[Job, Robot, Path]) -> None:
+    job, robot, folder = equipment
     file = write_points(folder / "part.csv", "x_mm,y_mm,z_mm", WRONG[name](measure(job)[0]))
     with pytest.raises(InputError, match=r"part\.csv:.*(\?|assume-ok|state s_mm|places|of the cut)"):
         learn_from_part(job, robot, file)
 
 
 @pytest.mark.parametrize("name", ["reversed", "shifted", "metres"])
-def test_lengths_that_are_not_those_of_the_points_are_asked_about(name: str, shop: tuple[Job, Robot, Path]) -> None:
-    job, robot, folder = shop
+def test_lengths_that_are_not_those_of_the_points_are_asked_about(
+    name: str, equipment: tuple[Job, Robot, Path]
+) -> None:
+    job, robot, folder = equipment
     points, s = measure(job)
     wrong = {"reversed": s[::-1], "shifted": np.roll(s, 15), "metres": 1e-3 * s}[name]
     file = write_points(folder / "placed.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([points, wrong]))
@@ -126,9 +128,9 @@ def test_lengths_that_are_not_those_of_the_points_are_asked_about(name: str, sho
 
 
 @pytest.mark.slow
-def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(shop: tuple[Job, Robot, Path]) -> None:
+def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(equipment: tuple[Job, Robot, Path]) -> None:
     """Off by .1 and -.05 mm and .02 degrees: the robot may do that too, so who measured has to say."""
-    job, robot, folder = shop
+    job, robot, folder = equipment
     points, s = measure(job)
     moved = turned(points, 0.02) + np.array([0.1, -0.05, 0.0])
     files = [

@@ -126,7 +126,7 @@ def test_a_campaign_without_a_load_asks_for_one(small_job) -> None:
     """Compliances make most of the band of a KR 270 that pushes with 1.6 kN; unloaded poses do not see them."""
     plan = plan_job(load_job(small_job))
     shops = Equipment(register=()), Equipment((0.0, 60.0), register=())
-    asked, loaded = (design_campaign(plan, shop, 3).notes for shop in shops)
+    asked, loaded = (design_campaign(plan, equipment, 3).notes for equipment in shops)
     assert any("--weights-kg" in note for note in asked)
     assert not any("--weights-kg" in note for note in loaded)
     # 1.4 kN sideways is what no weight shows

@@ -272,8 +272,8 @@ def test_a_point_that_stands_twice_in_a_path_puts_no_load_on_the_arm(tmp_path):
     inside, moves = np.array([False, True, True, True, True, False]), np.array([False, True, True, True, True, True])
     load = load_motion(build_moving_chain(robot), q, time, inside)
     assert np.abs(load).max() < 1e-3
-    judged = load_springs(build_dynamics(robot).standing, q, time, moves, np.zeros(6, bool))
-    assert np.abs(judged).max() < 1e-3
+    evaluated = load_springs(build_dynamics(robot).standing, q, time, moves, np.zeros(6, bool))
+    assert np.abs(evaluated).max() < 1e-3
 
 
 def test_a_margin_of_the_joint_limits_that_is_not_kept_is_told_with_the_limit(tmp_path):

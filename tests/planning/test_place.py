@@ -35,7 +35,7 @@ def placed():
 def test_the_chosen_place_leaves_no_more_than_the_jobs_own(placed) -> None:
     _, result = placed
     assert result.ratio < 0.95
-    assert result.stance.costs["sensitivity_rms_mm"] < result.before.costs["sensitivity_rms_mm"]
+    assert result.posture_choice.costs["sensitivity_rms_mm"] < result.before.costs["sensitivity_rms_mm"]
 
 
 def test_the_chosen_place_lies_within_the_range(placed) -> None:
@@ -45,7 +45,7 @@ def test_the_chosen_place_lies_within_the_range(placed) -> None:
 
 def test_no_place_of_the_grid_is_better_than_its_lower_bound(placed) -> None:
     _, result = placed
-    assert 1e3 * np.nanmin(result.ratings[0].bound) <= result.stance.costs["sensitivity_rms_mm"] * 1.03
+    assert 1e3 * np.nanmin(result.ratings[0].bound) <= result.posture_choice.costs["sensitivity_rms_mm"] * 1.03
 
 
 def test_the_result_is_plain_json_with_a_picture(placed) -> None:

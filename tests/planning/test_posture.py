@@ -37,11 +37,11 @@ def straight_path(start: list[float], end: list[float], n: int = 120, force: flo
     )
 
 
-def check_on_path(robot, nominal: Toolpath, stance) -> None:
-    frames = locate_frames(build_arm(robot).chain, stance.q)
+def check_on_path(robot, nominal: Toolpath, posture_choice) -> None:
+    frames = locate_frames(build_arm(robot).chain, posture_choice.q)
     assert np.abs(frames.tcp_position - nominal.position).max() < 1e-6
-    assert np.abs(frames.tcp_rotation[:, :, 2] + stance.axis).max() < 1e-6
-    assert (stance.q >= robot.lower).all() and (stance.q <= robot.upper).all()
+    assert np.abs(frames.tcp_rotation[:, :, 2] + posture_choice.axis).max() < 1e-6
+    assert (posture_choice.q >= robot.lower).all() and (posture_choice.q <= robot.upper).all()
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +53,10 @@ def angled():
 
 
 def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_cost_code(angled) -> None:
-    case, stance = angled
+    case, posture_choice = angled
     rows, share = cut_stations(case.nominal)
     optimum = brute_force(case, rows[::2], share[::2] / share[::2].sum())
-    ours = mean_square(case, stance.q, rows[::2], share[::2] / share[::2].sum())
+    ours = mean_square(case, posture_choice.q, rows[::2], share[::2] / share[::2].sum())
     assert np.sqrt(ours / optimum) < 1.02
 
 
@@ -64,14 +64,14 @@ def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_acc
     case, greedy = angled
     axes = case.job.T_base_part[:3, :3]
     settings = PostureSettings(stations=160, motion=MotionFigures(stated=True))  # no assumed figure prices motion
-    stance = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+    posture_choice = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
     plain = choose_posture(case.robot, case.nominal.position, tool_axes(case.nominal, case.job.tool_x_base))
     costs = summarise_costs(build_chain(case.robot), case.robot, case.nominal, plain.q, PostureSettings(), axes)
     # some micrometres less under load, for six times the travel, and inertia bends more than all of that
     assert greedy.costs["sensitivity_rms_mm"] < costs["sensitivity_rms_mm"]
     assert greedy.costs["joint_travel_deg"] > 5 * costs["joint_travel_deg"]
-    assert sum_errors(stance.costs) <= min(sum_errors(costs), sum_errors(greedy.costs))
-    assert stance.costs["joint_travel_deg"] < 1.5 * costs["joint_travel_deg"]
+    assert sum_errors(posture_choice.costs) <= min(sum_errors(costs), sum_errors(greedy.costs))
+    assert posture_choice.costs["joint_travel_deg"] < 1.5 * costs["joint_travel_deg"]
 
 
 def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
@@ -92,9 +92,11 @@ def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
 def test_the_margin_that_is_asked_for_is_kept_where_some_way_keeps_it() -> None:
     case = make_case("kuka_kr270", "spiral", 45.0)  # the plain posture comes within 1.4 deg of a limit
     settings = PostureSettings(motion=MotionFigures(stated=True))
-    stance = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
-    assert stance.keeps_margin and stance.costs["limit_distance_deg"] >= 10.0
-    assert stance.costs["joint_travel_deg"] < 0.5 * 2577  # deg that 2.6 micrometres less under load would travel
+    posture_choice = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
+    assert posture_choice.keeps_margin and posture_choice.costs["limit_distance_deg"] >= 10.0
+    assert (
+        posture_choice.costs["joint_travel_deg"] < 0.5 * 2577
+    )  # deg that 2.6 micrometres less under load would travel
 
 
 def test_motion_is_priced_as_its_error_in_closed_form() -> None:
@@ -119,16 +121,16 @@ def test_an_even_turn_bends_nothing_and_an_oscillating_joint_by_its_acceleration
 
 
 def test_the_chosen_posture_puts_the_unloaded_tool_on_the_path_within_the_limits(angled) -> None:
-    case, stance = angled
-    check_on_path(case.robot, case.nominal, stance)
-    assert np.abs(np.diff(stance.q, axis=0)).max() < np.radians(20)
+    case, posture_choice = angled
+    check_on_path(case.robot, case.nominal, posture_choice)
+    assert np.abs(np.diff(posture_choice.q, axis=0)).max() < np.radians(20)
 
 
 def test_spin_turns_the_tool_about_its_own_axis(angled) -> None:
-    case, stance = angled
+    case, posture_choice = angled
     zero = np.zeros(len(case.nominal))
-    rotation = orient_tool(case.nominal, case.job.tool_x_base, np.arange(len(zero)), stance.spin, zero, zero)
-    frames = locate_frames(build_arm(case.robot).chain, stance.q)
+    rotation = orient_tool(case.nominal, case.job.tool_x_base, np.arange(len(zero)), posture_choice.spin, zero, zero)
+    frames = locate_frames(build_arm(case.robot).chain, posture_choice.q)
     assert np.abs(frames.tcp_rotation - rotation).max() < 1e-6
 
 
@@ -144,8 +146,8 @@ def test_the_smooth_preset_moves_the_joints_no_more_than_the_accurate_one() -> N
     travel = {}
     for preset in ("accurate", "smooth"):
         settings = PostureSettings(stations=60, preset=preset)
-        stance = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
-        travel[preset] = stance.costs["joint_travel_deg"], stance.costs["sensitivity_rms_mm"]
+        posture_choice = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
+        travel[preset] = posture_choice.costs["joint_travel_deg"], posture_choice.costs["sensitivity_rms_mm"]
     assert travel["smooth"][0] < travel["accurate"][0]
     assert travel["smooth"][1] >= travel["accurate"][1]
 
@@ -158,10 +160,10 @@ def test_a_path_through_a_wrist_singularity_is_followed() -> None:
     axis = np.tile([-1.0, 0.0, 0.0], (n, 1))
     wrench = np.tile([-300.0, 0.0, 0.0, 0.0, 0.0, 0.0], (n, 1))
     nominal = Toolpath(position, axis, np.full(n, 0.05), np.zeros(n, bool), wrench, frame="base")
-    stance = choose_posture_path(robot, nominal, np.array([0.0, 0.0, 1.0]), PostureSettings(stations=80))
-    check_on_path(robot, nominal, stance)
-    assert np.abs(np.diff(stance.q, axis=0)).max() < np.radians(20)
-    assert np.abs(stance.q[:, 4]).min() < np.radians(3) or stance.costs["dexterity_min"] > 0.03
+    posture_choice = choose_posture_path(robot, nominal, np.array([0.0, 0.0, 1.0]), PostureSettings(stations=80))
+    check_on_path(robot, nominal, posture_choice)
+    assert np.abs(np.diff(posture_choice.q, axis=0)).max() < np.radians(20)
+    assert np.abs(posture_choice.q[:, 4]).min() < np.radians(3) or posture_choice.costs["dexterity_min"] > 0.03
 
 
 def test_a_path_that_no_posture_can_follow_is_refused_with_the_waypoint() -> None:
@@ -190,11 +192,11 @@ def test_a_change_of_configuration_is_made_in_rapid_moves_alone() -> None:
         robot,
         joints=tuple(replace(j, lower=-3.12, upper=3.12) if j.name == "joint_1" else j for j in robot.joints),
     )
-    stance = choose_posture_path(
+    posture_choice = choose_posture_path(
         narrow, nominal, FLAT, PostureSettings(stations=62, configuration={"shoulder": "front"})
     )
-    check_on_path(narrow, nominal, stance)
-    jumps = np.flatnonzero(np.abs(np.diff(stance.q, axis=0)).max(axis=1) > np.radians(40)) + 1
+    check_on_path(narrow, nominal, posture_choice)
+    jumps = np.flatnonzero(np.abs(np.diff(posture_choice.q, axis=0)).max(axis=1) > np.radians(40)) + 1
     assert set(jumps.tolist()) == {31}
     with pytest.raises(InfeasibleError, match="no continuous motion"):
         settings = PostureSettings(stations=62, configuration={"shoulder": "front"}, reconfigure=False)
@@ -216,10 +218,10 @@ def test_lead_and_lean_stay_within_their_cone_and_never_cost() -> None:
 def test_a_rail_is_used_where_it_helps() -> None:
     robot = load_robot("kuka_kr240_rail")
     nominal = straight_path([1.5, 0.6, 1.2], [1.5, 3.4, 1.2], 60)
-    stance = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
-    check_on_path(robot, nominal, stance)
-    assert np.ptp(stance.q[:, 0]) > 1.0
-    assert stance.map.held_sensitivity.shape == (len(stance.map.length), 9)
+    posture_choice = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
+    check_on_path(robot, nominal, posture_choice)
+    assert np.ptp(posture_choice.q[:, 0]) > 1.0
+    assert posture_choice.map.held_sensitivity.shape == (len(posture_choice.map.length), 9)
 
 
 def test_the_map_holds_the_chosen_line() -> None:
@@ -230,15 +232,15 @@ def test_the_map_holds_the_chosen_line() -> None:
 
 
 def test_the_plan_keeps_the_chosen_posture_and_stands_on_the_path_under_load(angled) -> None:
-    case, stance = angled
-    request = PostureRequest(stance.settings, case.job.T_base_part[:3, :3])
+    case, posture_choice = angled
+    request = PostureRequest(posture_choice.settings, case.job.T_base_part[:3, :3])
     options = PlanOptions(tool_x=case.job.tool_x_base, posture=request, inertia=False)
     plan = plan_compensation(case.robot, case.nominal, options, name="angled")
     assert plan.status == "solved"
     assert plan.after.max_deviation < 1e-8
     assert np.abs(plan.q - plan.task.q_start).max() < np.radians(5)
-    assert plan.task.start is not None and plan.task.start.stance is not None
-    assert np.abs(plan.task.start.stance.q - stance.q).max() < 1e-9
+    assert plan.task.start is not None and plan.task.start.posture_choice is not None
+    assert np.abs(plan.task.start.posture_choice.q - posture_choice.q).max() < 1e-9
 
 
 @pytest.mark.slow

@@ -45,24 +45,24 @@ def test_no_other_preset_is_faster_than_fast(job: str, presets: list[str]) -> No
     task, fast = stand(job, "fast")
     others = {preset: stand(job, preset)[1] for preset in presets}
     assert fast <= 1.0001 * min(others.values()), others
-    assert task.start is not None and task.start.stance is not None
-    assert fast == pytest.approx(task.start.stance.costs["driven_s"], rel=1e-9)
-    assert task.start.stance.costs["driven_s"] == min(task.start.stance.compared.values())
+    assert task.start is not None and task.start.posture_choice is not None
+    assert fast == pytest.approx(task.start.posture_choice.costs["driven_s"], rel=1e-9)
+    assert task.start.posture_choice.costs["driven_s"] == min(task.start.posture_choice.compared.values())
     assert any("fastest of the postures" in note for note in task.start.notes)
 
 
 def test_a_feed_that_every_posture_holds_is_a_tie_and_the_plan_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(candidates, "measure_runs", lambda *words: [])  # one program may start and end faster
     task, _ = stand("slow spin", "fast")
-    assert task.start is not None and task.start.stance is not None
-    assert task.start.stance.settings.preset == "fast"
+    assert task.start is not None and task.start.posture_choice is not None
+    assert task.start.posture_choice.settings.preset == "fast"
     assert any("the programmed feed sets the time, not the posture" in note for note in task.start.notes)
 
 
 @pytest.mark.parametrize("preset", ["accurate", "smooth"])
 def test_a_preset_that_is_asked_for_is_the_best_by_its_own_measure(preset: str) -> None:
     task, _ = stand("spin", preset)
-    assert task.start is not None and (chosen := task.start.stance) is not None
+    assert task.start is not None and (chosen := task.start.posture_choice) is not None
     assert chosen.compared_by == {"accurate": "band_mm", "smooth": "joint_travel_deg"}[preset]
     assert chosen.costs[chosen.compared_by] == min(chosen.compared.values()) and len(chosen.compared) >= 3
     assert any(note.startswith(f"Preset {preset}: ") for note in task.start.notes)
@@ -71,5 +71,5 @@ def test_a_preset_that_is_asked_for_is_the_best_by_its_own_measure(preset: str) 
 def test_a_preset_that_nobody_named_compares_nothing() -> None:
     robot, nominal, options = prepare_job(check_job(SPIN, "job.toml"))
     task = build_task(robot, nominal, options)
-    assert task.start is not None and task.start.stance is not None
-    assert task.start.stance.settings.preset == "accurate" and not task.start.stance.compared
+    assert task.start is not None and task.start.posture_choice is not None
+    assert task.start.posture_choice.settings.preset == "accurate" and not task.start.posture_choice.compared

@@ -246,7 +246,7 @@ def test_a_real_plan_gets_its_page_with_what_its_job_assumes(tmp_path: Path) -> 
     assert "job: Assumed: where the part stands." in html
     assert "job: force_N: assumed" in html
     assert plan.task.start is not None
-    assert plan.task.start.stance is not None
+    assert plan.task.start.posture_choice is not None
     assert "Rotation about the tool axis against path length" in html
     assert "errors of 10 % of the wrench" in html
     assert f"<dd>{plan.judge}</dd>" in html

@@ -93,7 +93,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_numbers(
     run = run_study(small_study(), settings, folder=tmp_path / "samples", workforce=there, progress=watch)
     here = run_study(small_study(), settings, workforce=Workers(workers=1))
     assert killed and victim.wait(10) == -signal.SIGKILL
-    for a, b in zip(run.judged, here.judged, strict=True):
+    for a, b in zip(run.evaluated, here.evaluated, strict=True):
         np.testing.assert_array_equal(a, b)
     assert len(list((tmp_path / "samples").glob("chunk-*.npz"))) == 20
 

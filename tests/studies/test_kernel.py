@@ -34,8 +34,8 @@ def test_the_kernel_agrees_with_the_pinocchio_judge_to_a_nanometre(name: str) ->
     wrench = RNG.normal(size=(40, 6)) * level * np.array([1, 1, 1, 0.1, 0.1, 0.1])
     start = np.zeros((chain.n_springs, 40))
     tips = settle_tips(build_kernel(chain), q.T, wrench.T, np.ones_like(start), start)
-    judged, _, _ = solve_exact_pose(build_exact_robot(robot), q, wrench)
-    assert np.abs(tips.T - judged).max() < 1e-9
+    evaluated, _, _ = solve_exact_pose(build_exact_robot(robot), q, wrench)
+    assert np.abs(tips.T - evaluated).max() < 1e-9
 
 
 def test_a_load_beyond_buckling_is_refused() -> None:

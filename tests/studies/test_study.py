@@ -32,7 +32,7 @@ def test_two_processes_give_the_numbers_of_one_to_the_last_digit(monkeypatch: py
     settings = Settings(samples=50, seed=3)
     one = run_study(small_study(), settings, workforce=HERE)
     two = run_study(small_study(), settings, workforce=Workers(workers=2))
-    for a, b in zip(one.judged, two.judged, strict=True):
+    for a, b in zip(one.evaluated, two.evaluated, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -53,8 +53,8 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypat
     resumed = run_study(study, settings, folder=tmp_path, workforce=HERE)
     assert resumed.reused == 1
     whole = run_study(study, settings, workforce=HERE)
-    np.testing.assert_array_equal(resumed.judged.rms, whole.judged.rms)
-    np.testing.assert_array_equal(resumed.judged.along, whole.judged.along)
+    np.testing.assert_array_equal(resumed.evaluated.rms, whole.evaluated.rms)
+    np.testing.assert_array_equal(resumed.evaluated.along, whole.evaluated.along)
     prolonged = run_study(study, Settings(samples=80, seed=3), folder=tmp_path, workforce=HERE)
     assert prolonged.reused == 4
     with pytest.raises(InputError, match=r"holds 5 finished chunks of another study .* --discard"):
@@ -62,7 +62,7 @@ def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, monkeypat
     assert len(list(tmp_path.glob("chunk-*.npz"))) == 5
     discard_chunks(tmp_path)
     other = run_study(study, Settings(samples=64, seed=4), folder=tmp_path, workforce=HERE)
-    assert other.reused == 0 and not np.array_equal(other.judged.rms, whole.judged.rms)
+    assert other.reused == 0 and not np.array_equal(other.evaluated.rms, whole.evaluated.rms)
 
 
 def test_a_chunk_of_another_study_that_slips_in_is_not_taken(tmp_path: Path) -> None:
@@ -80,8 +80,8 @@ def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.
     monkeypatch.setattr(runner, "MOST_SAMPLES", 64)
     settings = Settings(samples=1024, seed=3, stop_below=5e-5)
     run = run_study(small_study(), settings, workforce=HERE)
-    assert run.stopped and len(run.judged.rms) < 1024
-    assert max(estimate_mean(run.judged.rms[:, k], 8).half_width for k in range(2)) < 5e-5
+    assert run.stopped and len(run.evaluated.rms) < 1024
+    assert max(estimate_mean(run.evaluated.rms[:, k], 8).half_width for k in range(2)) < 5e-5
 
 
 def test_total_indices_find_what_matters() -> None:
@@ -137,7 +137,7 @@ def test_on_lumped_springs_both_encoders_leave_less_than_the_secondary_one_and_t
     assert "link_share" in unsure.surroundings.factors.groups and "link_share" not in sure.surroundings.factors.groups
     settings = Settings(samples=64, seed=1)
     sure_rms, unsure_rms = (
-        run_study(study, settings, workforce=HERE).judged.rms.mean(axis=0) for study in (sure, unsure)
+        run_study(study, settings, workforce=HERE).evaluated.rms.mean(axis=0) for study in (sure, unsure)
     )
     assert sure_rms[2] < 0.7 * sure_rms[1]
     assert unsure_rms[2] > 1.02 * sure_rms[2] and unsure_rms[0] == pytest.approx(sure_rms[0], rel=0.15)

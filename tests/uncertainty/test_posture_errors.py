@@ -96,8 +96,8 @@ def measure_choice(job: Job, robot: Robot) -> float:
     """Return the rms of the exact band along the posture that a job's preset chooses."""
     nominal = load_nominal(job)
     settings = read_settings(job, robot, posture_errors(job, robot))
-    stance = choose_posture_path(robot, nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
-    scene = build_path_model(robot, stance.q, nominal.wrench)
+    posture_choice = choose_posture_path(robot, nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
+    scene = build_path_model(robot, posture_choice.q, nominal.wrench)
     promise = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))
 
@@ -106,9 +106,9 @@ def measure_choice(job: Job, robot: Robot) -> float:
 def test_a_plan_for_the_promise_says_what_it_counts() -> None:
     few = {**JOB["toolpath"], "waypoints": 12}
     plan = plan_job(check_job({**JOB, "toolpath": few, "posture": {"preset": "error_band"}}, "job.toml"))
-    stance = plan.task.start.stance
-    assert stance is not None and stance.settings.errors is not None
-    told = stance.describe()
+    posture_choice = plan.task.start.posture_choice
+    assert posture_choice is not None and posture_choice.settings.errors is not None
+    told = posture_choice.describe()
     assert "assumed" in told["error_band_from"] and "uncertainty_assumed" not in told
     assert plan.promise is not None
     # what the search counted is what the plan promises: the rms error, and the quantile over errors and waypoints

@@ -63,7 +63,7 @@ def command(
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
-    shop = Equipment(
+    equipment = Equipment(
         parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places,
         None if length_mm is None else length_mm * 1e-3,
     )  # fmt: skip
@@ -72,7 +72,7 @@ def command(
         announce("plan")
         plan = plan_job(checked)
         measured = read_log(log, plan.robot, described)
-        campaign = design_campaign(plan, shop, count, measured, announce)
+        campaign = design_campaign(plan, equipment, count, measured, announce)
         announce("report")
         summary = write_campaign(campaign, folder)
     if as_json:
@@ -87,7 +87,7 @@ def command(
         click.echo(f"the way to pose {', '.join(str(k + 1) for k in campaign.touching)} touches something: go around")
     click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
     more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
-    more += f" and --register {','.join(shop.frames)}" if shop.frames else ""
+    more += f" and --register {','.join(equipment.frames)}" if equipment.frames else ""
     click.echo(
         f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
     )

@@ -19,7 +19,7 @@ from compplan.cli.commands.progress import show_progress
 from compplan.diagnosis import Diagnosis, Finding, diagnose_campaign
 from compplan.diagnosis.evidence.unmodelled import describe_unmodelled
 from compplan.diagnosis.results.accuracy import MORE, Assessment
-from compplan.diagnosis.results.calibration import state_change
+from compplan.diagnosis.results.change import state_change
 from compplan.diagnosis.results.delivery import NOMINAL
 from compplan.diagnosis.results.verdict import CALIBRATED
 from compplan.effects import EFFECTS

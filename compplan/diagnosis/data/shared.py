@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtri
 
 #: Every interval and every test against chance is at this level (theory: the usual 95 %).
 LEVEL = 0.95
+#: Standard deviations of a two-sided interval at that level (theory).
+HALF_WIDTH = float(ndtri(0.5 * (1.0 + LEVEL)))
 #: What is as probable as this is not questioned, what is as improbable as the rest not named (assumed: one in ten).
 SURE = 0.9
 #: Shares, probabilities and improvements below this are not worth a word or a change (assumed: a fiftieth).

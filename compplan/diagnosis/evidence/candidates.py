@@ -148,25 +148,25 @@ def in_background(signature: Signature) -> bool:
     return True
 
 
-def build_prior(ledger: NormalEquations, free: Sequence[int], excluded: Sequence[str] = ()) -> Prior:
+def build_prior(equations: NormalEquations, free: Sequence[int], excluded: Sequence[str] = ()) -> Prior:
     """Give every column its background.
 
     Args:
-        ledger: The signatures and their columns.
+        equations: The signatures and their columns.
         free: Signatures that every model fits freely (registration).
         excluded: Effects that are left out of the candidates and of the background.
     """
-    classes, spread, unbound = np.full(ledger.p, -1), np.zeros(ledger.p), np.zeros(ledger.p, bool)
-    for number, signature in enumerate(ledger.signatures):
-        columns = ledger.columns(number)
+    classes, spread, unbound = np.full(equations.p, -1), np.zeros(equations.p), np.zeros(equations.p, bool)
+    for number, signature in enumerate(equations.signatures):
+        columns = equations.columns(number)
         if number in free:
             unbound[columns] = True
         elif signature.name not in excluded and in_background(signature):
             label, scale = BACKGROUND[signature.name]
-            motion = np.sqrt(np.mean(np.sum(ledger.designs[0][..., columns] ** 2, axis=1), axis=0))
+            motion = np.sqrt(np.mean(np.sum(equations.designs[0][..., columns] ** 2, axis=1), axis=0))
             small = np.sqrt(3.0) * NO_CAUSE / np.maximum(motion, 1e-12)
             classes[columns], spread[columns] = CLASSES.index(label), np.minimum(scale, small)
-    return Prior(classes, spread, unbound, np.zeros(ledger.p))
+    return Prior(classes, spread, unbound, np.zeros(equations.p))
 
 
 def log_priors(signatures: Sequence[Signature]) -> Array:

@@ -174,14 +174,14 @@ def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, co
     return np.array(found)
 
 
-def start_hyper(ledger: NormalEquations, classes: int) -> Hyper:
+def start_hyper(equations: NormalEquations, classes: int) -> Hyper:
     """Start with the estimated noise, little shared error and little background."""
-    c = len(ledger.channels)
+    c = len(equations.channels)
     return Hyper(np.zeros(c), np.full(c, START), np.full(classes, START))
 
 
 def find_posterior(
-    ledger: NormalEquations,
+    equations: NormalEquations,
     prior: Prior,
     hyper: Hyper,
     *,
@@ -192,14 +192,14 @@ def find_posterior(
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
 
     Args:
-        ledger: The products.
+        equations: The products.
         prior: The prior.
         hyper: Noise and background to begin with.
         fit: Whether to fit them.
         steps: Most steps of the fit.
         shared: Whether rows of a stay may share an error.
     """
-    solver, channels, loose = _choose_solver(ledger, prior), ledger.channels, _loose(prior, hyper)
+    solver, channels, loose = _choose_solver(equations, prior), equations.channels, _loose(prior, hyper)
     if not fit:
         return _conclude(solver, prior, channels, solver.solve(hyper), hyper)
     bounds = (
@@ -321,12 +321,12 @@ class _Variance:
         return np.asarray(np.bincount(self.label, part, len(log_tau)))
 
 
-def _choose_solver(ledger: NormalEquations, prior: Prior) -> _Solver:
+def _choose_solver(equations: NormalEquations, prior: Prior) -> _Solver:
     """Choose the smaller matrix: that of the values or that of the active columns."""
     wide = (prior.free | (prior.slab > 0))[prior.active]
-    few = gather_rows(ledger.channels, prior.active, wide)
+    few = gather_rows(equations.channels, prior.active, wide)
     if few is None:
-        return _Columns(_Variance(prior), gather_products(ledger.channels, prior.active))
+        return _Columns(_Variance(prior), gather_products(equations.channels, prior.active))
     return _Few(_Variance(prior), few)
 
 

@@ -26,27 +26,27 @@ class Gain:
     size: float
 
 
-def find_gains(ledger: NormalEquations, posterior: Posterior, candidates: list[int]) -> list[Gain]:
+def find_gains(equations: NormalEquations, posterior: Posterior, candidates: list[int]) -> list[Gain]:
     """Compute what each candidate would add to the log evidence, noise and background held.
 
     Args:
-        ledger: The products.
+        equations: The products.
         posterior: Posterior of the current model.
         candidates: Numbers of the signatures that might be claimed.
     """
-    gram, against, _, _ = combine_normal_equations(ledger, posterior.hyper)
+    gram, against, _, _ = combine_normal_equations(equations, posterior.hyper)
     cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean
     known = cross @ posterior.covariance
     alone = np.maximum(np.diag(gram) - np.einsum("ij,ij->i", known, cross), 0.0)
     by_size: dict[int, list[int]] = {}
     for n in candidates:
-        by_size.setdefault(len(ledger.columns(n)), []).append(n)
+        by_size.setdefault(len(equations.columns(n)), []).append(n)
     gains: list[Gain] = []
     for size, numbers in by_size.items():
-        own = np.stack([ledger.columns(n) for n in numbers])
+        own = np.stack([equations.columns(n) for n in numbers])
         if size == 1:
-            positive = np.array([ledger.signatures[n].positive for n in numbers], bool)
+            positive = np.array([equations.signatures[n].positive for n in numbers], bool)
             sure, best = _single_gains(alone[own[:, 0]], left[own[:, 0]], positive)
         else:
             blocks = gram[own[:, :, None], own[:, None, :]] - known[own] @ np.swapaxes(cross[own], 1, 2)
@@ -56,9 +56,9 @@ def find_gains(ledger: NormalEquations, posterior: Posterior, candidates: list[i
 
 
 @lru_cache(maxsize=1)
-def combine_normal_equations(ledger: NormalEquations, hyper: Hyper) -> tuple[Array, Array, float, float]:
+def combine_normal_equations(equations: NormalEquations, hyper: Hyper) -> tuple[Array, Array, float, float]:
     """Combine the channels of a whole ledger; a search asks again and again at the same noise."""
-    return combine_channels(ledger.channels, hyper)
+    return combine_channels(equations.channels, hyper)
 
 
 def _single_gains(block: Array, left: Array, positive: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -163,38 +163,38 @@ def build_normal_equations(
     )
 
 
-def extend_normal_equations(ledger: NormalEquations, signatures: Sequence[Signature]) -> NormalEquations:
+def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Signature]) -> NormalEquations:
     """Return the ledger with further signatures behind the old ones; their parameters are zero in the current model."""
-    index, names, scale, picked = _number_columns(signatures, list(ledger.names))
-    fresh = [_design(channel, signatures, picked) for channel in ledger.source]
-    designs = [np.concatenate([old, new], axis=-1) for old, new in zip(ledger.designs, fresh, strict=True)]
+    index, names, scale, picked = _number_columns(signatures, list(equations.names))
+    fresh = [_design(channel, signatures, picked) for channel in equations.source]
+    designs = [np.concatenate([old, new], axis=-1) for old, new in zip(equations.designs, fresh, strict=True)]
     products = [
         _multiply(c, d, y, old)
-        for c, d, y, old in zip(ledger.source, designs, ledger.observed, ledger.channels, strict=True)
+        for c, d, y, old in zip(equations.source, designs, equations.observed, equations.channels, strict=True)
     ]
     return replace(
-        ledger,
-        signatures=(*ledger.signatures, *(s.without_motion() for s in signatures)),
-        index=(*ledger.index, *index),
+        equations,
+        signatures=(*equations.signatures, *(s.without_motion() for s in signatures)),
+        index=(*equations.index, *index),
         names=tuple(names),
-        scale=np.concatenate([ledger.scale, scale]),
+        scale=np.concatenate([equations.scale, scale]),
         channels=tuple(products),
         designs=tuple(designs),
     )
 
 
 def select_rows(
-    ledger: NormalEquations, rows: NDArray[np.bool_], columns: NDArray[np.int_]
+    equations: NormalEquations, rows: NDArray[np.bool_], columns: NDArray[np.int_]
 ) -> tuple[ChannelProducts, ...]:
     """Return the products over some rows and columns only.
 
     Args:
-        ledger: The ledger.
+        equations: The ledger.
         rows: Rows of the campaign to use. Shape (n,).
         columns: Columns to use.
     """
     result = []
-    for channel, design, observed in zip(ledger.source, ledger.designs, ledger.observed, strict=True):
+    for channel, design, observed in zip(equations.source, equations.designs, equations.observed, strict=True):
         keep = rows[channel.rows]
         part = channel.take(keep)
         kept = design[keep]
@@ -209,16 +209,16 @@ def typical_size(sizes: NDArray[np.int_]) -> NDArray[np.int_]:
     return np.asarray(TYPICAL[np.abs(np.log(sizes[:, None] / TYPICAL)).argmin(1)])
 
 
-def representable_forms(ledger: NormalEquations, special: int) -> set[int]:
+def representable_forms(equations: NormalEquations, special: int) -> set[int]:
     """List forms at the joint of one that have more parameters and hold all that this one can be."""
-    narrow, joint = ledger.columns(special), ledger.signatures[special].joint
+    narrow, joint = equations.columns(special), equations.signatures[special].joint
 
     def multiply(rows: NDArray[np.int_], columns: NDArray[np.int_]) -> Array:
-        return np.asarray(sum(channel.total.gram[np.ix_(rows, columns)] for channel in ledger.channels))
+        return np.asarray(sum(channel.total.gram[np.ix_(rows, columns)] for channel in equations.channels))
 
     whole, found = np.trace(multiply(narrow, narrow)), set()
-    for number, signature in enumerate(ledger.signatures):
-        wide = ledger.columns(number)
+    for number, signature in enumerate(equations.signatures):
+        wide = equations.columns(number)
         if signature.joint != joint or len(wide) <= len(narrow):
             continue
         across, own = multiply(wide, narrow), multiply(wide, wide)

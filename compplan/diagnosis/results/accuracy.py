@@ -170,7 +170,7 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
         return None
     # rows that are no part of the fit (not measured, outliers, an approach that nobody knows) tell nothing here
     usable, group = np.zeros(len(label), bool), np.full(len(label), -1)
-    usable[delivery.fitted.search.ledger.source[0].rows] = True
+    usable[delivery.fitted.search.equations.source[0].rows] = True
     group[usable] = np.unique(label[usable], return_inverse=True)[1].reshape(-1)
     groups = int(group.max(initial=-1)) + 1
     if groups < MORE:
@@ -198,28 +198,28 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
 def _multiply_part(fitted: Fit, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return the whitened products of the active columns over some rows: gram, and with the observations."""
     posterior = fitted.model.posterior
-    channels = select_rows(fitted.search.ledger, rows, posterior.columns)
+    channels = select_rows(fitted.search.equations, rows, posterior.columns)
     gram, against, _, _ = combine_channels(channels, posterior.hyper)
     return gram, against
 
 
 def _frames(fitted: Fit) -> Array:
     """Return what frames that every campaign brings can follow, whitened, orthonormal. Shape (3 r, k)."""
-    ledger = fitted.search.ledger
-    columns = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
-    return np.asarray(np.linalg.qr(columns.reshape(ledger.observed[0].size, columns.shape[-1]))[0])
+    equations = fitted.search.equations
+    columns = equations.designs[0][..., equations.columns_named(REGISTRATION)]
+    return np.asarray(np.linalg.qr(columns.reshape(equations.observed[0].size, columns.shape[-1]))[0])
 
 
 def _predict_rest(fitted: Fit, frames: Array, given: Sequence[tuple[Array, Array]], rest: NDArray[np.bool_]) -> float:
     """Return the mean square distance that a model fitted to some products leaves of other rows. [m^2]"""
-    ledger, posterior = fitted.search.ledger, fitted.model.posterior
+    equations, posterior = fitted.search.equations, fitted.model.posterior
     prior = fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns]
     gram, against = (sum((p[k] for p in given), np.zeros_like(given[0][k])) for k in range(2))
     root = np.sqrt(prior)
     mean = root * np.linalg.solve(np.eye(len(root)) + root[:, None] * gram * root, root * against)
-    source = ledger.source[0]
+    source = equations.source[0]
     seen = rest[source.rows]
-    left = ledger.observed[0] - ledger.designs[0][..., posterior.columns] @ mean
+    left = equations.observed[0] - equations.designs[0][..., posterior.columns] @ mean
     left = left - (frames @ (frames.T @ left.ravel())).reshape(left.shape)
     return float(np.mean(np.sum((left[seen] * source.sigma[seen]) ** 2, axis=1)))
 

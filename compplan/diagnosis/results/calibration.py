@@ -10,25 +10,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from compplan.controllers.writers.frames import euler_angles, flange_turn
-from compplan.diagnosis.data.shared import LEVEL, NEGLIGIBLE
+from compplan.diagnosis.data.shared import HALF_WIDTH, NEGLIGIBLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.results.verdict import CLAIMED
-from compplan.effects.forward_model import own_springs
-from compplan.effects.signature import Effect
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.robot.mounting import mounted_tool
-from compplan.robot.uncertainty import Uncertainty, split_unknowns
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.delivery import Delivery
     from compplan.diagnosis.results.result import Diagnosis
-
-#: Standard deviations of a two-sided interval at the agreed level (theory).
-HALF_WIDTH = float(ndtri(0.5 * (1.0 + LEVEL)))
-
 
 #: Effects that a controller's tables can hold.
 ZEROS, LENGTHS, FRAMES = "joint_offset", "link_geometry", ("tool_frame", "base_frame")
@@ -115,15 +107,15 @@ def list_corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
     delivery = diagnosis.deliveries[0]
     if delivery.fitted is None:
         return ()
-    ledger = delivery.fitted.search.ledger
+    equations = delivery.fitted.search.equations
     spreads = _spreads(delivery)
     named = {f.effect.place[:2] for f in diagnosis.verdict.findings if f.probability >= CLAIMED}
     found: dict[str, Correction] = {}
-    for number, signature in enumerate(ledger.signatures):
+    for number, signature in enumerate(equations.signatures):
         if signature.name not in (ZEROS, LENGTHS, *FRAMES):
             continue
-        for column, key in zip(ledger.columns(number), signature.keys, strict=True):
-            name = ledger.names[column]
+        for column, key in zip(equations.columns(number), signature.keys, strict=True):
+            name = equations.names[column]
             if name in found or name not in spreads:
                 continue
             kind, _, unit = key.rpartition("_")
@@ -170,13 +162,13 @@ def _spreads(delivery: Delivery) -> dict[str, float]:
     if delivery.fitted is None:
         return {}
     fitted = delivery.fitted
-    ledger, posterior = fitted.search.ledger, fitted.model.posterior
+    equations, posterior = fitted.search.equations, fitted.model.posterior
     prior = fitted.search.prior_of(fitted.model.claims)
     size = np.sqrt(np.maximum(np.diag(posterior.covariance), 0.0))
     free = prior.free[posterior.columns]
     told = ~free | (size < NEGLIGIBLE * np.sqrt(prior.variance(posterior.hyper.log_tau)[posterior.columns]))
-    size = size * ledger.scale[posterior.columns]
-    return {ledger.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
+    size = size * equations.scale[posterior.columns]
+    return {equations.names[c]: float(s) for c, s, t in zip(posterior.columns, size, told, strict=True) if t}
 
 
 def _halves(
@@ -185,51 +177,15 @@ def _halves(
     """Return half widths of a frame's position [mm] and turns [deg], None where the campaign does not tell them."""
     if delivery.fitted is None:
         return None, None
-    ledger = delivery.fitted.search.ledger
+    equations = delivery.fitted.search.equations
     own: dict[str, float] = {}
-    for number, signature in enumerate(ledger.signatures):
+    for number, signature in enumerate(equations.signatures):
         if signature.name == name and form in (None, signature.form):
-            for column, key in zip(ledger.columns(number), signature.keys, strict=True):
-                if ledger.names[column] in spreads:
-                    own[key] = HALF_WIDTH * spreads[ledger.names[column]]
+            for column, key in zip(equations.columns(number), signature.keys, strict=True):
+                if equations.names[column] in spreads:
+                    own[key] = HALF_WIDTH * spreads[equations.names[column]]
     position = [own.get(f"t{axis}_m", np.nan) for axis in "xyz"]
     angles = [own.get(f"r{axis}_rad", np.nan) for axis in "xyz"]
     moved = 1e3 * np.array(position) if np.isfinite(position).all() else None
     turned = np.rad2deg(angles) if np.isfinite(angles).all() else None
     return moved, turned
-
-
-def state_change(robot: Robot, effect: Effect, sure: Uncertainty) -> dict[str, Any]:
-    """State the intervals of an effect's parameters.
-
-    Args:
-        robot: The nominal robot.
-        effect: A named effect with its parameters.
-        sure: How surely the updated robot is known.
-
-    Returns:
-        "interval95": lower and upper end by parameter, where one is known; and, of a joint's compliance that the model
-        knows, "change_percent": value, lower and upper end in percent of the model's.
-    """
-    deviation = {
-        key: float(sigma)
-        for unknown, widths in split_unknowns(sure.unknowns, sure.width)
-        if (unknown.effect, unknown.joint, unknown.axis) == tuple(effect.place)
-        for key, sigma in zip(unknown.keys, widths, strict=True)
-    }
-    ends = {
-        key: [float(value) - HALF_WIDTH * deviation[key], float(value) + HALF_WIDTH * deviation[key]]
-        for key, value in effect.parameters.items()
-        if key in deviation
-    }
-    if not ends:
-        return {}
-    found: dict[str, Any] = {"interval95": ends}
-    if effect.name == "joint_stiffness":
-        spring = own_springs(robot).get(robot.joint_names.index(str(effect.joint)))
-        key = next(iter(ends))
-        if spring is not None and spring.compliance > 0.0:
-            found["change_percent"] = [
-                round(100.0 * value / spring.compliance, 2) for value in (float(effect.parameters[key]), *ends[key])
-            ]
-    return found

@@ -104,14 +104,14 @@ def deliver_folders(
     blend = stack_options(folds, list_options(every), seen)
     # few poses choose weights badly, and an option whose derivatives promise too much is in no mixture
     plainly = stack_single(folds, PLAIN)
-    judged: list[tuple[str, Sequence[Claim] | StackedModel, HeldOut]] = [
+    evaluated: list[tuple[str, Sequence[Claim] | StackedModel, HeldOut]] = [
         (CAUSES, named, folds.hold_out(named, background=False)),
         (CALIBRATED, blend, hold_out_stack(folds, blend)),
         (CALIBRATED, plainly, hold_out_stack(folds, plainly)),
     ]
     sure = partial(state_uncertainty, fit, every, good=good, rivals=name_alternatives(verdict))
     nothing = Delivery(NOMINAL, nominal, plain, None, _residual(fit.problem, nominal), sure(nominal, plain))
-    useful = [option for option in judged if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
+    useful = [option for option in evaluated if _is_better(option[2].of(seen), plain.of(seen), folds.pose[seen])]
     if not useful:
         return (nothing,)
     first = useful[0]
@@ -131,10 +131,10 @@ def deliver_folders(
     # and where others that the campaign cannot tell from them may move the tip elsewhere in another way
     trusted = [
         claim for claim in (named if verdict.status == "explained" else beyond)
-        if " ".join(part for part in fit.search.ledger.signatures[claim.signature].place if part) not in rivals
+        if " ".join(part for part in fit.search.equations.signatures[claim.signature].place if part) not in rivals
     ]  # fmt: skip
     rest = folds.hold_out(trusted, background=False)
-    places = {fit.search.ledger.signatures[claim.signature].place for claim in trusted}
+    places = {fit.search.equations.signatures[claim.signature].place for claim in trusted}
     stated = [
         replace(
             one, visited=list_visits(fit, one.state, forms, places, rest, one.held, seen),
@@ -182,7 +182,7 @@ def _build(
 ) -> Delivery | None:  # fmt: skip
     """Fit a folder to all rows, exactly; None where its robot finds no equilibrium."""
     if isinstance(model, StackedModel):
-        fitted, state = model.fitted(fit), build_state(fit, model.values(fit.search.ledger.p), model.claimed())
+        fitted, state = model.fitted(fit), build_state(fit, model.values(fit.search.equations.p), model.claimed())
     else:
         fitted = with_claims(fit, model, background=kind == CALIBRATED)
         state = polish_fit(replace(fitted, state=advance_state(fitted), base=fit.base or fit.state)).state

@@ -64,24 +64,24 @@ def explain_otherwise(
         mean: Posterior mean of every column, in units of its scale. Shape (p,).
         rivals: Rivals of each claim, by its signature.
     """
-    ledger, found = fit.search.ledger, []
+    equations, found = fit.search.equations, []
     for number, others in rivals.items():
-        own = ledger.columns(number)
-        held = np.array([state.values.get(ledger.names[column], 0.0) for column in own]) / ledger.scale[own]
+        own = equations.columns(number)
+        held = np.array([state.values.get(equations.names[column], 0.0) for column in own]) / equations.scale[own]
         claimed = held if held.any() else mean[own]
-        if not claimed.any() or is_of_instrument(ledger.signatures[number].name):
+        if not claimed.any() or is_of_instrument(equations.signatures[number].name):
             continue
         mine: list[tuple[Explanation, float]] = []
         for rival in others:
             if rival.place[0] in FRAMES or is_of_instrument(rival.place[0]):
                 continue
             other, values, left = imitate_claim(fit, number, rival.place, claimed)
-            signature, theirs = ledger.signatures[other], ledger.columns(other)
+            signature, theirs = equations.signatures[other], equations.columns(other)
             if np.intersect1d(own, theirs).size or (signature.positive and (values < 0.0).any()):
                 continue
             columns = np.r_[own, theirs]
-            shift, change = (np.r_[-gone, values] * ledger.scale[columns] for gone in (held, claimed))
-            one = Explanation(ledger.signatures[number], signature, 0.0, columns, shift, change)
+            shift, change = (np.r_[-gone, values] * equations.scale[columns] for gone in (held, claimed))
+            one = Explanation(equations.signatures[number], signature, 0.0, columns, shift, change)
             mine.append((one, float(np.exp(-0.5 * left))))
         total = 1.0 + sum(weight for _, weight in mine)
         for one, weight in mine:

@@ -143,7 +143,7 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
         best: dict[Place, Claim] = {}
         gains = [g for g in search.gains(reduced) if _place(fit, g.signature)[0] != UNMODELLED]
         for gain in gains:
-            if is_comparable(search.ledger.signatures[gain.signature]):
+            if is_comparable(search.equations.signatures[gain.signature]):
                 best.setdefault(_place(fit, gain.signature), Claim(gain.signature, gain.size))
         place = finding.effect.place
         alike = [rival.place for rival in finding.rivals if rival.alike and rival.place in best]
@@ -163,7 +163,7 @@ def find_pairs(fit: Fit, findings: Iterable[Finding]) -> Iterable[Pair]:
 
 
 def _place(fit: Fit, signature: int) -> Place:
-    return fit.search.ledger.signatures[signature].place
+    return fit.search.equations.signatures[signature].place
 
 
 def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
@@ -171,13 +171,13 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
 
     Columns that further rows cannot show are zero.
     """
-    ledger, n = fit.search.ledger, len(at.campaign)
+    equations, n = fit.search.equations, len(at.campaign)
     by_key = {(s.place, s.form): s for s in _offered(fit, at)}
-    designs = [np.zeros((n, channel.residual.shape[1], ledger.p)) for channel in ledger.source]
-    used = {int(column) for claim in fit.model.claims for column in ledger.columns(claim.signature)}
+    designs = [np.zeros((n, channel.residual.shape[1], equations.p)) for channel in equations.source]
+    used = {int(column) for claim in fit.model.claims for column in equations.columns(claim.signature)}
     done: set[int] = set()
-    for number, signature in enumerate(ledger.signatures):
-        columns = ledger.columns(number)
+    for number, signature in enumerate(equations.signatures):
+        columns = equations.columns(number)
         fresh = [k for k, column in enumerate(columns) if int(column) not in done]
         if not fresh or signature.name == UNMODELLED:
             continue
@@ -189,8 +189,8 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
         for k in fresh:
             column = int(columns[k])
             done.add(column)
-            for channel, design in zip(ledger.source, designs, strict=True):
-                design[:, :, column] = _motion(found, k, channel.name) * ledger.scale[column] / channel.noise.sigma
+            for channel, design in zip(equations.source, designs, strict=True):
+                design[:, :, column] = _motion(found, k, channel.name) * equations.scale[column] / channel.noise.sigma
     return designs
 
 

@@ -65,7 +65,7 @@ def state_uncertainty(
     """
     fitted = with_claims(_with_usual_classes(fit), claims, background=True)
     known = _collect(fitted, claims, state)
-    campaign, channel = fit.problem.campaign, fit.search.ledger.source[0]
+    campaign, channel = fit.problem.campaign, fit.search.equations.source[0]
     noise = channel.sigma[:, 0] ** 2 + channel.noise.stay**2
     model = _model_covariance(fitted, known)
     seen = good[channel.rows]
@@ -77,7 +77,7 @@ def state_uncertainty(
     pose = group_poses(campaign)[channel.rows][seen]
     along = unexplained**2 / axes.shape[1] * axes
     factor, groups = calibrate_band(left, model[seen] + along, noise[seen][:, None, None] * axes, pose)
-    mean = fitted.model.posterior.values(fitted.search.ledger.p)
+    mean = fitted.model.posterior.values(fitted.search.equations.p)
     others = explain_otherwise(fit, state, mean, rivals or {})
     known, robots = _add_rivals(known, others)
     unknowns, root = spread_unknowns(known.unknowns, known.moment)
@@ -113,18 +113,18 @@ def _with_usual_classes(fit: Fit) -> Fit:
 
 def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
     """Collect parameters of the claims, then of the background, each once."""
-    ledger, posterior = fitted.search.ledger, fitted.model.posterior
+    equations, posterior = fitted.search.equations, fitted.model.posterior
     place = {int(column): number for number, column in enumerate(posterior.columns)}
     claimed = [claim.signature for claim in claims]
     taken: set[int] = set()
     unknowns, columns = [], []
-    for number in [*claimed, *(n for n in range(len(ledger.signatures)) if n not in claimed)]:
-        signature = ledger.signatures[number]
+    for number in [*claimed, *(n for n in range(len(equations.signatures)) if n not in claimed)]:
+        signature = equations.signatures[number]
         if signature.name in (REGISTRATION, UNMODELLED) or is_of_instrument(signature.name):
             continue
         if number not in claimed and not in_background(signature):
             continue
-        own = [(int(c), key) for c, key in zip(ledger.columns(number), signature.keys, strict=True)]
+        own = [(int(c), key) for c, key in zip(equations.columns(number), signature.keys, strict=True)]
         own = [(c, key) for c, key in own if c in place and c not in taken]
         if own:
             taken |= {c for c, _ in own}
@@ -135,8 +135,8 @@ def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
                 Unknown(signature.name, signature.joint, signature.axis, keys, empty, dict(signature.fixed))
             )
     at = np.array([place[c] for c in columns], int)
-    scale = ledger.scale[columns]
-    held = np.array([state.values.get(ledger.names[c], 0.0) for c in columns])
+    scale = equations.scale[columns]
+    held = np.array([state.values.get(equations.names[c], 0.0) for c in columns])
     missing = np.where(held == 0.0, posterior.mean[at] * scale, 0.0)
     moment = posterior.covariance[np.ix_(at, at)] * np.outer(scale, scale) + np.outer(missing, missing)
     return _Known(tuple(unknowns), np.array(columns, int), moment, missing)
@@ -179,12 +179,12 @@ def _add_rivals(known: _Known, explanations: Sequence[Explanation]) -> tuple[_Kn
 
 def _model_covariance(fitted: Fit, known: _Known) -> Array:
     """Return the covariance of what the model says of each row's position, frames included. Shape (r, 3, 3). [m^2]."""
-    ledger, posterior = fitted.search.ledger, fitted.model.posterior
-    scale = ledger.scale[known.columns]
+    equations, posterior = fitted.search.equations, fitted.model.posterior
+    scale = equations.scale[known.columns]
     moment = posterior.covariance.copy()
     at = np.searchsorted(posterior.columns, known.columns)
     moment[np.ix_(at, at)] = known.moment / np.outer(scale, scale)
-    design = ledger.designs[0][..., posterior.columns] * ledger.source[0].sigma[:, :, None]
+    design = equations.designs[0][..., posterior.columns] * equations.source[0].sigma[:, :, None]
     return np.asarray(design @ moment @ np.swapaxes(design, 1, 2))
 
 

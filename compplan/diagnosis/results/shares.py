@@ -178,20 +178,20 @@ class PosteriorMotion:
 
     def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
         model = fitted or diagnosis.doubt
-        ledger, posterior = model.search.ledger, model.model.posterior
-        source = ledger.source[0]
+        equations, posterior = model.search.equations, model.model.posterior
+        source = equations.source[0]
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
         self.sigma = np.repeat(source.sigma[chosen].ravel(), 3)
-        design = ledger.designs[0][chosen].reshape(3 * len(chosen), ledger.p)
-        self.frames = np.linalg.qr(design[:, ledger.columns_named(REGISTRATION)])[0]
+        design = equations.designs[0][chosen].reshape(3 * len(chosen), equations.p)
+        self.frames = np.linalg.qr(design[:, equations.columns_named(REGISTRATION)])[0]
         self.columns, self.mean = posterior.columns, posterior.mean
         self.design = self.take_frames(design[:, posterior.columns] * self.sigma[:, None])
         values, vectors = np.linalg.eigh(posterior.covariance)
         # symmetric: a draw does not hang on the signs that an eigenvector happens to have
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         self.draws = self.mean[:, None] + root @ rng.normal(size=(len(values), SAMPLE))
-        first = self.take_frames((ledger.observed[0][chosen] * source.sigma[chosen]).ravel()[:, None])[:, 0]
+        first = self.take_frames((equations.observed[0][chosen] * source.sigma[chosen]).ravel()[:, None])[:, 0]
         self.first_order = first
         self.conventions = _find_conventions(diagnosis, self)
         self.gap = first + sum((motion for _, motion in self.conventions), np.zeros_like(first))
@@ -271,7 +271,7 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part
         motion: Its posterior.
     """
     verdict, doubt = diagnosis.verdict, diagnosis.doubt
-    ledger, taken = doubt.search.ledger, set(doubt.model.signatures)
+    equations, taken = doubt.search.equations, set(doubt.model.signatures)
     parts = [
         Part(locate_effect(finding.effect.name, finding.effect.joint), finding.effect.name,
              motion.follow(finding.effect.name), finding.probability, (), moved, np.zeros(0, int))
@@ -282,15 +282,15 @@ def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part
         if finding.signature < 0:
             continue
         if finding.signature in taken:
-            own = motion.at(ledger.columns(finding.signature))
+            own = motion.at(equations.columns(finding.signature))
             moved = motion.design[:, own] @ motion.mean[own]
             parts.append(_part_of(finding, motion, moved, own, small=finding in verdict.minor))
         else:
             added.append(_part_of(finding, motion, _given_up_motion(diagnosis, motion, finding), np.zeros(0, int)))
-    claimed, background = ledger.join_columns(taken), diagnosis.fit.search.prior.background
-    names = dict.fromkeys(s.name for s in ledger.signatures)
+    claimed, background = equations.join_columns(taken), diagnosis.fit.search.prior.background
+    names = dict.fromkeys(s.name for s in equations.signatures)
     for name in names:
-        columns = ledger.columns_named(name)
+        columns = equations.columns_named(name)
         columns = columns[columns < len(background)]
         small = np.setdiff1d(columns[background[columns] >= 0], claimed)
         own = motion.at(small)
@@ -336,10 +336,10 @@ def _part_of(
 
 def _given_up_motion(diagnosis: Diagnosis, motion: PosteriorMotion, finding: Finding) -> Array:
     """Return the motion of a claim of the fit that errors without a name explain as well. Shape (3 r,). [m]"""
-    ledger, posterior = diagnosis.fit.search.ledger, diagnosis.fit.model.posterior
-    source, columns = ledger.source[0], ledger.columns(finding.signature)
+    equations, posterior = diagnosis.fit.search.equations, diagnosis.fit.model.posterior
+    source, columns = equations.source[0], equations.columns(finding.signature)
     chosen = np.isin(source.rows, motion.rows)
-    moved = ledger.designs[0][chosen][..., columns] @ posterior.values(ledger.p)[columns]
+    moved = equations.designs[0][chosen][..., columns] @ posterior.values(equations.p)[columns]
     return motion.take_frames((moved * source.sigma[chosen]).reshape(-1, 1))[:, 0]
 
 

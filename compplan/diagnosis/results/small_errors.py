@@ -125,12 +125,12 @@ def kind_of(name: str, loaded: bool) -> str:
 
 def group_columns(fitted: Fit, loaded: bool) -> dict[tuple[str, str], NDArray[np.int_]]:
     """Return the columns of each place and kind of error, each column once."""
-    ledger, found = fitted.search.ledger, dict[tuple[str, str], list[int]]()
+    equations, found = fitted.search.equations, dict[tuple[str, str], list[int]]()
     taken: set[int] = set()
-    for number, signature in enumerate(ledger.signatures):
+    for number, signature in enumerate(equations.signatures):
         if signature.name == REGISTRATION:
             continue
-        for column, place in zip(ledger.columns(number).tolist(), _places(signature), strict=True):
+        for column, place in zip(equations.columns(number).tolist(), _places(signature), strict=True):
             if column not in taken:
                 taken.add(column)
                 found.setdefault((place, kind_of(signature.name, loaded)), []).append(column)
@@ -147,15 +147,15 @@ def _places(signature: Signature) -> Sequence[str]:
 
 def fit_halves(fitted: Fit) -> list[Array]:
     """Return the values of the posterior's columns that two halves of the poses lead to, prior and noise held."""
-    ledger, posterior = fitted.search.ledger, fitted.model.posterior
+    equations, posterior = fitted.search.equations, fitted.model.posterior
     root = np.sqrt(fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns])
     half = make_folds(fitted.problem.campaign, 2)
-    return [_solve_rows(ledger, fitted, half == k, root) for k in range(2)]
+    return [_solve_rows(equations, fitted, half == k, root) for k in range(2)]
 
 
-def _solve_rows(ledger: NormalEquations, fitted: Fit, rows: NDArray[np.bool_], root: Array) -> Array:
+def _solve_rows(equations: NormalEquations, fitted: Fit, rows: NDArray[np.bool_], root: Array) -> Array:
     posterior = fitted.model.posterior
-    gram, against, _, _ = combine_channels(select_rows(ledger, rows, posterior.columns), posterior.hyper)
+    gram, against, _, _ = combine_channels(select_rows(equations, rows, posterior.columns), posterior.hyper)
     return np.asarray(root * np.linalg.solve(np.eye(len(root)) + root[:, None] * gram * root, root * against))
 
 

@@ -60,15 +60,15 @@ def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
         diagnosis: The diagnosis.
     """
     doubt, at = diagnosis.doubt, diagnosis.fit.at
-    ledger, values = doubt.search.ledger, doubt.model.posterior.values(doubt.search.ledger.p)
-    source = ledger.source[0]
-    left = ledger.left(values)[0] * source.sigma
+    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
+    source = equations.source[0]
+    left = equations.left(values)[0] * source.sigma
     traces = []
     for finding in diagnosis.verdict.findings:
         if finding.signature not in doubt.model.signatures or finding.effect.joint not in at.robot.joint_names:
             continue
-        columns = ledger.columns(finding.signature)
-        part = left + ledger.designs[0][..., columns] @ values[columns] * source.sigma
+        columns = equations.columns(finding.signature)
+        part = left + equations.designs[0][..., columns] @ values[columns] * source.sigma
         traces.append(_trace(finding, at, source.rows, part))
     return tuple(traces)
 

@@ -136,9 +136,9 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     named = tuple(f for f in findings if f.probability >= CLAIMED and f not in minor)
     doubtful = tuple(f for f in findings if f.probability < CLAIMED and f not in minor)
     doubtful += given_up(fit, doubt, small, structure.gap)
-    ledger = doubt.search.ledger
-    columns = ledger.join_columns(f.signature for f in named)
-    structure = replace(structure, explained=motion_of(fit, columns, doubt.model.posterior.values(ledger.p)))
+    equations = doubt.search.equations
+    columns = equations.join_columns(f.signature for f in named)
+    structure = replace(structure, explained=motion_of(fit, columns, doubt.model.posterior.values(equations.p)))
     if named:
         status = "partly_explained" if structure.left else "explained"
     else:
@@ -170,16 +170,16 @@ def evaluate_claim(
         likeness: What is left along its own motion, over that motion.
         structure: What is left.
     """
-    values = doubt.model.posterior.values(doubt.search.ledger.p)
-    rivals = find_alternatives(fit, claim.signature, values[: fit.search.ledger.p])
+    values = doubt.model.posterior.values(doubt.search.equations.p)
+    rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
     alike = {r.place for r in rivals if r.alike}
     margin = margin_of(doubt.search, doubt.model.claims, doubt.model.posterior.hyper, claim, alike)
     plain = margin
     if claim in fit.model.claims:
         plain = margin_of(fit.search, fit.model.claims, fit.model.posterior.hyper, claim, alike)
-    ledger = doubt.search.ledger
-    columns = ledger.columns(claim.signature)
-    signature = ledger.signatures[claim.signature]
+    equations = doubt.search.equations
+    columns = equations.columns(claim.signature)
+    signature = equations.signatures[claim.signature]
     explained = motion_of(fit, columns, values)
     gap = max(structure.gap, 1e-12)
     evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, likeness)
@@ -208,10 +208,10 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
     whole = search.model(claims, hyper, fit=False)
     without = search.model(rest, hyper, fit=False)
     scores = [without.score]
-    same = alike | {search.ledger.signatures[claim.signature].place}
-    wider = representable_forms(search.ledger, claim.signature)
+    same = alike | {search.equations.signatures[claim.signature].place}
+    wider = representable_forms(search.equations, claim.signature)
     gains = [g for g in search.gains(without) if g.signature not in wider]
-    gains = [g for g in gains if search.ledger.signatures[g.signature].place not in same]
+    gains = [g for g in gains if search.equations.signatures[g.signature].place not in same]
     for gain in distinct_places(search, gains, TRIED):
         scores.append(search.model((*rest, Claim(gain.signature, gain.size)), hyper, fit=False).score)
     best = float(np.logaddexp.reduce(scores))
@@ -220,12 +220,12 @@ def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Clai
 
 def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) -> tuple[Finding, ...]:
     """List claims of the fit that errors without a name explain as well."""
-    ledger = fit.search.ledger
-    values = fit.model.posterior.values(ledger.p)
-    kept = {ledger.signatures[c.signature].place for c in doubt.model.claims}
+    equations = fit.search.equations
+    values = fit.model.posterior.values(equations.p)
+    kept = {equations.signatures[c.signature].place for c in doubt.model.claims}
     found = []
     for claim in fit.model.claims:
-        signature, columns = ledger.signatures[claim.signature], ledger.columns(claim.signature)
+        signature, columns = equations.signatures[claim.signature], equations.columns(claim.signature)
         explained = motion_of(fit, columns, values)
         if signature.place not in kept and explained >= small:
             effect = signature.effect(values[columns] * signature.scale)
@@ -237,26 +237,28 @@ def given_up(fit: Fit, doubt: RevisedProbabilities, small: float, gap: float) ->
 
 def only_in_readings(fit: Fit, doubt: RevisedProbabilities, finding: Finding) -> bool:
     """Tell whether an effect does not move the target at all, but shows plainly in the encoders."""
-    ledger = fit.search.ledger
-    columns = ledger.columns(finding.signature)
-    values = doubt.model.posterior.values(doubt.search.ledger.p)[columns]
-    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in ledger.designs]
+    equations = fit.search.equations
+    columns = equations.columns(finding.signature)
+    values = doubt.model.posterior.values(doubt.search.equations.p)[columns]
+    moves = [np.sqrt(np.mean(np.sum((d[..., columns] @ values) ** 2, axis=1))) for d in equations.designs]
     return bool(moves[0] < ROUNDING and max(moves) ** 2 > BELOW_NOISE)
 
 
 def measure_structure(fit: Fit, doubt: RevisedProbabilities) -> Structure:
     """Measure what claims and small errors leave, and what it follows."""
-    ledger, posterior, source = doubt.search.ledger, doubt.model.posterior, doubt.search.ledger.source[0]
-    values = posterior.values(ledger.p)
+    equations, posterior, source = doubt.search.equations, doubt.model.posterior, doubt.search.equations.source[0]
+    values = posterior.values(equations.p)
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
     values[foreign] = 0.0
-    left = (ledger.observed[0] - ledger.designs[0][..., np.flatnonzero(values)] @ values[values != 0]) * source.sigma
+    left = (
+        equations.observed[0] - equations.designs[0][..., np.flatnonzero(values)] @ values[values != 0]
+    ) * source.sigma
     told = float(source.told.sum())
     used = told - count_used(doubt, foreign)
     rms = float(np.sqrt(told / len(left) * np.sum(left**2) / max(used, LEFT_TO_NOISE * told)))
     floor = noise_floor(fit)
-    claimed = ledger.join_columns(doubt.model.signatures)
-    frames = ledger.columns_named(REGISTRATION)
+    claimed = equations.join_columns(doubt.model.signatures)
+    frames = equations.columns_named(REGISTRATION)
     small = np.setdiff1d(np.flatnonzero(values), np.concatenate([claimed, frames]))
     beyond = float(np.sqrt(max(rms**2 - floor**2, 0.0)))
     free = fit.search.model(doubt.model.claims, fit.model.posterior.hyper, steps=STEPS)
@@ -280,32 +282,32 @@ def count_used(doubt: RevisedProbabilities, foreign: NDArray[np.int_]) -> float:
 
 def refit_frames(doubt: RevisedProbabilities) -> Array:
     """Return the gap without effects, in units of the noise: frames that are fitted anyway taken out."""
-    ledger = doubt.search.ledger
-    frames = ledger.columns_named(REGISTRATION)
-    observed = ledger.observed[0]
+    equations = doubt.search.equations
+    frames = equations.columns_named(REGISTRATION)
+    observed = equations.observed[0]
     if not len(frames):
         return observed
-    columns = ledger.designs[0][..., frames].reshape(-1, len(frames))
+    columns = equations.designs[0][..., frames].reshape(-1, len(frames))
     values = np.linalg.lstsq(columns, observed.reshape(-1), rcond=1e-9)[0]
-    return np.asarray(observed - ledger.designs[0][..., frames] @ values)
+    return np.asarray(observed - equations.designs[0][..., frames] @ values)
 
 
 def find_dependences(doubt: RevisedProbabilities, structure: Structure) -> tuple[Finding, ...]:
     """Say what the errors without a name follow, where structure is left."""
     if not structure.left:
         return ()
-    ledger = doubt.search.ledger
-    values = doubt.model.posterior.values(ledger.p)
+    equations = doubt.search.equations
+    values = doubt.model.posterior.values(equations.p)
     found = []
     for driver in dict.fromkeys(doubt.classes):
         columns = np.concatenate([m for m, d in zip(doubt.members, doubt.classes, strict=True) if d == driver])
         motion = motion_at(doubt, columns, values)
         if motion < SPOKEN_OF * max(structure.rms, structure.floor):
             continue
-        owners = [n for n, s in enumerate(ledger.signatures) if s.name == UNMODELLED]
-        owners = [n for n in owners if np.isin(ledger.columns(n), columns).all()]
-        moves = {n: motion_at(doubt, ledger.columns(n), values) for n in owners}
-        largest = ledger.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
+        owners = [n for n, s in enumerate(equations.signatures) if s.name == UNMODELLED]
+        owners = [n for n in owners if np.isin(equations.columns(n), columns).all()]
+        moves = {n: motion_at(doubt, equations.columns(n), values) for n in owners}
+        largest = equations.signatures[max(moves, key=lambda n: rank_number(moves[n]))]
         effect = Effect(UNMODELLED, largest.joint, driver if largest.joint is None else str(largest.axis))
         found.append(Finding(effect, CLAIMED, motion, structure.gain, (), 1.0, -1))
     return tuple(sorted(found, key=lambda f: -rank_number(f.explained)))
@@ -315,15 +317,15 @@ def noise_floor(fit: Fit) -> float:
     """Return the rms 3D distance that a perfect model leaves of a row of the log. [m]"""
     noise, scatter = fit.noises["position"], fit.problem.campaign.scatter
     factor = min(float(np.exp(fit.model.posterior.hyper.log_noise[0])), noise.leeway)
-    told = fit.search.ledger.source[0].told.mean()
+    told = fit.search.equations.source[0].told.mean()
     # of pooled rows: what their means scatter by, and a row about its mean
     return float(np.sqrt(told * (factor * noise.sigma**2 + scatter**2 + noise.stay**2)))
 
 
 def motion_at(doubt: RevisedProbabilities, columns: NDArray[np.int_], values: Array) -> float:
     """Return the root mean square motion that some columns of a doubt's ledger explain. [m]"""
-    ledger = doubt.search.ledger
-    moved = ledger.designs[0][..., columns] @ values[columns] * ledger.source[0].sigma
+    equations = doubt.search.equations
+    moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
 
 
@@ -331,6 +333,6 @@ def motion_of(fit: Fit, columns: NDArray[np.int_], values: Array) -> float:
     """Return the root mean square motion that some columns explain, over all rows. [m]"""
     if not len(columns):
         return 0.0
-    ledger = fit.search.ledger
-    moved = ledger.designs[0][..., columns] @ values[columns] * ledger.source[0].sigma
+    equations = fit.search.equations
+    moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))

@@ -65,7 +65,7 @@ def list_visits(
         return None
     along = np.einsum("ni,ni->n", gap[moves], motion[moves]) / length[moves]
     off = along - length[moves] * float(along @ length[moves] / np.sum(length[moves] ** 2))
-    told = float(fit.search.ledger.source[0].told[seen].mean())  # axes of a position, one number of a gauge
+    told = float(fit.search.equations.source[0].told[seen].mean())  # axes of a position, one number of a gauge
     noise = noise_floor(fit) ** 2 / told / count[moves]
     # a gauge sees one of three axes of the motion that the share is of (assumed: as much along each)
     whole_motion = float(np.sum(length[moves] ** 2)) * left.shape[1] / told
@@ -80,20 +80,22 @@ def list_visits(
 
 def _list_parts(fit: Fit, state: FitState, claims: Sequence[int], sure: Collection[Place]) -> tuple[ValidityPart, ...]:
     """List what a folder holds beside its sure causes, each column once."""
-    ledger, taken, parts = fit.search.ledger, set[int](), []
+    equations, taken, parts = fit.search.equations, set[int](), []
     held = {effect.place for effect in state.effects}
-    for number in [*claims, *(n for n in range(len(ledger.signatures)) if n not in claims)]:
-        signature = ledger.signatures[number]
+    for number in [*claims, *(n for n in range(len(equations.signatures)) if n not in claims)]:
+        signature = equations.signatures[number]
         if signature.name == REGISTRATION or is_of_instrument(signature.name) or signature.place not in held:
             continue
-        columns = [int(c) for c in ledger.columns(number) if int(c) not in taken and ledger.names[c] in state.values]
+        columns = [
+            int(c) for c in equations.columns(number) if int(c) not in taken and equations.names[c] in state.values
+        ]
         if not columns or (number not in claims and not is_built(signature)):
             continue
         taken.update(columns)
         if signature.place in sure:
             continue
-        keys = {int(c): key for c, key in zip(ledger.columns(number), signature.keys, strict=True)}
-        value = np.array([state.values[ledger.names[c]] for c in columns])
+        keys = {int(c): key for c, key in zip(equations.columns(number), signature.keys, strict=True)}
+        value = np.array([state.values[equations.names[c]] for c in columns])
         if value.any() and len(columns) == len(keys):
             fixed = dict(signature.fixed)
             parts.append(ValidityPart(*signature.place, tuple(keys[c] for c in columns), value, fixed))

@@ -145,12 +145,12 @@ def spread_gap(
 
 def measure_play(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     """Tell for each joint how far it stands apart when approached from either side, as the posterior holds it."""
-    ledger, posterior = diagnosis.doubt.search.ledger, diagnosis.doubt.model.posterior
+    equations, posterior = diagnosis.doubt.search.equations, diagnosis.doubt.model.posterior
     found = {}
-    for number, signature in enumerate(ledger.signatures):
+    for number, signature in enumerate(equations.signatures):
         if signature.name != "backlash" or signature.joint is None:
             continue
-        at = np.flatnonzero(posterior.columns == ledger.columns(number)[0])
+        at = np.flatnonzero(posterior.columns == equations.columns(number)[0])
         if not len(at):
             continue
         unit = "lost_motion_mm" if signature.keys[0].endswith("_m") else "lost_motion_mrad"

@@ -96,7 +96,7 @@ def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
     """Fit all that is kept once more together, noise and small errors too, as long as the exact model gains by it."""
     for _ in range(ROUNDS):
         progress("all together")
-        old = proposed_signatures(fit.search.ledger.signatures)
+        old = proposed_signatures(fit.search.equations.signatures)
         again, _ = _round(fit.problem, fit.state, fit.noises, old, progress, hold=True)
         step = descend(again, advance_state(again))
         if step is None or step[1] < fit.score + WORTHWHILE:
@@ -122,20 +122,20 @@ def _round(
     use[outliers] = False
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
-    ledger = build_normal_equations(channels, _offer_all(problem, state, at, proposals), state.values)
-    fit = _search_ledger(problem, state, at, channels, ledger, noises, progress, hold=hold)
+    equations = build_normal_equations(channels, _offer_all(problem, state, at, proposals), state.values)
+    fit = _search_ledger(problem, state, at, channels, equations, noises, progress, hold=hold)
     while not hold:
         fresh = _propose(fit)
-        known = {key_of(s) for s in fit.search.ledger.signatures}
+        known = {key_of(s) for s in fit.search.equations.signatures}
         fresh = [s for s in fresh if key_of(s) not in known and s.name not in problem.excluded]
         if not fresh:
             break
         before = fit.model.score
         fit = search_again(fit, fresh, progress)
-        claimed = {key_of(fit.search.ledger.signatures[n]) for n in fit.model.signatures}
+        claimed = {key_of(fit.search.equations.signatures[n]) for n in fit.model.signatures}
         if fit.model.score < before + WORTHWHILE or not claimed & {key_of(s) for s in fresh}:
             break
-    return fit, proposed_signatures(fit.search.ledger.signatures)
+    return fit, proposed_signatures(fit.search.equations.signatures)
 
 
 def _offer_all(
@@ -162,25 +162,25 @@ def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], Non
         fresh: Signatures that it has not seen.
         progress: Told what is being done.
     """
-    ledger = extend_normal_equations(fit.search.ledger, fresh)
+    equations = extend_normal_equations(fit.search.equations, fresh)
     held = replace(fit.state, claims=claims_of(fit))
-    return _search_ledger(fit.problem, held, fit.at, fit.channels, ledger, fit.noises, progress)
+    return _search_ledger(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)
 
 
 def _search_ledger(
-    problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], ledger: NormalEquations,
+    problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
     noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
 ) -> Fit:  # fmt: skip
-    signatures = ledger.signatures
+    signatures = equations.signatures
     free = [n for n, s in enumerate(signatures) if s.name == REGISTRATION]
-    prior = build_prior(ledger, free, problem.excluded)
+    prior = build_prior(equations, free, problem.excluded)
     candidates = [n for n in range(len(signatures)) if n not in free]
     search = Search(
-        ledger,
+        equations,
         prior,
         log_priors(signatures),
         candidates,
-        start_hyper(ledger, len(CLASSES)),
+        start_hyper(equations, len(CLASSES)),
         progress=progress,
         rigid=is_rigid(problem),
     )
@@ -201,16 +201,16 @@ def is_rigid(problem: Problem) -> bool:
 
 
 def _propose(fit: Fit) -> list[Signature]:
-    ledger, values = fit.search.ledger, fit.model.posterior.values(fit.search.ledger.p)
-    left = ledger.left(values)
+    equations, values = fit.search.equations, fit.model.posterior.values(fit.search.equations.p)
+    left = equations.left(values)
     waves: dict[int, set[int]] = {}
     names = fit.at.robot.joint_names
-    for number, signature in enumerate(ledger.signatures):
-        columns = ledger.columns(number)
+    for number, signature in enumerate(equations.signatures):
+        columns = equations.columns(number)
         if signature.name == "transmission_error" and values[columns].any():
             waves.setdefault(names.index(str(signature.joint)), set()).update(columns.tolist())
     own = {
-        index: [design[..., sorted(columns)] @ values[sorted(columns)] for design in ledger.designs]
+        index: [design[..., sorted(columns)] @ values[sorted(columns)] for design in equations.designs]
         for index, columns in waves.items()
     }
     proposals = propose_shifts(fit.at, fit.channels, left)
@@ -220,11 +220,11 @@ def _propose(fit: Fit) -> list[Signature]:
 def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     if {key for key, _ in old.claims} != {key for key, _ in new.claims}:
         return False
-    names = fit.search.ledger.names
+    names = fit.search.equations.names
     change = np.array([new.values.get(name, 0.0) - old.values.get(name, 0.0) for name in names])
-    change = change / fit.search.ledger.scale
+    change = change / fit.search.equations.scale
     used = np.flatnonzero(change)
-    steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.ledger.designs]
+    steps = [np.sqrt(np.mean((d[..., used] @ change[used]) ** 2)) for d in fit.search.equations.designs]
     return max(steps, default=0.0) < SETTLED
 
 

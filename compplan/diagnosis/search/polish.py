@@ -47,8 +47,8 @@ def polish_fit(fit: Fit) -> Fit:
     Args:
         fit: The fit.
     """
-    vector = fit.model.posterior.values(fit.search.ledger.p)
-    left = fit.search.ledger.left(vector)[0] * fit.search.ledger.source[0].sigma
+    vector = fit.model.posterior.values(fit.search.equations.p)
+    left = fit.search.equations.left(vector)[0] * fit.search.equations.source[0].sigma
     expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
     use = fit.state.use.copy() if fit.base is None else fit.base.use.copy()
     state = register_again(fit, fit.state, use)
@@ -91,15 +91,15 @@ def _step(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
     at = linearize_state(fit.problem, state)
     channels = build_channels(at.scene, at.attained, use, fit.noises)
     sizes = dict(state.claims)
-    old = proposed_signatures(fit.search.ledger.signatures)
+    old = proposed_signatures(fit.search.equations.signatures)
     problem = fit.problem
     offered = offered_signatures(at, problem.register, problem.excluded)
     offered += propose_again(at, old, set(sizes))
     kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
-    ledger = build_normal_equations(channels, kept, state.values)
+    equations = build_normal_equations(channels, kept, state.values)
     free = [n for n, s in enumerate(kept) if s.name == REGISTRATION]
     hyper = fit.model.posterior.hyper
-    search = Search(ledger, build_prior(ledger, free, fit.problem.excluded), log_priors(kept), [], hyper)
+    search = Search(equations, build_prior(equations, free, fit.problem.excluded), log_priors(kept), [], hyper)
     claims = [Claim(n, sizes[key_of(s)]) for n, s in enumerate(kept) if key_of(s) in sizes]
     model = search.model(claims, hyper, fit=False)
     return advance_state(replace(fit, at=at, channels=channels, search=search, model=model, state=state))
@@ -116,11 +116,11 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
         fit: The fit that the step starts from.
         full: The whole step.
     """
-    ledger, posterior = fit.search.ledger, fit.model.posterior
-    here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
+    equations, posterior = fit.search.equations, fit.model.posterior
+    here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
     variance = fit.search.prior_of(fit.model.claims).variance(posterior.hyper.log_tau)
     weight = 1.0 / np.maximum(variance[posterior.columns], 1e-12)
-    target = posterior.values(ledger.p)
+    target = posterior.values(equations.p)
 
     def cost(channels: Sequence[Channel], vector: Array) -> float:
         left = [channel.residual / channel.sigma for channel in channels]
@@ -128,7 +128,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
         return square_left(channels, left, posterior.hyper) + float(np.sum(weight * own**2))
 
     start = cost(fit.channels, here)
-    promised = square_left(fit.channels, ledger.left(target), posterior.hyper)
+    promised = square_left(fit.channels, equations.left(target), posterior.hyper)
     promised += float(np.sum(weight * target[posterior.columns] ** 2))
     tried: list[tuple[float, FitState]] = []
     share = 1.0

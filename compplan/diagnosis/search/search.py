@@ -88,7 +88,7 @@ class Search:
     """A ledger with its prior, and the models that were looked at.
 
     Attributes:
-        ledger: The products.
+        equations: The products.
         prior: Prior without claims.
         log_prior: Log prior odds of each signature.
         candidates: Signatures that may be claimed.
@@ -96,7 +96,7 @@ class Search:
         rigid: Whether nothing bends but what claims make soft.
     """
 
-    ledger: NormalEquations
+    equations: NormalEquations
     prior: Prior
     log_prior: Array
     candidates: Sequence[int]
@@ -108,7 +108,7 @@ class Search:
     def without(self, claims: Sequence[Claim], *gone: Claim) -> list[Claim]:
         """Return the claims that stand without some: on a rigid robot those go, too, that bend what these make soft."""
         rest = [c for c in claims if c not in gone]
-        signatures = [self.ledger.signatures[c.signature] for c in rest]
+        signatures = [self.equations.signatures[c.signature] for c in rest]
         if not self.rigid or any(is_soft(s) for s in signatures):
             return rest
         return [c for c, s in zip(rest, signatures, strict=True) if is_soft(s) or s.name not in BENDING]
@@ -119,19 +119,19 @@ class Search:
         for claim in claims:
             for columns in self.same_place[claim.signature]:
                 background[columns] = -1
-            slab[self.ledger.columns(claim.signature)] = claim.size**2
+            slab[self.equations.columns(claim.signature)] = claim.size**2
         return replace(self.prior, background=background, slab=slab)
 
     @cached_property
     def same_place(self) -> list[list[NDArray[np.int_]]]:
         """Background columns that a claim of each signature takes the place of."""
         by_place: dict[Place, list[NDArray[np.int_]]] = {}
-        for number, signature in enumerate(self.ledger.signatures):
-            columns = self.ledger.columns(number)
+        for number, signature in enumerate(self.equations.signatures):
+            columns = self.equations.columns(number)
             columns = columns[self.prior.background[columns] >= 0]
             if len(columns):
                 by_place.setdefault(signature.place, []).append(columns)
-        return [by_place.get(signature.place, []) for signature in self.ledger.signatures]
+        return [by_place.get(signature.place, []) for signature in self.equations.signatures]
 
     def model(self, claims: Sequence[Claim], hyper: Hyper, *, fit: bool = True, steps: int = STEPS) -> Model:
         """Return the model of a set of claims, from memory if it was looked at before."""
@@ -153,34 +153,34 @@ class Search:
     def _bounded_posterior(self, claims: Sequence[Claim], hyper: Hyper, fit: bool, steps: int) -> Posterior:
         """Return the posterior with parameters of which none can be negative at zero where they would be."""
         prior = self.prior_of(claims)
-        posterior = find_posterior(self.ledger, prior, hyper, fit=fit, steps=steps)
-        several = [self.ledger.columns(c.signature) for c in claims if self._is_one_sided(c)]
+        posterior = find_posterior(self.equations, prior, hyper, fit=fit, steps=steps)
+        several = [self.equations.columns(c.signature) for c in claims if self._is_one_sided(c)]
         while True:
-            values = posterior.values(self.ledger.p)
+            values = posterior.values(self.equations.p)
             wrong = [column for columns in several for column in columns if values[column] < 0]
             if not wrong:
                 break
             slab = prior.slab.copy()
             slab[wrong] = 0.0
             prior = replace(prior, slab=slab)
-            posterior = find_posterior(self.ledger, prior, posterior.hyper, fit=False)
+            posterior = find_posterior(self.equations, prior, posterior.hyper, fit=False)
         return posterior
 
     def _is_one_sided(self, claim: Claim) -> bool:
-        signature = self.ledger.signatures[claim.signature]
+        signature = self.equations.signatures[claim.signature]
         return signature.positive and len(signature.keys) > 1
 
     def _count_repeated(self, claims: Sequence[Claim]) -> int:
         """Count joints that two curves over the same angle are claimed of, and shifts after the first of each kind."""
-        signatures = [self.ledger.signatures[c.signature] for c in claims]
+        signatures = [self.equations.signatures[c.signature] for c in claims]
         kinds = [s.joint if s.name in CURVES else s.name for s in signatures if s.name in (*CURVES, *SHIFTS)]
         return len(kinds) - len(set(kinds))
 
     def _backwards(self, claims: Sequence[Claim], posterior: Posterior) -> bool:
         """Tell whether a claim came out where its parameter cannot be: negative play, negative compliance."""
-        values = posterior.values(self.ledger.p)
+        values = posterior.values(self.equations.p)
         for claim in claims:
-            signature, columns = self.ledger.signatures[claim.signature], self.ledger.columns(claim.signature)
+            signature, columns = self.equations.signatures[claim.signature], self.equations.columns(claim.signature)
             sizes = values[columns] * signature.scale
             if (signature.positive and (sizes < 0).any()) or (signature.least and (sizes < signature.least).any()):
                 return True
@@ -193,10 +193,10 @@ class Search:
         and a half are hardly, and ten not at all paid for by any evidence. Frames that are fitted in every model are
         taken out of both.
         """
-        values = posterior.values(self.ledger.p)
+        values = posterior.values(self.equations.p)
         price = 0.0
         for claim in claims:
-            columns = self.ledger.columns(claim.signature)
+            columns = self.equations.columns(claim.signature)
             own = values[columns]
             energy = float(own @ self._framed[0][np.ix_(columns, columns)] @ own)
             if energy > self._framed[1]:
@@ -206,7 +206,7 @@ class Search:
     @cached_property
     def _framed(self) -> tuple[Array, float]:
         """Products of the positions' columns with each other, and the gap's squares, registered frames taken out."""
-        total = self.ledger.channels[0].total
+        total = self.equations.channels[0].total
         frames = np.flatnonzero(self.prior.free)
         if not len(frames):
             return total.gram, max(total.square, 1e-300)
@@ -218,10 +218,10 @@ class Search:
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""
-        taken = {self.ledger.signatures[number].event for number in model.signatures}
-        used = {int(column) for number in model.signatures for column in self.ledger.columns(number)}
+        taken = {self.equations.signatures[number].event for number in model.signatures}
+        used = {int(column) for number in model.signatures for column in self.equations.columns(number)}
         free = [n for n, event, columns in self._placed if event not in taken and used.isdisjoint(columns)]
-        gains = find_gains(self.ledger, model.posterior, free)
+        gains = find_gains(self.equations, model.posterior, free)
         # a gain is a mean over sizes, of which the best carries nearly all
         odds, several = self.log_prior.tolist(), float(np.log(len(SIZES)))
         of_size = {size: log_prior_size(size) for size in SIZES}
@@ -233,7 +233,7 @@ class Search:
     @cached_property
     def _placed(self) -> list[tuple[int, tuple[str | int | None, ...], list[int]]]:
         """Number, event and columns of each candidate."""
-        return [(n, self.ledger.signatures[n].event, self.ledger.columns(n).tolist()) for n in self.candidates]
+        return [(n, self.equations.signatures[n].event, self.equations.columns(n).tolist()) for n in self.candidates]
 
 
 def is_soft(signature: Signature) -> bool:
@@ -279,13 +279,13 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
     Where much is left and no effect takes a fair part of it, the vocabulary does not hold its cause; to add one small
     part after the other would only imitate it. What the background of small errors has swallowed counts as left, too.
     """
-    channels, background = search.ledger.channels, search.prior.background >= 0
+    channels, background = search.equations.channels, search.prior.background >= 0
     much = MUCH * np.array([channel.total.count for channel in channels])
 
     def measure(model: Model) -> tuple[Array, Array]:
         posterior = model.posterior
         plain = np.setdiff1d(posterior.columns, np.flatnonzero(background))
-        known = np.union1d(plain, search.ledger.join_columns(model.signatures))
+        known = np.union1d(plain, search.equations.join_columns(model.signatures))
         return (
             excess_squares(channels, posterior, posterior.columns),
             excess_squares(channels, posterior, known),
@@ -306,8 +306,8 @@ def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]
     seen: set[Place] = set()
     result = []
     for gain in gains:
-        place = search.ledger.signatures[gain.signature].place
-        inside = bool((search.prior.background[search.ledger.columns(gain.signature)] >= 0).all())
+        place = search.equations.signatures[gain.signature].place
+        inside = bool((search.prior.background[search.equations.columns(gain.signature)] >= 0).all())
         if place not in seen and len(seen) == count:
             break
         if place not in seen or inside:
@@ -333,7 +333,7 @@ def _remove(search: Search, model: Model) -> Model:
     while model.claims:
         # what a claim carries beyond its own price and what a fit anew may gain is not tried for removal
         price = {c: CLOSE - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
-        columns = search.ledger.columns
+        columns = search.equations.columns
         weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
         smaller = [search.model(search.without(model.claims, claim), model.posterior.hyper) for claim in weak]
         best = max(smaller, key=lambda m: rank_evidence(m.score), default=model)
@@ -347,7 +347,9 @@ def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Clai
     """Return fresh claims, and those whose parameters the campaign cannot fix apart from theirs."""
     posterior = model.posterior
     deviation = np.sqrt(np.maximum(np.diag(posterior.covariance), 1e-300))
-    places = {c: np.flatnonzero(np.isin(posterior.columns, search.ledger.columns(c.signature))) for c in model.claims}
+    places = {
+        c: np.flatnonzero(np.isin(posterior.columns, search.equations.columns(c.signature))) for c in model.claims
+    }
     result = list(fresh)
     for claim in model.claims:
         for other in fresh:
@@ -399,5 +401,5 @@ def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
 
 def forms_of(search: Search, gains: list[Gain], claim: Claim) -> list[Gain]:
     """Return the best forms of a claim's own place."""
-    place = search.ledger.signatures[claim.signature].place
-    return [g for g in gains if search.ledger.signatures[g.signature].place == place][:TRIED]
+    place = search.equations.signatures[claim.signature].place
+    return [g for g in gains if search.equations.signatures[g.signature].place == place][:TRIED]

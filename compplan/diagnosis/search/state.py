@@ -157,38 +157,38 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
 
     On the way what was claimed before and is no longer fades as everything else moves.
     """
-    ledger = fit.search.ledger
-    prior, posterior = bend_forwards(ledger, fit.search.prior_of(fit.model.claims), fit.model.posterior)
-    here = np.array([fit.state.values.get(name, 0.0) for name in ledger.names]) / ledger.scale
-    vector = here + share * (posterior.values(ledger.p) - here)
+    equations = fit.search.equations
+    prior, posterior = bend_forwards(equations, fit.search.prior_of(fit.model.claims), fit.model.posterior)
+    here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
+    vector = here + share * (posterior.values(equations.p) - here)
     claimed = list(fit.model.signatures)
     before = {key for key, _ in fit.state.claims} if share < 1.0 else set()
-    claimed += [n for n, s in enumerate(ledger.signatures) if n not in claimed and key_of(s) in before]
+    claimed += [n for n, s in enumerate(equations.signatures) if n not in claimed and key_of(s) in before]
     registration = fit.state.registration
     values: dict[str, float] = {}
     effects = list(fit.problem.fixed)
     background = prior.background
-    quiet = _quiet_classes(ledger, background, vector)
-    order = [*claimed, *(n for n in range(len(ledger.signatures)) if n not in claimed)]
+    quiet = _quiet_classes(equations, background, vector)
+    order = [*claimed, *(n for n in range(len(equations.signatures)) if n not in claimed)]
     for number in order:
-        signature, columns = ledger.signatures[number], ledger.columns(number)
+        signature, columns = equations.signatures[number], equations.columns(number)
         if signature.name == REGISTRATION:
             registration = move_registration(registration, signature, vector[columns] * signature.scale)
             continue
-        if number not in fit.model.signatures and any(ledger.names[column] in values for column in columns):
+        if number not in fit.model.signatures and any(equations.names[column] in values for column in columns):
             continue
         if number not in claimed:
             labels = background[columns]
             if (labels < 0).any() or quiet[labels].any() or not in_background(signature):
                 continue
-            if idle(ledger, columns, vector):
+            if idle(equations, columns, vector):
                 continue
         part = vector[columns].copy()
         if signature.positive:
             part = np.maximum(part, 0.0)
         if part.any():
             sizes = limit_sizes(fit.problem.robot, signature, part * signature.scale)
-            values |= {ledger.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
+            values |= {equations.names[column]: float(size) for column, size in zip(columns, sizes, strict=True)}
             effects.append(signature.effect(sizes))
     first = posterior.hyper
     scatter = fit.noises["position"].sigma * float(
@@ -197,37 +197,37 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     return FitState(tuple(effects), values, registration, fit.state.use, claims_of(fit), scatter)
 
 
-def idle(ledger: NormalEquations, columns: NDArray[np.int_], vector: Array) -> bool:
+def idle(equations: NormalEquations, columns: NDArray[np.int_], vector: Array) -> bool:
     """Tell whether background errors move nothing here: they stay out of the model, as elsewhere they might."""
     part = vector[columns]
-    return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < IDLE for design in ledger.designs)
+    return all(np.sqrt(np.mean((design[..., columns] @ part) ** 2)) < IDLE for design in equations.designs)
 
 
-def _quiet_classes(ledger: NormalEquations, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
+def _quiet_classes(equations: NormalEquations, background: NDArray[np.int_], vector: Array) -> NDArray[np.bool_]:
     """Tell which classes of the background hardly move anything. Shape (classes,)."""
     quiet = np.ones(len(CLASSES), bool)
     for label in range(len(CLASSES)):
         columns = np.flatnonzero((background == label) & (vector != 0))
-        moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in ledger.designs]
+        moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in equations.designs]
         quiet[label] = max(moves, default=0.0) < SETTLED
     return quiet
 
 
-def bend_forwards(ledger: NormalEquations, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
+def bend_forwards(equations: NormalEquations, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
     """Take background errors that can only be positive out of a model where they come out negative.
 
     Nothing bends against its load; left in, such errors would cancel others to first order and could not be built.
     """
-    one_sided = np.zeros(ledger.p, bool)
-    for number, signature in enumerate(ledger.signatures):
+    one_sided = np.zeros(equations.p, bool)
+    for number, signature in enumerate(equations.signatures):
         if signature.positive and len(signature.scale) == 1:
-            one_sided[ledger.columns(number)] = True
+            one_sided[equations.columns(number)] = True
     while True:
-        wrong = one_sided & (prior.background >= 0) & (posterior.values(ledger.p) < 0)
+        wrong = one_sided & (prior.background >= 0) & (posterior.values(equations.p) < 0)
         if not wrong.any():
             break
         prior = replace(prior, background=np.where(wrong, -1, prior.background))
-        posterior = find_posterior(ledger, prior, posterior.hyper, fit=False)
+        posterior = find_posterior(equations, prior, posterior.hyper, fit=False)
     return prior, posterior
 
 
@@ -251,4 +251,4 @@ def move_registration(registration: Registration | None, signature: Signature, s
 
 def claims_of(fit: Fit) -> tuple[tuple[Key, float], ...]:
     """Return place, form and size of the claims of a fit."""
-    return tuple((key_of(fit.search.ledger.signatures[c.signature]), c.size) for c in fit.model.claims)
+    return tuple((key_of(fit.search.equations.signatures[c.signature]), c.size) for c in fit.model.claims)

@@ -56,15 +56,15 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
         signature: Number of the claimed signature.
         values: Values of all columns; those of the fit's model where left out. Shape (p,).
     """
-    ledger = fit.search.ledger
-    columns = ledger.columns(signature)
-    values = (fit.model.posterior.values(ledger.p) if values is None else values)[columns]
+    equations = fit.search.equations
+    columns = equations.columns(signature)
+    values = (fit.model.posterior.values(equations.p) if values is None else values)[columns]
     free, energy = _measure_trace(fit, columns, values)
     if energy <= 0:
         return []
-    claim = ledger.signatures[signature]
+    claim = equations.signatures[signature]
     best: dict[Place, AlternativeEffect] = {}
-    for number, other in enumerate(ledger.signatures):
+    for number, other in enumerate(equations.signatures):
         if other.place == claim.place or not is_comparable(other):
             continue
         theirs = _all_columns(fit, number)
@@ -88,13 +88,13 @@ def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tupl
         Number of the other signature, the best of its forms; values of its columns, in units of their scale; sum of
         squares that it leaves of the claim's trace, in units of the noise variance.
     """
-    ledger = fit.search.ledger
-    columns = ledger.columns(signature)
+    equations = fit.search.equations
+    columns = equations.columns(signature)
     free, energy = _measure_trace(fit, columns, values)
     tries = []
-    for number, other in enumerate(ledger.signatures):
+    for number, other in enumerate(equations.signatures):
         if other.place == place and is_comparable(other):
-            theirs = ledger.columns(number)
+            theirs = equations.columns(number)
             share = _share(free, columns, values, theirs, energy)
             tries.append((share, -number, _solve_trace(free, columns, values, theirs)))
     share, number, found = max(tries, key=lambda entry: (rank_number(entry[0]), entry[1]))
@@ -103,7 +103,7 @@ def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tupl
 
 def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[Array, float]:
     """Return the products of all columns, frames taken out of them, and the squares of a claim's trace."""
-    gram, _, _, _ = combine_normal_equations(fit.search.ledger, fit.model.posterior.hyper)
+    gram, _, _, _ = combine_normal_equations(fit.search.equations, fit.model.posterior.hyper)
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
     free = _without(gram, _frame_columns(fit))
     energy = float(values @ free[np.ix_(columns, columns)] @ values)
@@ -112,17 +112,17 @@ def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[
 
 
 def _frame_columns(fit: Fit) -> NDArray[np.int_]:
-    return fit.search.ledger.columns_named("base_frame", "tool_frame", REGISTRATION)
+    return fit.search.equations.columns_named("base_frame", "tool_frame", REGISTRATION)
 
 
 def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
     """Return what an effect may explain at its place: a law of deflection hardens and softens, so both its shapes."""
-    ledger = fit.search.ledger
-    own = ledger.signatures[number]
+    equations = fit.search.equations
+    own = equations.signatures[number]
     if own.form not in ("quadratic", "cubic"):
-        return ledger.columns(number)
-    return ledger.join_columns(
-        n for n, s in enumerate(ledger.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
+        return equations.columns(number)
+    return equations.join_columns(
+        n for n, s in enumerate(equations.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
     )
 
 

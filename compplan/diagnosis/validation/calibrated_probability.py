@@ -95,16 +95,16 @@ def rate_likenesses(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]
         fit: The fit.
         doubt: Its claims among errors that no effect makes.
     """
-    ledger, values = doubt.search.ledger, doubt.model.posterior.values(doubt.search.ledger.p)
+    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
     result = dict.fromkeys(doubt.model.claims, 0.0)
     group = group_poses(fit.problem.campaign)
-    for channel, design, rest in zip(ledger.source, ledger.designs, ledger.left(values), strict=True):
+    for channel, design, rest in zip(equations.source, equations.designs, equations.left(values), strict=True):
         if rest.shape[1] == 1:
             continue
         left, pose = rest + design[..., foreign] @ values[foreign], group[channel.rows]
         for claim, found in result.items():
-            columns = ledger.columns(claim.signature)
+            columns = equations.columns(claim.signature)
             motion = design[..., columns] @ values[columns]
             if channel.name == "position" or np.mean(np.sum(motion**2, axis=1)) > rest.shape[1]:
                 both = [measure_similarity(part, motion, pose) for part in (left, rest)]

@@ -152,21 +152,21 @@ class Folds:
     @cached_property
     def pose(self) -> NDArray[np.int_]:
         """Pose, or block of a path, of each row that is predicted. Shape (r,)."""
-        return group_poses(self.fit.problem.campaign)[self.fit.search.ledger.source[0].rows]
+        return group_poses(self.fit.problem.campaign)[self.fit.search.equations.source[0].rows]
 
     @cached_property
     def ledgers(self) -> list[tuple[int, NormalEquations]]:
         """The fit's ledger without each fold."""
-        ledger, every = self.fit.search.ledger, np.arange(self.fit.search.ledger.p)
-        rows = ledger.source[0].rows
+        equations, every = self.fit.search.equations, np.arange(self.fit.search.equations.p)
+        rows = equations.source[0].rows
         result = []
         for number in np.unique(self.fold[rows]):
-            if all(channel.rows is not None for channel in ledger.channels):
-                rest = select_rows(ledger, self.fold != number, every)
+            if all(channel.rows is not None for channel in equations.channels):
+                rest = select_rows(equations, self.fold != number, every)
             else:
-                own = select_rows(ledger, self.fold == number, every)
-                rest = tuple(_take_away(whole, part) for whole, part in zip(ledger.channels, own, strict=True))
-            result.append((int(number), replace(ledger, channels=rest)))
+                own = select_rows(equations, self.fold == number, every)
+                rest = tuple(_take_away(whole, part) for whole, part in zip(equations.channels, own, strict=True))
+            result.append((int(number), replace(equations, channels=rest)))
         return result
 
     def hold_out(self, claims: Sequence[Claim], *, background: bool = True) -> HeldOut:
@@ -177,8 +177,8 @@ class Folds:
             background: Whether small errors everywhere are fitted and predicted with.
         """
 
-        def build(number: int, ledger: NormalEquations) -> tuple[Fit, FitState]:
-            fitted = with_claims(self.fit, claims, background=background, ledger=ledger)
+        def build(number: int, equations: NormalEquations) -> tuple[Fit, FitState]:
+            fitted = with_claims(self.fit, claims, background=background, equations=equations)
             return fitted, advance_state(fitted)
 
         return self.hold_out_states(build)
@@ -189,10 +189,10 @@ class Folds:
         Args:
             build: Makes a fit and its state from the number of a fold and the ledger without it.
         """
-        fit, rows = self.fit, self.fit.search.ledger.source[0].rows
+        fit, rows = self.fit, self.fit.search.equations.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
-        for number, ledger in self.ledgers:
-            fitted, state = build(number, ledger)
+        for number, equations in self.ledgers:
+            fitted, state = build(number, equations)
             if fit.problem.register and stands(fit.problem, state):
                 # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
                 # few rows of a contact may leave its place open without some of them, and all are fitted below anyway
@@ -207,10 +207,10 @@ class Folds:
 
     def hold_out_linear(self, claims: Sequence[Claim]) -> HeldOut:
         """Predict every row to first order by claims alone; enough to rank candidates."""
-        whole = self.fit.search.ledger
+        whole = self.fit.search.equations
         rows, left = whole.source[0].rows, np.zeros_like(whole.observed[0])
-        for number, ledger in self.ledgers:
-            posterior = with_claims(self.fit, claims, background=False, ledger=ledger).model.posterior
+        for number, equations in self.ledgers:
+            posterior = with_claims(self.fit, claims, background=False, equations=equations).model.posterior
             test = self.fold[rows] == number
             left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
         return HeldOut(rows, left * whole.source[0].sigma)
@@ -226,8 +226,8 @@ def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
     """
     if not fit.problem.register:
         return residual
-    ledger, sigma = fit.search.ledger, fit.search.ledger.source[0].sigma
-    frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
+    equations, sigma = fit.search.equations, fit.search.equations.source[0].sigma
+    frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
     left = (residual / sigma).reshape(-1)
     columns = frames.reshape(len(left), -1)
     left = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-9)[0]
@@ -246,27 +246,29 @@ def free_of_frames(fit: Fit, poses: int) -> float:
     """
     if not fit.problem.register:
         return 1.0
-    ledger = fit.search.ledger
-    values = ledger.source[0].told.mean() * poses
-    frames = ledger.designs[0][..., ledger.columns_named(REGISTRATION)]
+    equations = fit.search.equations
+    values = equations.source[0].told.mean() * poses
+    frames = equations.designs[0][..., equations.columns_named(REGISTRATION)]
     taken = int(np.linalg.matrix_rank(frames.reshape(-1, frames.shape[-1])))
     return float(np.sqrt(values / max(values - taken, 0.5 * values)))
 
 
-def with_claims(fit: Fit, claims: Sequence[Claim], *, background: bool, ledger: NormalEquations | None = None) -> Fit:
+def with_claims(
+    fit: Fit, claims: Sequence[Claim], *, background: bool, equations: NormalEquations | None = None
+) -> Fit:
     """Return a fit with other claims, noise and sizes of classes held.
 
     Args:
         fit: The fit.
         claims: The claims.
         background: Whether small errors everywhere are fitted, too.
-        ledger: Products to fit to; the fit's own where left out.
+        equations: Products to fit to; the fit's own where left out.
     """
     prior = fit.search.prior
     if not background:
         prior = Prior(np.full_like(prior.background, -1), prior.spread, prior.free, prior.slab)
-    search = replace(fit.search, ledger=ledger or fit.search.ledger, prior=prior, cache={})
-    posterior = find_posterior(search.ledger, search.prior_of(claims), fit.model.posterior.hyper, fit=False)
+    search = replace(fit.search, equations=equations or fit.search.equations, prior=prior, cache={})
+    posterior = find_posterior(search.equations, search.prior_of(claims), fit.model.posterior.hyper, fit=False)
     return replace(fit, search=search, model=replace(fit.model, claims=tuple(claims), posterior=posterior))
 
 

@@ -61,7 +61,7 @@ class Option:
         background, slab, spread = prior.background.copy(), prior.slab.copy(), prior.spread.copy()
         background[~np.isin(background, self.small)] = -1
         if self.wide:
-            for columns, label, width in _wide_columns(fit.search.ledger):
+            for columns, label, width in _wide_columns(fit.search.equations):
                 own = columns[slab[columns] == 0.0]
                 spread[own], background[own] = width, label
         return replace(prior, background=background, slab=slab, spread=spread)
@@ -71,11 +71,11 @@ class Option:
 PLAIN = Option("plain calibration", wide=True)
 
 
-def _wide_columns(ledger: NormalEquations) -> list[tuple[NDArray[np.int_], int, float]]:
+def _wide_columns(equations: NormalEquations) -> list[tuple[NDArray[np.int_], int, float]]:
     """List columns, classes and widths of a plain calibration."""
     return [
-        (ledger.columns(n), CLASSES.index(WIDE[s.name][0]), WIDE[s.name][1])
-        for n, s in enumerate(ledger.signatures) if in_calibration(s)
+        (equations.columns(n), CLASSES.index(WIDE[s.name][0]), WIDE[s.name][1])
+        for n, s in enumerate(equations.signatures) if in_calibration(s)
     ]  # fmt: skip
 
 
@@ -112,27 +112,27 @@ def solve_option(folds: Folds, option: Option) -> SolvedOption:
     if option.sparse:
         return _solve_sparse(folds, option)
     fit = folds.fit
-    ledger = fit.search.ledger
+    equations = fit.search.equations
     prior = option.prior(fit, option.claims)
     found = fit.model.posterior.hyper
     # what claims have explained left the classes of small errors nothing: without them they begin as usual
-    hyper = find_posterior(ledger, prior, replace(found, log_tau=np.zeros_like(found.log_tau)), steps=STEPS).hyper
-    prior, posterior = _solve(ledger, prior, hyper)
-    values = [_solve(part, option.prior(fit, option.claims), hyper)[1].values(ledger.p) for _, part in folds.ledgers]
+    hyper = find_posterior(equations, prior, replace(found, log_tau=np.zeros_like(found.log_tau)), steps=STEPS).hyper
+    prior, posterior = _solve(equations, prior, hyper)
+    values = [_solve(part, option.prior(fit, option.claims), hyper)[1].values(equations.p) for _, part in folds.ledgers]
     return _hold_out(folds, option, posterior, prior.variance(hyper.log_tau), values)
 
 
 def _solve_sparse(folds: Folds, option: Option) -> SolvedOption:
     """Fit the sparse model to all rows and without each fold: with all columns again where poses are few."""
-    ledger = folds.fit.search.ledger
-    built = [n for n, s in enumerate(ledger.signatures) if is_built(s)]
-    means = average_stays(ledger, built, option.claims)
+    equations = folds.fit.search.equations
+    built = [n for n, s in enumerate(equations.signatures) if is_built(s)]
+    means = average_stays(equations, built, option.claims)
     whole = solve_sparse(means)
     near = whole if len(np.unique(folds.pose)) >= MANY_STAYS else None
     parts = [solve_sparse(means, folds.fold[means.row] != number, near) for number, _ in folds.ledgers]
-    variance = np.zeros(ledger.p)
+    variance = np.zeros(equations.p)
     variance[whole.means.columns] = whole.variance
-    values = [part.values(ledger.p) for part in parts]
+    values = [part.values(equations.p) for part in parts]
     return _hold_out(folds, option, posterior_of(folds.fit, whole), variance, values)
 
 
@@ -157,37 +157,37 @@ def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
         folds: The fit, dealt to folds.
         claims: The claims.
     """
-    signatures = folds.fit.search.ledger.signatures
+    signatures = folds.fit.search.equations.signatures
     squares = 2.0 * sum(math.log(signatures[claim.signature].tried) for claim in claims)
-    told = folds.fit.search.ledger.source[0].told.mean()
+    told = folds.fit.search.equations.source[0].told.mean()
     return float(np.sqrt(1.0 + squares / (told * len(np.unique(folds.pose)))))
 
 
-def _solve(ledger: NormalEquations, prior: Prior, hyper: Hyper) -> tuple[Prior, Posterior]:
+def _solve(equations: NormalEquations, prior: Prior, hyper: Hyper) -> tuple[Prior, Posterior]:
     """Return the posterior with parameters of which none can be negative at zero where they would be."""
-    one_sided = np.zeros(ledger.p, bool)
-    for number, signature in enumerate(ledger.signatures):
+    one_sided = np.zeros(equations.p, bool)
+    for number, signature in enumerate(equations.signatures):
         if signature.positive:
-            one_sided[ledger.columns(number)] = True
-    posterior = find_posterior(ledger, prior, hyper, fit=False)
+            one_sided[equations.columns(number)] = True
+    posterior = find_posterior(equations, prior, hyper, fit=False)
     while True:
-        wrong = one_sided & (posterior.values(ledger.p) < 0)
+        wrong = one_sided & (posterior.values(equations.p) < 0)
         if not wrong.any():
             break
         background, slab = np.where(wrong, -1, prior.background), np.where(wrong, 0.0, prior.slab)
         prior = replace(prior, background=background, slab=slab)
-        posterior = find_posterior(ledger, prior, hyper, fit=False)
+        posterior = find_posterior(equations, prior, hyper, fit=False)
     return prior, posterior
 
 
 def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
     """Return what values without each fold leave of it, to first order, frames fitted to all rows. Shape (r, 3). [m]"""
     fit = folds.fit
-    ledger, source = fit.search.ledger, fit.search.ledger.source[0]
-    left = np.zeros_like(ledger.observed[0])
+    equations, source = fit.search.equations, fit.search.equations.source[0]
+    left = np.zeros_like(equations.observed[0])
     for (number, _), own in zip(folds.ledgers, values, strict=True):
         test, used = folds.fold[source.rows] == number, np.flatnonzero(own)
-        left[test] = ledger.observed[0][test] - ledger.designs[0][test][..., used] @ own[used]
+        left[test] = equations.observed[0][test] - equations.designs[0][test][..., used] @ own[used]
     return fit_frames(fit, left * source.sigma, len(np.unique(folds.pose)))
 
 

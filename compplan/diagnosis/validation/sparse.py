@@ -99,35 +99,35 @@ def add_gear_waves(fit: Fit) -> Fit:
     Args:
         fit: The fit.
     """
-    at, ledger, prior = fit.at, fit.search.ledger, fit.search.prior
-    known, fresh = set(ledger.names), []
+    at, equations, prior = fit.at, fit.search.equations, fit.search.prior
+    known, fresh = set(equations.names), []
     for index in np.flatnonzero(~at.robot.prismatic):
         visited = float(np.ptp(fit.problem.campaign.q[:, index]))
         seen = [cycles for cycles in range(1, WAVES + 1) if periods_seen(cycles, visited, slides=False) >= SEEN]
         fresh += [waves_at(at, int(index), [float(cycles)]) for cycles in seen]
     fresh = [signature for signature in fresh if not known & set(signature.column_names)]
-    ledger = extend_normal_equations(ledger, fresh)
-    grown = (0, ledger.p - len(prior.slab))
+    equations = extend_normal_equations(equations, fresh)
+    grown = (0, equations.p - len(prior.slab))
     background = np.pad(prior.background, grown, constant_values=-1)
     spread, free, slab = np.pad(prior.spread, grown), np.pad(prior.free, grown), np.pad(prior.slab, grown)
     prior = replace(prior, background=background, spread=spread, free=free, slab=slab)
     odds = np.pad(fit.search.log_prior, (0, len(fresh)), constant_values=-np.inf)
-    return replace(fit, search=replace(fit.search, ledger=ledger, prior=prior, log_prior=odds, cache={}))
+    return replace(fit, search=replace(fit.search, equations=equations, prior=prior, log_prior=odds, cache={}))
 
 
-def average_stays(ledger: NormalEquations, signatures: Sequence[int], claims: Sequence[Claim]) -> StayMeans:
+def average_stays(equations: NormalEquations, signatures: Sequence[int], claims: Sequence[Claim]) -> StayMeans:
     """Average the rows of each stay.
 
     Args:
-        ledger: The normal equations.
+        equations: The normal equations.
         signatures: Signatures that are fitted.
         claims: Claims, fitted as well; their prior is as wide as their size.
     """
     claimed = [claim.signature for claim in claims]
-    columns = ledger.join_columns([*signatures, *claimed])
+    columns = equations.join_columns([*signatures, *claimed])
     parts: list[tuple[Array, Array, Array, Array]] = []
     for number, (source, design, observed) in enumerate(
-        zip(ledger.source, ledger.designs, ledger.observed, strict=True)
+        zip(equations.source, equations.designs, equations.observed, strict=True)
     ):
         design, observed, told = turn_along(source, design[..., columns], observed)
         first = np.flatnonzero(np.r_[True, np.diff(source.group) > 0])
@@ -137,13 +137,13 @@ def average_stays(ledger: NormalEquations, signatures: Sequence[int], claims: Se
         value = (np.add.reduceat(observed, first, axis=0) / size[:, None])[kept]
         parts.append((mean, value, np.full(len(value), number), np.repeat(source.rows[first], kept.sum(axis=1))))
     design, observed, channel, row = (np.concatenate(several) for several in zip(*parts, strict=True))
-    positive, most = np.zeros(ledger.p, bool), np.full(ledger.p, LARGEST**2)
+    positive, most = np.zeros(equations.p, bool), np.full(equations.p, LARGEST**2)
     for number in (*signatures, *claimed):
-        positive[ledger.columns(number)] |= ledger.signatures[number].positive
+        positive[equations.columns(number)] |= equations.signatures[number].positive
     for claim in claims:
-        own = ledger.columns(claim.signature)
+        own = equations.columns(claim.signature)
         most[own] = np.maximum(most[own], claim.size**2)
-    free = np.isin(columns, ledger.columns_named("registration"))
+    free = np.isin(columns, equations.columns_named("registration"))
     return StayMeans(design, observed, channel, row, columns, free, positive[columns], most[columns])
 
 
@@ -234,7 +234,7 @@ def posterior_of(fit: Fit, model: SparseModel) -> Posterior:
         model: The solution.
     """
     hyper = fit.model.posterior.hyper
-    several = [np.mean(1.0 / np.unique(source.group, return_counts=True)[1]) for source in fit.search.ledger.source]
+    several = [np.mean(1.0 / np.unique(source.group, return_counts=True)[1]) for source in fit.search.equations.source]
     beyond = model.noise / np.exp(hyper.log_noise) - np.array(several)
     hyper = replace(hyper, log_shared=0.5 * np.log(np.maximum(beyond, 1e-6)))
     return Posterior(0.0, model.means.columns, model.mean, hyper, lambda: model.covariance)

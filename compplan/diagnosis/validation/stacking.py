@@ -55,16 +55,16 @@ def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
         values: Value of each column, in units of its scale. Shape (p,).
         first: Signatures whose form is kept where several share a column: claims.
     """
-    ledger, left = fit.search.ledger, values.copy()
-    claimed = sorted(set(first), key=lambda n: -len(ledger.columns(n)))
-    rest = [n for n, s in enumerate(ledger.signatures) if n not in first and is_built(s)]
+    equations, left = fit.search.equations, values.copy()
+    claimed = sorted(set(first), key=lambda n: -len(equations.columns(n)))
+    rest = [n for n, s in enumerate(equations.signatures) if n not in first and is_built(s)]
     effects, kept, registration = list(fit.problem.fixed), dict[str, float](), fit.state.registration
     for number in [*claimed, *rest]:
-        signature, columns = ledger.signatures[number], ledger.columns(number)
+        signature, columns = equations.signatures[number], equations.columns(number)
         if signature.name == REGISTRATION:
             registration = move_registration(registration, signature, left[columns] * signature.scale)
             continue
-        if number not in claimed and idle(ledger, columns, left):
+        if number not in claimed and idle(equations, columns, left):
             continue
         part = left[columns]
         if signature.positive:
@@ -73,7 +73,7 @@ def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
         if signature.least:
             sizes = np.maximum(sizes, signature.least)
         if part.any():
-            kept |= {ledger.names[c]: float(size) for c, size in zip(columns, sizes, strict=True)}
+            kept |= {equations.names[c]: float(size) for c, size in zip(columns, sizes, strict=True)}
             effects.append(signature.effect(sizes))
         left[columns] = 0.0
     return replace(fit.state, effects=tuple(effects), values=kept, registration=registration)
@@ -110,7 +110,7 @@ class StackedModel:
 
     def fitted(self, fit: Fit) -> Fit:
         """Return the fit with the mixture's posterior: the options' own, and how far they are from each other."""
-        p = fit.search.ledger.p
+        p = fit.search.equations.p
         parts = [(w, s) for w, s in zip(self.weights, self.solved, strict=True) if w > 0]
         columns = np.unique(np.concatenate([s.posterior.columns for _, s in parts]))
         mean = self.values(p)[columns]
@@ -147,7 +147,7 @@ def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool
     every = tuple(solve_option(folds, option) for option in options)
     solved = tuple(one for one in every if is_faithful(folds.fit, one)) or every[:1]
     residual = np.stack([s.residual for s in solved])
-    fold = folds.fold[folds.fit.search.ledger.source[0].rows]
+    fold = folds.fold[folds.fit.search.equations.source[0].rows]
 
     def weigh(rows: NDArray[np.bool_]) -> Array:
         return stack_weights(residual[:, rows].reshape(len(solved), -1))
@@ -176,10 +176,10 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
         fit: The fit.
         one: The option.
     """
-    ledger, source = fit.search.ledger, fit.search.ledger.source[0]
-    values = one.posterior.values(ledger.p)
+    equations, source = fit.search.equations, fit.search.equations.source[0]
+    values = one.posterior.values(equations.p)
     used = np.flatnonzero(values)
-    linear = (ledger.observed[0] - ledger.designs[0][..., used] @ values[used]) * source.sigma
+    linear = (equations.observed[0] - equations.designs[0][..., used] @ values[used]) * source.sigma
     state = build_state(fit, values, [claim.signature for claim in one.option.claims])
     if not stands(fit.problem, state):
         return False
@@ -198,7 +198,7 @@ def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -
         blend: The mixture of all options.
         seen: Predicted rows that are no outliers. Shape (r,).
     """
-    rows = folds.fit.search.ledger.source[0].rows
+    rows = folds.fit.search.equations.source[0].rows
     fold = folds.fold[rows]
     residual = np.stack([one.residual for one in blend.solved if not (one.option.claims or one.option.sparse)])
     mixed = np.zeros_like(residual[0])

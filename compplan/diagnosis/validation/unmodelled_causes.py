@@ -74,24 +74,26 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
         progress: Told what is being done.
     """
     fresh = foreign_signatures(fit)
-    old = fit.search.ledger
-    ledger = extend_normal_equations(old, fresh)
+    old = fit.search.equations
+    equations = extend_normal_equations(old, fresh)
     kinds = list(dict.fromkeys(class_of(s) for s in fresh))
-    numbers = range(len(old.signatures), len(ledger.signatures))
-    members = tuple(ledger.join_columns(n for n in numbers if class_of(ledger.signatures[n]) == kind) for kind in kinds)
-    prior = _loosen(fit, ledger, members)
+    numbers = range(len(old.signatures), len(equations.signatures))
+    members = tuple(
+        equations.join_columns(n for n in numbers if class_of(equations.signatures[n]) == kind) for kind in kinds
+    )
+    prior = _loosen(fit, equations, members)
     hyper = fit.model.posterior.hyper
     hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
-    search = Search(ledger, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
+    search = Search(equations, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
     model = _leave_out_all(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
     return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
-def _loosen(fit: Fit, ledger: NormalEquations, members: Sequence[Indices]) -> Prior:
+def _loosen(fit: Fit, equations: NormalEquations, members: Sequence[Indices]) -> Prior:
     """Extend a prior by loose classes, in units of the noise floor."""
     old = fit.search.prior
-    count, classes = ledger.p - len(old.slab), len(fit.model.posterior.hyper.log_tau)
+    count, classes = equations.p - len(old.slab), len(fit.model.posterior.hyper.log_tau)
     background = np.concatenate([old.background, np.full(count, -1)])
     floor = np.sqrt(3.0) * fit.noises["position"].sigma
     spread = np.concatenate([old.spread, np.full(count, floor)])
@@ -99,7 +101,7 @@ def _loosen(fit: Fit, ledger: NormalEquations, members: Sequence[Indices]) -> Pr
         background[columns] = classes + number
     free = np.concatenate([old.free, np.zeros(count, bool)])
     loose = np.arange(classes + len(members)) >= classes
-    return Prior(background, spread, free, np.zeros(ledger.p), loose)
+    return Prior(background, spread, free, np.zeros(equations.p), loose)
 
 
 def _leave_out_all(search: Search, model: Model) -> Model:
@@ -124,7 +126,7 @@ def _leave_out(search: Search, model: Model) -> Model:
     for out in model.claims:
         rest = search.without(model.claims, out)
         held, start = search.model(rest, hyper, fit=False), search.model(rest, grown, fit=False)
-        posterior = find_posterior(search.ledger, search.prior_of(rest), grown, steps=STEPS)
+        posterior = find_posterior(search.equations, search.prior_of(rest), grown, steps=STEPS)
         score = start.score - start.posterior.log_evidence + posterior.log_evidence
         best = max(best, held, Model(tuple(rest), posterior, score), key=lambda m: rank_evidence(m.score))
     return best

@@ -111,15 +111,15 @@ def _choose_line(task: Task) -> PostureSummary:
     options = build_options(task.arm, settings, follow).spin.shape[1]
     stations = pick_stations(nominal, int(np.clip(NODE_BUDGET // options, 50, settings.stations)))
     for _ in range(STATION_ROUNDS):
-        stance, bad = _choose_at(task, stations, None if follow is None else follow[stations])
+        posture_choice, bad = _choose_at(task, stations, None if follow is None else follow[stations])
         if not len(bad):
-            return stance
+            return posture_choice
         more = np.setdiff1d(_surround(bad, len(nominal)), stations)
         if not len(more):
             break
         few = np.linspace(0, len(more) - 1, min(len(more), settings.stations)).astype(int)
         stations = np.union1d(stations, more[few])
-    kind = "clearance" if task.margin is not None and not stance.missed.any() else "continuity"
+    kind = "clearance" if task.margin is not None and not posture_choice.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
         f"{'the arm comes too near' if kind == 'clearance' else 'joints would have to jump or leave their limits'}; "
@@ -162,14 +162,14 @@ def _choose_at(task: Task, stations: NDArray[np.int_], follow: Array | None) -> 
     picture: PostureMap = slice_map(coarse, line, chosen, fine.options, task.nominal, rungs.cut_share)
     if task.margin is not None and not bad.any():
         picture = mark_collisions(picture, task.margin)
-    stance = PostureSummary(
+    posture_choice = PostureSummary(
         q=trace.q, rotation=trace.rotation, spin=trace.spin, lead=trace.lead, lean=trace.lean,
         configuration=CONFIGURATIONS[int(np.bincount(chosen.slot).argmax())], changes=_list_changes(chosen, stations),
         weights=weights, settings=settings,
         costs=summarise_costs(task.chain, robot, task.nominal, trace.q, settings, task.axes),
         map=picture, missed=trace.missed, keeps_margin=keeps,
     )  # fmt: skip
-    return stance, np.flatnonzero(bad)
+    return posture_choice, np.flatnonzero(bad)
 
 
 def _search_with_margin(task: Task, lattice: Lattice, rungs: Rungs, weights: Weights) -> tuple[Lattice, Line, bool]:
@@ -192,7 +192,7 @@ def _drop_near_limits(lattice: Lattice) -> Lattice:
     return replace(lattice, reason=reason)
 
 
-def _prefer_still(task: Task, stance: PostureSummary) -> PostureSummary:
+def _prefer_still(task: Task, posture_choice: PostureSummary) -> PostureSummary:
     """Keep one configuration and the tool's x where the job has it, unless the choice is better by what it is for.
 
     Both finished postures are weighed as they are, by the measure of the preset (`measure_choice`). The plain one has
@@ -200,27 +200,29 @@ def _prefer_still(task: Task, stance: PostureSummary) -> PostureSummary:
     """
     settings, nominal, robot = task.settings, task.nominal, task.robot
     if robot.nq < 6 or settings.weights:
-        return stance
-    leans = np.abs(np.stack([stance.spin, stance.lead, stance.lean])).max()
-    if leans < STILL and not stance.changes and not len(task.arm.held):  # the choice is the plain posture itself
-        return replace(stance, plain=stance.costs)
-    still = solve_default_posture(robot, nominal, task.tool_x, stance, task.axes, task.margin)
+        return posture_choice
+    leans = np.abs(np.stack([posture_choice.spin, posture_choice.lead, posture_choice.lean])).max()
+    if (
+        leans < STILL and not posture_choice.changes and not len(task.arm.held)
+    ):  # the choice is the plain posture itself
+        return replace(posture_choice, plain=posture_choice.costs)
+    still = solve_default_posture(robot, nominal, task.tool_x, posture_choice, task.axes, task.margin)
     if still is None or find_torn(still.q, nominal, settings.most_step).any():
-        return stance
-    chosen = stance.costs
+        return posture_choice
+    chosen = posture_choice.costs
     costs = still.costs
-    still, stance = replace(still, plain=costs), replace(stance, plain=costs)
+    still, posture_choice = replace(still, plain=costs), replace(posture_choice, plain=costs)
     for name, asked in (
         ("limit_distance_deg", np.degrees(settings.limit_margin)),
         ("dexterity_min", settings.singularity_margin),
     ):
         if costs[name] < min(asked, chosen[name]):
-            return stance
-    counts = stance.weights.travel > 0
+            return posture_choice
+    counts = posture_choice.weights.travel > 0
     ours, theirs = (measure_choice(settings.preset, value, counts_travel=counts) for value in (chosen, costs))
     gained = ours < GAINS[settings.preset] * theirs
     keeps = gained or (theirs > ours and costs["joint_travel_deg"] >= chosen["joint_travel_deg"])
-    return stance if keeps else still
+    return posture_choice if keeps else still
 
 
 def measure_choice(preset: str, costs: dict[str, float], *, counts_travel: bool = False) -> float:

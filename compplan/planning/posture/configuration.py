@@ -258,7 +258,7 @@ MARGIN_SAMPLES = 600
 
 
 def solve_default_posture(
-    robot: Robot, nominal: Toolpath, tool_x: Array, stance: PostureSummary, axes: Array,
+    robot: Robot, nominal: Toolpath, tool_x: Array, posture_choice: PostureSummary, axes: Array,
     margin: Callable[[Array, NDArray[np.int_]], Array] | None,
 ) -> PostureSummary | None:  # fmt: skip
     """Return the plain posture; None where it is not reached or does not keep clear.
@@ -267,12 +267,12 @@ def solve_default_posture(
         robot: The robot with its tool.
         nominal: Toolpath in the base frame, with its predicted wrench.
         tool_x: Where x of the TCP points, base axes. Shape (3,).
-        stance: What the graph chose, with its settings.
+        posture_choice: What the graph chose, with its settings.
         axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
         margin: By how much joint positions at waypoints keep clear, or None. [m]
 
     """
-    settings, rotation = stance.settings, tool_axes(nominal, tool_x)
+    settings, rotation = posture_choice.settings, tool_axes(nominal, tool_x)
     start = None if settings.start is None else np.array(settings.start)
     try:
         plain = choose_posture(robot, nominal.position, rotation, Preference(**settings.configuration, start=start))
@@ -285,7 +285,15 @@ def solve_default_posture(
         return None
     none = np.zeros(len(nominal))
     return replace(
-        stance, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, configuration=plain.configuration,
-        changes=(), map=replace(stance.map, chosen=np.zeros(len(stance.map.chosen))), instead_of=stance.costs,
+        posture_choice,
+        q=plain.q,
+        rotation=rotation,
+        spin=none,
+        lead=none,
+        lean=none,
+        configuration=plain.configuration,
+        changes=(),
+        map=replace(posture_choice.map, chosen=np.zeros(len(posture_choice.map.chosen))),
+        instead_of=posture_choice.costs,
         costs=summarise_costs(build_chain(robot), robot, nominal, plain.q, settings, axes),
-    )  # fmt: skip
+    )

@@ -135,7 +135,7 @@ class Start:
         rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
         configuration: Shoulder, elbow and wrist along most of the path.
         missed: Waypoints that are not reached. Shape (n,).
-        stance: What the graph chose, or None where it found nothing (or was not asked).
+        posture_choice: What the graph chose, or None where it found nothing (or was not asked).
         request: What was asked for, or None.
         notes: What a user should know, one sentence each.
         of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
@@ -152,7 +152,7 @@ class Start:
     rotation: Array
     configuration: Mapping[str, str]
     missed: NDArray[np.bool_]
-    stance: PostureSummary | None = None
+    posture_choice: PostureSummary | None = None
     request: PostureRequest | None = None
     notes: tuple[str, ...] = ()
     of_program: bool = False
@@ -212,21 +212,21 @@ def find_start(
             if followed is not None:
                 return followed
         try:
-            stance = _ask_graph(robot, nominal, tool_x, request)
+            posture_choice = _ask_graph(robot, nominal, tool_x, request)
         except InfeasibleError as error:
             sentence = str(error)
             plain = "One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the way."
             note = (f"{sentence[0].upper()}{sentence[1:]}. {plain}",)
             if request.scene is not None:
                 blind = find_start(robot, nominal, tool_x, rotation, wish, replace(request, scene=None))
-                if blind.stance is not None:
+                if blind.posture_choice is not None:
                     note = (f"{sentence[0].upper()}{sentence[1:]}. The posture is that without anything in the way.",)
                     return replace(blind, request=request, notes=(*note, *blind.notes))
             instead = _go_on(robot, nominal, tool_x, rotation, wish, request)
             if instead is not None:
                 return instead
         else:
-            return stand(stance, nominal, request)
+            return stand(posture_choice, nominal, request)
     posture = choose_posture(robot, nominal.position, rotation, wish)
     return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
 
@@ -272,18 +272,27 @@ def _name(robot: Robot, q: Array) -> dict[str, str]:
     return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
 
 
-def stand(stance: PostureSummary, nominal: Toolpath, request: PostureRequest) -> Start:
+def stand(posture_choice: PostureSummary, nominal: Toolpath, request: PostureRequest) -> Start:
     """Start where the graph stands."""
     leaning = request.settings.lead > 0 or request.settings.lean > 0
-    path = replace(nominal, axis=stance.axis) if leaning else nominal
+    path = replace(nominal, axis=posture_choice.axis) if leaning else nominal
     words = tuple(
         f"The arm changes its configuration from {before} to {after} before waypoint {waypoint}."
-        for waypoint, before, after in stance.changes
+        for waypoint, before, after in posture_choice.changes
     )
-    if told := describe_finished(stance):
+    if told := describe_finished(posture_choice):
         words += (told,)
-    return Start(path, stance.q, stance.rotation, stance.configuration, stance.missed, stance, request, words,
-                 upright=nominal.axis if leaning else None)  # fmt: skip
+    return Start(
+        path,
+        posture_choice.q,
+        posture_choice.rotation,
+        posture_choice.configuration,
+        posture_choice.missed,
+        posture_choice,
+        request,
+        words,
+        upright=nominal.axis if leaning else None,
+    )
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
@@ -321,11 +330,13 @@ def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> 
         None where the graph chose it already, or it cannot be kept.
 
     """
-    if start.stance is None or start.request is None or start.stance.instead_of is not None:
+    if start.posture_choice is None or start.request is None or start.posture_choice.instead_of is not None:
         return None
     request = start.request
-    stance = solve_default_posture(robot, nominal, tool_x, start.stance, request.axes, state_margin(request))
-    return None if stance is None else stand(replace(stance, instead_of=None), nominal, request)
+    posture_choice = solve_default_posture(
+        robot, nominal, tool_x, start.posture_choice, request.axes, state_margin(request)
+    )
+    return None if posture_choice is None else stand(replace(posture_choice, instead_of=None), nominal, request)
 
 
 def state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]], Array] | None:
@@ -336,26 +347,26 @@ def state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]],
     return lambda q, waypoints: measure_margin(scene, q, request.wanted)
 
 
-def describe_finished(stance: PostureSummary) -> str:
+def describe_finished(posture_choice: PostureSummary) -> str:
     """Say what the postures come to that were compared, "" where none were."""
-    if len(stance.compared) < 2:
+    if len(posture_choice.compared) < 2:
         return ""
-    values, unit = stance.compared.values(), stance.compared_by.rpartition("_")[2]
-    best, done, tied = WORDS[stance.compared_by]
-    head = f"Preset {stance.settings.preset}: "
+    values, unit = posture_choice.compared.values(), posture_choice.compared_by.rpartition("_")[2]
+    best, done, tied = WORDS[posture_choice.compared_by]
+    head = f"Preset {posture_choice.settings.preset}: "
     if max(values) <= (1.0 + TIED) * min(values):
         said = f"{'take' if unit == 's' else 'come to'} {min(values):.4g} {unit}, within 0.1 %"
         return f"{head}the {len(values)} postures that were {done} {said}; {tied}."
-    listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in stance.compared.items())
+    listed = ", ".join(f"{name} {value:.4g} {unit}" for name, value in posture_choice.compared.items())
     return f"{head}{best} of the postures that were {done} is driven ({listed})."
 
 
 def compare_postures(robot: Robot, start: Start, tool_x: Array) -> tuple[dict[str, float], dict[str, float]] | None:
     """Return costs of the graph's way and of the plain posture; None where either is not known."""
-    stance, request = start.stance, start.request
-    if stance is None or request is None:
+    posture_choice, request = start.posture_choice, start.request
+    if posture_choice is None or request is None:
         return None
-    if stance.plain is not None:
-        return stance.instead_of or stance.costs, stance.plain
-    plain = solve_default_posture(robot, start.nominal, tool_x, stance, request.axes, None)
-    return None if plain is None else (stance.costs, plain.costs)
+    if posture_choice.plain is not None:
+        return posture_choice.instead_of or posture_choice.costs, posture_choice.plain
+    plain = solve_default_posture(robot, start.nominal, tool_x, posture_choice, request.axes, None)
+    return None if plain is None else (posture_choice.costs, plain.costs)

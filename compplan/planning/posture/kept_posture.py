@@ -270,12 +270,12 @@ def _stand_again(robot: Robot, start: Start) -> Start:
     words = start.configuration
     if len(arm.arm) == 6:
         words = CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())]
-    stance = start.stance
-    if stance is not None and start.request is not None and not missed.any():
-        costs = summarise_costs(build_chain(robot), robot, nominal, q, stance.settings, start.request.axes)
-        stance = replace(stance, q=q, costs=costs)
+    posture_choice = start.posture_choice
+    if posture_choice is not None and start.request is not None and not missed.any():
+        costs = summarise_costs(build_chain(robot), robot, nominal, q, posture_choice.settings, start.request.axes)
+        posture_choice = replace(posture_choice, q=q, costs=costs)
     return replace(start, q=np.clip(q, robot.lower, robot.upper), rotation=rotation, missed=missed,
-                   configuration=words, stance=stance)  # fmt: skip
+                   configuration=words, posture_choice=posture_choice)  # fmt: skip
 
 
 def turn_about_axis(stood: Array, axis: Array) -> Array:

@@ -80,9 +80,9 @@ def find_partial(
     if not found:
         return None
     q, rotation, missed = np.full((n, robot.nq), np.nan), np.empty((n, 3, 3)), np.ones(n, bool)
-    for first, stance in found:
-        rows = slice(first, first + len(stance.q))
-        q[rows], rotation[rows], missed[rows] = stance.q, stance.rotation, stance.missed
+    for first, posture_choice in found:
+        rows = slice(first, first + len(posture_choice.q))
+        q[rows], rotation[rows], missed[rows] = posture_choice.q, posture_choice.rotation, posture_choice.missed
     if missed.all():
         return None
     kept = np.flatnonzero(np.isfinite(q[:, 0]))
@@ -204,8 +204,8 @@ def _find_shift(
                 continue
             tried += 1
             try:
-                stance = choose_posture_path(robot, moved, tool_x, settings, axes=axes)
-                if not stance.missed.any():
+                posture_choice = choose_posture_path(robot, moved, tool_x, settings, axes=axes)
+                if not posture_choice.missed.any():
                     return np.asarray(length * direction)
             except InfeasibleError:
                 pass

@@ -65,7 +65,7 @@ class PlaceResult:
         position: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
         turn: Turn about the vertical through it, on top of the job's rotation. [rad]
         base_height: How far the base has to be raised for that. [m]
-        stance: Posture along the path there.
+        posture_choice: Posture along the path there.
         before: Posture at the job's own place, or None where none leads along the path.
         ratings: Grids, one a turn.
         here: The job's own place. Shape (3,). [m]
@@ -75,7 +75,7 @@ class PlaceResult:
     position: Array
     turn: float
     base_height: float
-    stance: PostureSummary
+    posture_choice: PostureSummary
     before: PostureSummary | None
     ratings: tuple[Ratings, ...]
     here: Array
@@ -85,7 +85,7 @@ class PlaceResult:
         """Remaining deviation (95 %) there as a share of that at the job's own place; NaN where that is not known."""
         if self.before is None:
             return float("nan")
-        return self.stance.costs["sensitivity_p95_mm"] / max(self.before.costs["sensitivity_p95_mm"], 1e-12)
+        return self.posture_choice.costs["sensitivity_p95_mm"] / max(self.before.costs["sensitivity_p95_mm"], 1e-12)
 
 
 def place_part(
@@ -128,14 +128,14 @@ def place_part(
     candidates = [*_refine(job, rater, candidates[:3], here, axes), *candidates]
     candidates.sort(key=lambda entry: entry[0])
     search = partial(_search_posture, job, robot, errors)
-    stance, position, turn = _decide(search, job.place.step_mm, candidates)
+    posture_choice, position, turn = _decide(search, job.place.step_mm, candidates)
     before = search(here, 0.0)
-    if before is not None and _rank(before) <= _rank(stance):
-        stance, position, turn = before, here, 0.0
+    if before is not None and _rank(before) <= _rank(posture_choice):
+        posture_choice, position, turn = before, here, 0.0
     low, high = (v * 1e-3 for v in job.place.base_height_mm)
     lowest = job.place.z_mm[0] * 1e-3 if job.place.z_mm else min(axes[2][0] + high, here[2])
     height = float(np.clip(lowest - position[2], low, high))
-    return PlaceResult(position, turn, height, stance, before, tuple(ratings), here)
+    return PlaceResult(position, turn, height, posture_choice, before, tuple(ratings), here)
 
 
 def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
@@ -152,23 +152,26 @@ def summarise_placement(result: PlaceResult, job: Job) -> dict[str, Any]:
         },
         "base_height_mm": round(1e3 * result.base_height, 3),
         "sensitivity_mm": {
-            "expected_rms": result.stance.costs["sensitivity_rms_mm"], "p95": result.stance.costs["sensitivity_p95_mm"]
+            "expected_rms": result.posture_choice.costs["sensitivity_rms_mm"],
+            "p95": result.posture_choice.costs["sensitivity_p95_mm"],
         },
-        "sensitivity_here_mm": None if before is None else {
-            "expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]
-        },
+        "sensitivity_here_mm": None
+        if before is None
+        else {"expected_rms": before.costs["sensitivity_rms_mm"], "p95": before.costs["sensitivity_p95_mm"]},
         "ratio": None if before is None else result.ratio,
-        **result.stance.describe_errors(),
+        **result.posture_choice.describe_errors(),
         "grids": [
             {
                 "turn_deg": float(np.degrees(rating.turn)),
                 **{f"{name}_mm": (1e3 * axis).round(3).tolist() for name, axis in zip("xyz", rating.axes, strict=True)},
-                "bound_mm": [[[None if np.isnan(v) else round(1e3 * v, 6) for v in column] for column in sheet]
-                             for sheet in rating.bound.tolist()],
+                "bound_mm": [
+                    [[None if np.isnan(v) else round(1e3 * v, 6) for v in column] for column in sheet]
+                    for sheet in rating.bound.tolist()
+                ],
             }
             for rating in result.ratings
         ],
-    }  # fmt: skip
+    }
 
 
 class Rater:
@@ -300,9 +303,9 @@ def _search_posture(
         return None
 
 
-def _rank(stance: PostureSummary) -> float:
+def _rank(posture_choice: PostureSummary) -> float:
     """Return what places are compared by: the remaining deviation [mm]."""
-    return stance.costs["sensitivity_rms_mm"]
+    return posture_choice.costs["sensitivity_rms_mm"]
 
 
 def _decide(
@@ -321,9 +324,9 @@ def _decide(
         if len(tried) >= 5 * TRIED:
             break
         tried.append((place, turn))
-        stance = search(place, turn)
-        if stance is not None and (best is None or _rank(stance) < _rank(best[0])):
-            best = stance, place, turn
+        posture_choice = search(place, turn)
+        if posture_choice is not None and (best is None or _rank(posture_choice) < _rank(best[0])):
+            best = posture_choice, place, turn
     if best is None:
         raise InfeasibleError(
             "the path is within reach at some places, but no continuous posture keeps clear and within limits at the "

@@ -31,7 +31,7 @@ def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
     with replace_folder(folder, "campaign") as part:
         write_log(campaign, part / "campaign.csv")
         if campaign.poses.sights is not None:
-            text = describe_instrument(campaign.poses.sights, campaign.shop.sigma)
+            text = describe_instrument(campaign.poses.sights, campaign.equipment.sigma)
             write_text(part / "instrument.toml", "".join(f"# {stand.says}\n" for stand in campaign.stands) + text)
         write_moves(campaign, part)
         write_campaign_page(campaign, part / "report.html")
@@ -50,11 +50,10 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
     columns |= campaign.plan.robot.joint_columns(poses.log.q)
     columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
     columns |= sight_columns(poses.sights, n)
-    columns["sigma_mm"] = np.full(2 * n, campaign.shop.sigma * 1e3)
+    columns["sigma_mm"] = np.full(2 * n, campaign.equipment.sigma * 1e3)
     write_table(file, columns, decimals=7)
-    todo = (
-        f"approach from the next row (it stays without a measurement), then {describe_task(campaign.shop.instrument)}"
-    )
+    task = describe_task(campaign.equipment.instrument)
+    todo = f"approach from the next row (it stays without a measurement), then {task}"
     head, *rows = file.read_text(encoding="utf-8").splitlines()
     lines = [head]
     for k in range(n):
@@ -142,11 +141,11 @@ def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
 
 def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
     """Return the content of campaign.json."""
-    choice, design, shop = campaign.choice, campaign.design, campaign.shop
+    choice, design, equipment = campaign.choice, campaign.design, campaign.equipment
     return {
         "schema": 1,
         "name": campaign.plan.name,
-        "purpose": shop.purpose,
+        "purpose": equipment.purpose,
         "robot": campaign.plan.robot.name,
         "poses": len(choice.rows),
         "rows_of_log": campaign.log,
@@ -167,15 +166,15 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "says": describe_campaign(campaign).replace("\u00a0", " "),
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
         "ways_that_touch": [int(k) + 1 for k in campaign.touching],
-        "instrument": shop.instrument,
+        "instrument": equipment.instrument,
         "stands": [
             {"label": stand.label, "position_mm": (1e3 * stand.place).round(1).tolist(), "says": stand.says}
             for stand in campaign.stands
         ],
-        "instrument_sigma_mm": shop.sigma * 1e3,
-        "weights_kg": list(shop.weights),
-        "pull_N": shop.pull,
-        "register": list(shop.frames),
+        "instrument_sigma_mm": equipment.sigma * 1e3,
+        "weights_kg": list(equipment.weights),
+        "pull_N": equipment.pull,
+        "register": list(equipment.frames),
         "notes": list(campaign.notes),
         "made_by": describe_origin(),
     }

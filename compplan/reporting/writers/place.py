@@ -27,6 +27,6 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
     """
     summary = {**summarise_placement(result, job), "made_by": describe_origin()}
     with replace_folder(folder, "place") as part:
-        write_place_page(summary, draw_place_map(result), result.stance.map, part / "report.html")
+        write_place_page(summary, draw_place_map(result), result.posture_choice.map, part / "report.html")
         write_json(part / "place.json", summary)
     return summary

@@ -19,7 +19,7 @@ END = -1
 
 
 @dataclass
-class Program:
+class CncProgram:
     """Hold a program of a file: its lines, from the first up to the last, and what is found in them before it runs.
 
     Args:
@@ -45,7 +45,7 @@ class Program:
 class Call:
     """Hold a program that is carried out: its number, and the passes of its loops so far."""
 
-    program: Program
+    program: CncProgram
     number: int = 0
     repeats: dict[int, int] = field(default_factory=dict)
     counting: dict[int, float] = field(default_factory=dict)
@@ -66,16 +66,16 @@ class Flow:
         self.most_jumps = MOST_JUMPS if most_jumps is None else most_jumps
         self.line = self.executed = self.depth = self.jumps = self.calls = 0
         self.over = False
-        self.programs: dict[str, Program] = {}
-        self.call = Call(Program((), 0, 0, file))
+        self.programs: dict[str, CncProgram] = {}
+        self.call = Call(CncProgram((), 0, 0, file))
         #: Carries out a line of the program that runs; returns the next one, or END.
-        self.run_line: Callable[[Program, int], int] = lambda program, index: END
+        self.run_line: Callable[[CncProgram, int], int] = lambda program, index: END
 
     def error(self, message: str) -> InputError:
         """Return an error at the line that is read."""
         return InputError(message, file=self.file, where=self.line)
 
-    def run(self, program: Program, start: int | None = None) -> None:
+    def run(self, program: CncProgram, start: int | None = None) -> None:
         """Carry out a program from a line on up to its end."""
         kept, self.calls = self.call, self.calls + 1
         self.call = Call(program, self.calls)
@@ -90,7 +90,7 @@ class Flow:
                 break
         self.call = kept
 
-    def run_program(self, name: str, program: Program, times: float, start: int | None = None) -> None:
+    def run_program(self, name: str, program: CncProgram, times: float, start: int | None = None) -> None:
         """Carry out a subprogram so many times.
 
         Raises:
@@ -137,6 +137,6 @@ class Flow:
             beside = self.file.with_name(candidate)
             if beside.is_file():
                 lines = split_lines(read_bounded(beside))
-                self.programs[name] = Program(lines, 0, len(lines), beside)
+                self.programs[name] = CncProgram(lines, 0, len(lines), beside)
                 break
         return name in self.programs

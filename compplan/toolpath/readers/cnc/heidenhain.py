@@ -14,10 +14,10 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.expressions import evaluate
-from compplan.toolpath.readers.cnc.flow import END, Flow, Program
+from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.heidenhain_approach import Approaches
 from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
-from compplan.toolpath.readers.cnc.heidenhain_frames import Datums, find_spatial
+from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
 from compplan.toolpath.readers.cnc.heidenhain_lexer import (
     ASSIGN,
     CALL,
@@ -32,7 +32,7 @@ from compplan.toolpath.readers.cnc.heidenhain_lexer import (
 )
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame, stretch
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import refuse_unit
@@ -73,7 +73,7 @@ class Klartext:
         flow = Flow(file, MOST_JUMPS, DEEPEST)
         self.it = Interpreter(file, options, State(motion=0.0), self, flow, unit="")
         self.it.motion.keeps_polar = False
-        self.datums = Datums(self.it)
+        self.datums = KlartextDatums(self.it)
         self.value, self.values = self.datums.value, self.datums.values
         self.labels: dict[str, int] = {}
         self.begun = False
@@ -104,7 +104,7 @@ class Klartext:
                     raise flow.error(f"label {word} stands twice, first in line {first}")
                 if word != "0":
                     self.labels[word] = index
-        self.it.run(Program(blocks, 0, len(blocks), self.it.file))
+        self.it.run(CncProgram(blocks, 0, len(blocks), self.it.file))
         if not self.begun and self.it.options.unit is None:
             flow.line = 1
             raise flow.error(refuse_unit("BEGIN PGM .. MM or INCH").message)
@@ -129,14 +129,14 @@ class Klartext:
             return self.normal
         return find_spatial(*(self.it.rotary.angles.get(letter, 0.0) for letter in LETTERS)).turn(self.normal)
 
-    def turn_in_plane(self, block: Block) -> tuple[bool, Point | None]:
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a tilted plane where rotary axes are positioned in it."""
         if not self.tilted or (self.it.state.tip_control and "TILT" not in block.names):
             return False, None
         self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
 
-    def run_line(self, program: Program, index: int) -> int:
+    def run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a block; return the next one, or END."""
         it, block = self.it, program.lines[index]
         it.flow.line, text = block.line, block.text
@@ -161,7 +161,7 @@ class Klartext:
         it.steady = text[0] == "L" and not (self.words.fast or self.calls) and it.motion.is_steady()
         return index
 
-    def _jump(self, text: str, program: Program, index: int) -> int:
+    def _jump(self, text: str, program: CncProgram, index: int) -> int:
         """Carry out a call of a label, a repetition or a jump; return where to go on."""
         flow = self.it.flow
         if not text.startswith("CALL"):
@@ -191,7 +191,7 @@ class Klartext:
             raise InputError(f"label {key} is not in this program")
         return self.labels[key] + 1
 
-    def _carry_out(self, text: str, program: Program, index: int) -> None:
+    def _carry_out(self, text: str, program: CncProgram, index: int) -> None:
         """Carry out a block that does not jump."""
         first = WORD.match(text)
         word = first.group() if first else ""
@@ -216,7 +216,7 @@ class Klartext:
         else:
             raise InputError(f"block {text[:40]!r} is not read and may move the tool; post-process without it")
 
-    def _corner_after(self, program: Program, index: int) -> Corner | None:
+    def _corner_after(self, program: CncProgram, index: int) -> Corner | None:
         """Return the corner that the next block asks for."""
         while index < program.last and not program.lines[index].text:
             index += 1
@@ -366,7 +366,7 @@ class Klartext:
         self._call_cycle(functions & {89, 99} or ({89} if self.calls else set()))
         self.words.stop_functions(functions)
 
-    def _read_vector(self, words: Words, block: Block) -> None:
+    def _read_vector(self, words: Words, block: CncBlock) -> None:
         """Read the tool axis of LN: its vector TX TY TZ, or with tip control its normal NX NY NZ; A B C say nothing."""
         for letter in LETTERS:
             block.values.pop(letter, None)
@@ -377,7 +377,7 @@ class Klartext:
                 block.values.update(found)
                 return
 
-    def _read_arc(self, kind: str, words: Words, block: Block) -> None:
+    def _read_arc(self, kind: str, words: Words, block: CncBlock) -> None:
         """Read C and CP (about the pole), CR (radius), CT and CTP (tangent)."""
         state = self.it.state
         if kind in ("CT", "CTP"):

@@ -11,7 +11,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.contour import Element
 from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid, set_level
-from compplan.toolpath.readers.cnc.heidenhain_frames import Datums
+from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_lexer import ASSIGN, CYCLE, NUMBER, VALUE
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -59,7 +59,7 @@ class HeidenhainCycles:
 
     """
 
-    def __init__(self, it: Interpreter, datums: Datums, words: KlartextWords) -> None:
+    def __init__(self, it: Interpreter, datums: KlartextDatums, words: KlartextWords) -> None:
         self.it, self.datums, self.words, self.to_mm_s = it, datums, words, words.to_mm_s
         self.cycle: Cycle | None = None
         #: Whether lines with values of a cycle may follow.

@@ -28,7 +28,7 @@ def find_spatial(a: float, b: float, c: float) -> Frame:
     return rotate(2, c).then(rotate(1, b)).then(rotate(0, a))
 
 
-class Datums:
+class KlartextDatums:
     """Hold the frames that a program has put in force, and its parameters.
 
     Args:

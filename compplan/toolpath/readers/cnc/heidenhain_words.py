@@ -6,11 +6,11 @@ import re
 from collections.abc import Mapping
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, Datums
+from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_lexer import M_WORDS, VALUE, split_words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, Block
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock
 from compplan.toolpath.readers.frames import UNIT
 
 REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation of rotary axes",
@@ -35,7 +35,7 @@ class KlartextWords:
 
     """
 
-    def __init__(self, it: Interpreter, datums: Datums) -> None:
+    def __init__(self, it: Interpreter, datums: KlartextDatums) -> None:
         self.it, self.datums = it, datums
         self.per_turn = False
         #: Whether the program states lengths of tools, as on old controls, and whether its feed is rapid there.
@@ -215,9 +215,9 @@ class KlartextWords:
             self.it.note("F9999 and F15999 are rapid traverse in programs of old controls")
         return self.fast
 
-    def read(self, words: Mapping[str, str]) -> Block:
+    def read(self, words: Mapping[str, str]) -> CncBlock:
         """Return the places that words name, as addresses that all dialects share."""
-        block = Block()
+        block = CncBlock()
         for word, address in ADDRESSES.items():
             if word in words or "I" + word in words:
                 text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS

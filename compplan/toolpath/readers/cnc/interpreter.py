@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Protocol
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.contour import Contour
 from compplan.toolpath.readers.cnc.course import Course
-from compplan.toolpath.readers.cnc.flow import Flow, Program
+from compplan.toolpath.readers.cnc.dialect import Dialect
+from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 from compplan.toolpath.readers.cnc.machine import Machine
-from compplan.toolpath.readers.cnc.motion import TURNING, Motion
+from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, Block, State
-from compplan.toolpath.readers.frames import Frame
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, ask_compensation
 
@@ -28,37 +27,6 @@ from compplan.toolpath.readers.options import CamTable, ask_compensation
 MOVING = frozenset((*AXES, *TURNING, "I", "J", "K", "I1", "J1", "K1", "CR", "AR", "AP", "RP", "TURN"))
 MOTIONS = frozenset({0.0, 1.0, 2.0, 3.0})
 UNKNOWN_MACHINE = "moves while rotary axes stand turned whose machine is not stated"
-
-
-class Dialect(Protocol):
-    """What a dialect gives its interpreter.
-
-    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else "";
-    `tilted` whether the tool stands along the axis of a tilted plane.
-    """
-
-    tip_word: str
-    silent: frozenset[float]
-    ends: frozenset[float]
-
-    @property
-    def tilted(self) -> bool: ...  # noqa: D102
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        ...
-
-    def square(self) -> Point:
-        """Return the tool axis where all rotary axes stand at 0."""
-        ...
-
-    def turn_in_plane(self, block: Block) -> tuple[bool, Point | None]:
-        """Tell whether rotary words are those of a tilted plane, and the tool axis then."""
-        ...
-
-    def run_line(self, program: Program, index: int) -> int:
-        """Carry out a line; return the next one, or END."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -91,7 +59,7 @@ def note(text: str, takes: str = "") -> Code:
 def refuse(what: str) -> Code:
     """Return a word that is refused."""
 
-    def run(dialect: object, block: Block, code: float | str) -> None:
+    def run(dialect: object, block: CncBlock, code: float | str) -> None:
         word = code if isinstance(code, str) else f"G{code:g}"
         raise InputError(f"{word} ({what}) is not read; post-process without it")
 
@@ -101,7 +69,7 @@ def refuse(what: str) -> Code:
 def set_mode(**changes: object) -> Code:
     """Return a word that sets modal state."""
 
-    def run(dialect: HasInterpreter, block: Block, code: float | str) -> None:
+    def run(dialect: HasInterpreter, block: CncBlock, code: float | str) -> None:
         for name, value in changes.items():
             setattr(dialect.it.state, name, value)
 
@@ -135,7 +103,7 @@ class Interpreter:
         self.log, self.note = self.course.log, self.course.note
         self.contour = Contour(self.course, unit)
         self.rotary = Rotary(options)
-        self.motion = Motion(self)
+        self.motion = MotionReader(self.course, self.contour, self.rotary, state, dialect, self.set_frame)
         self.machine = Machine(state, self.log, dialect.silent, dialect.ends)
         #: Why variables have no value.
         self.unknown: dict[str, str] = {}
@@ -143,7 +111,7 @@ class Interpreter:
         self.steady = False
         flow.run_line = dialect.run_line
 
-    def run(self, program: Program, finish: Callable[[], None] = lambda: None) -> None:
+    def run(self, program: CncProgram, finish: Callable[[], None] = lambda: None) -> None:
         """Carry out a program, refuse a corner that no move follows, and stop what still turns.
 
         Raises:
@@ -166,8 +134,8 @@ class Interpreter:
         """Return toolpath and facts."""
         return self.log.finish(self.file, kind, unit, lines)
 
-    def run_words(self, block: Block, words: Iterable[float | str], find: Callable[[float | str], Code | None],
-                  pass_over: Callable[[Block, float | str], None]) -> str:  # fmt: skip
+    def run_words(self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None],
+                  pass_over: Callable[[CncBlock, float | str], None]) -> str:  # fmt: skip
         """Carry out the G codes and names of a block; return what takes its coordinates, "" where they are a move.
 
         Args:
@@ -218,7 +186,7 @@ class Interpreter:
             self.state.tip_control = on
             self.set_frame()
 
-    def leave_out_machine_move(self, block: Block, words: str) -> None:
+    def leave_out_machine_move(self, block: CncBlock, words: str) -> None:
         """Leave out a move in machine coordinates; where it ended is not known."""
         axes = [axis for axis, letter in enumerate(AXES) if letter in block.values]
         self.contour.refuse_open()

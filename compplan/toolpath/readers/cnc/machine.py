@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from compplan.toolpath.readers.cnc.state import Block, State
+from compplan.toolpath.readers.cnc.state import CncBlock, State
 from compplan.toolpath.readers.moves import MoveLog
 
 #: Codes that happen before the move of their block, beside M6, and what they switch on.
@@ -33,7 +33,7 @@ class Machine:
     def __init__(self, state: State, log: MoveLog, silent: frozenset[float], ends: frozenset[float]) -> None:
         self.state, self.log, self.silent, self.ends = state, log, silent | ends, ends
 
-    def start(self, block: Block, line: int) -> None:
+    def start(self, block: CncBlock, line: int) -> None:
         """Let happen what a block switches before its move."""
         state, log, values, machine = self.state, self.log, block.values, block.machine
         by_t = state.changes_by_t and values.get("T", 0.0) not in (0.0, state.tool)
@@ -98,7 +98,7 @@ class Machine:
                 self.log.happen(kind, line)
         self.state.turning, self.state.cooling = "", False
 
-    def _read_dwell(self, block: Block, line: int) -> float:
+    def _read_dwell(self, block: CncBlock, line: int) -> float:
         """Return how long G4 waits [s]: F, X or U in seconds, S in turns, P in seconds or milliseconds."""
         values = block.values
         if "P" in values:

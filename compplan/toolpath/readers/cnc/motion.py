@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle
-from compplan.toolpath.readers.cnc.contour import Corner, Element, find_centre, find_tangent_arc
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, Block
-
-if TYPE_CHECKING:
-    from compplan.toolpath.readers.cnc.interpreter import Interpreter
+from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
+from compplan.toolpath.readers.cnc.course import Course
+from compplan.toolpath.readers.cnc.dialect import Dialect
+from compplan.toolpath.readers.cnc.rotary import Rotary
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 
 NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+))"
 #: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
@@ -35,17 +35,23 @@ ROUND = (2.0, 3.0, "CIP", "CT")
 FARTHEST_WITHOUT_POINT = 10_000.0
 
 
-class Motion:
+class MotionReader:
     """Carry out the motion of blocks.
 
     Args:
-        it: The program that is read.
+        course: Where the tool is.
+        contour: Corners and arcs that wait for the next block.
+        rotary: The rotary axes.
+        state: What is modal.
+        dialect: The dialect.
+        set_frame: Puts the frame of the coordinates in force; carried: rotary axes have carried tool or part along.
 
     """
 
-    def __init__(self, it: Interpreter) -> None:
-        self.it, self.state, self.course, self.contour = it, it.state, it.course, it.contour
-        self.rotary, self.options, self.dialect = it.rotary, it.options, it.dialect
+    def __init__(self, course: Course, contour: Contour, rotary: Rotary, state: State, dialect: Dialect,
+                 set_frame: Callable[..., None]) -> None:  # fmt: skip
+        self.course, self.contour, self.rotary, self.state, self.dialect = course, contour, rotary, state, dialect
+        self.options, self.set_frame = rotary.options, set_frame
         #: Corner at the end of the block at hand where another block states it.
         self.corner: Corner | None = None
         self.keeps_polar = True
@@ -88,7 +94,7 @@ class Motion:
         course.log.line(course.frame.apply(point), state.feed / 60.0)  # type: ignore[operator]
         return True
 
-    def feed(self, length: float, block: Block | None = None) -> float:
+    def feed(self, length: float, block: CncBlock | None = None) -> float:
         """Return the feed of a move of this length [mm] in mm/s; 0 where no feed is known."""
         if block is not None and "FB" in block.values:
             return block.values["FB"] * self.state.feed_scale / 60.0
@@ -97,7 +103,7 @@ class Motion:
             self.course.note("cutting moves before any feed F have none")
         return feed or 0.0
 
-    def target(self, block: Block) -> tuple[Point, tuple[int, ...]]:
+    def target(self, block: CncBlock) -> tuple[Point, tuple[int, ...]]:
         """Return where a block leads, and which axes it names as absolute coordinates."""
         state, values = self.state, block.values
         point, named = list(self.contour.position), []
@@ -129,7 +135,7 @@ class Motion:
             named += [first, second]
         return (point[0], point[1], point[2]), tuple(named)
 
-    def move(self, block: Block) -> None:
+    def move(self, block: CncBlock) -> None:
         """Carry out the coordinates of a block."""
         state, course, contour = self.state, self.course, self.contour
         arc = state.motion in ROUND
@@ -165,7 +171,7 @@ class Motion:
                               run=lambda: self._cut_turning(element, before, after))  # fmt: skip
         contour.add(element, self._corner(block))
 
-    def _corner(self, block: Block) -> Corner | None:
+    def _corner(self, block: CncBlock) -> Corner | None:
         """Return the corner that a block asks for at its end."""
         values, state = block.values, self.state
         if self.corner is not None:
@@ -176,7 +182,7 @@ class Motion:
                 return Corner(kind, values[address] * state.scale, feed, self.line)
         return Corner("ROUND", state.rounding, None, self.line, modal=True) if state.rounding else None
 
-    def _turn(self, block: Block, *, rapid: bool) -> tuple[Point | None, bool]:
+    def _turn(self, block: CncBlock, *, rapid: bool) -> tuple[Point | None, bool]:
         """Return the tool axis that A3 B3 C3 or A B C ask for (None: nothing), and whether rotary axes turn to it."""
         values, rotary, state = block.values, self.rotary, self.state
         named = [letter for letter in DIRECTIONS if letter in values]
@@ -199,7 +205,7 @@ class Motion:
                 rotary.angles[letter] = values[letter] + base
         if rotary.spatial:
             return self.dialect.square(), False
-        self.it.set_frame(carried=True)
+        self.set_frame(carried=True)
         if not turned and not rotary.turned:
             return self.dialect.square(), False
         if rotary.unknown:
@@ -228,7 +234,7 @@ class Motion:
             rotary.angles = {
                 letter: before.get(letter, 0.0) * (1.0 - share) + angle * share for letter, angle in after.items()
             }
-            self.it.set_frame(carried=True)
+            self.set_frame(carried=True)
             point = target if piece == pieces else combine(1.0 - share, start, share, target)
             if not tip and seconds > 0.0:
                 feed = math.dist(course.frame.apply(point), log.position) * pieces / seconds
@@ -265,7 +271,7 @@ class Motion:
         size = math.hypot(x, y, z)
         return x / size, y / size, z / size
 
-    def _go_round(self, block: Block, target: Point, named: tuple[int, ...]) -> None:
+    def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...]) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
         state, values, start = self.state, block.values, self.contour.position
         about_pole = "CC" in block.names or (block.has(POLAR) and not block.has(CENTRES))
@@ -310,7 +316,7 @@ class Motion:
             self._corner(block),
         )
 
-    def _prove(self, start: Point, target: Point, block: Block, *, right_hand: bool) -> None:
+    def _prove(self, start: Point, target: Point, block: CncBlock, *, right_hand: bool) -> None:
         """Keep an arc that lies on no circle where its I J K count as usual."""
         plane, offsets = self.state.plane, tuple(block.values.get(letter, 0.0) for letter in "IJK")
         usual = combine(1.0, start, self.state.scale, (offsets[0], offsets[1], offsets[2]))
@@ -319,7 +325,7 @@ class Motion:
             ends = [place[axis] for place in (start, target) for axis in PLANE_AXES[plane]]
             self.proofs.add((*(round(number, 3) for number in ends), *offsets))
 
-    def _find_middle(self, block: Block, start: Point, target: Point) -> tuple[Point, Point, bool]:
+    def _find_middle(self, block: CncBlock, start: Point, target: Point) -> tuple[Point, Point, bool]:
         """Return centre, axis and sense of an arc through a point (CIP)."""
         middle = list(start)
         for axis, letter in enumerate(MIDDLES):
@@ -331,7 +337,7 @@ class Motion:
         arc = find_arc(start, (middle[0], middle[1], middle[2]), target)
         return arc.centre, arc.normal, arc.sweep > 0.0
 
-    def _find_opening(self, block: Block, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
+    def _find_opening(self, block: CncBlock, start: Point, target: Point, *, right_hand: bool) -> tuple[Point, Point]:
         """Return centre and end of an arc by its opening angle AR, with its end or its centre."""
         opening, normal = block.values["AR"], PLANE_NORMALS[self.state.plane]
         if not 0.0 < opening < 360.0:

@@ -8,7 +8,7 @@ import re
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, Block
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
@@ -107,7 +107,7 @@ class Origins:
         if self.course.left_out and self.wcs is not None:
             self.it.note(f"{OUTSIDE}: {self.course.left_out} of them")
 
-    def set_offset(self, block: Block) -> None:
+    def set_offset(self, block: CncBlock) -> None:
         """Read G10: L2 sets a work offset."""
         values, kind = block.values, block.values.get("L", 0.0)
         if kind == 20.0 or (kind == 2.0 and (self.state.incremental or values.get("R", 0.0) != 0.0)):
@@ -131,7 +131,7 @@ class Origins:
             self.base = combine(1.0, self.base, 1.0, (moved[0], moved[1], moved[2]))
             self.it.set_frame()
 
-    def go_home(self, code: float, block: Block) -> None:
+    def go_home(self, code: float, block: CncBlock) -> None:
         """Carry out G28 and G30: through the intermediate point to the machine's home, which nobody knows.
 
         G91 of the same block acts before: G28 G91 Z0 goes home from where the tool is.
@@ -156,7 +156,7 @@ class Origins:
         self.shifted = shifted[0], shifted[1], shifted[2]
         self.it.set_frame()
 
-    def declare(self, block: Block) -> None:
+    def declare(self, block: CncBlock) -> None:
         """Give the present position new coordinates (G92).
 
         Where nobody knows the position they are its place; else the origin moves, before the first cut as after it.
@@ -207,7 +207,7 @@ class Origins:
                 self.course.mute(DECLARED, refusal)
         self.it.set_frame()
 
-    def move_in_machine(self, block: Block) -> None:
+    def move_in_machine(self, block: CncBlock) -> None:
         """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""
         course, origin, named = self.course, self.origins.get(self.active, {}), block.list_axes()
         if any(axis not in origin for axis in named) or not course.frame.plain or block.has(frozenset(LETTERS)):

@@ -14,7 +14,7 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.course import UP
-from compplan.toolpath.readers.cnc.flow import END, Flow, Program
+from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
@@ -23,7 +23,7 @@ from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
 from compplan.toolpath.readers.cnc.rs274_frames import Layers
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, Lexer
 from compplan.toolpath.readers.cnc.rs274_words import PLACING, owns_words
-from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, Block, State
+from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import refuse_unit
@@ -90,7 +90,7 @@ class Rs274:
         """Return the tool axis where all rotary axes stand at 0."""
         return UP
 
-    def turn_in_plane(self, block: Block) -> tuple[bool, Point | None]:
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Let rotary axes set the tool square to a tilted plane; where its tip then is nobody knows."""
         if not self.tilted:
             return False, None
@@ -102,7 +102,7 @@ class Rs274:
         self.layers.turn_to_plane(53.1, stays=False)
         return True, self.layers.plane_axis
 
-    def run_line(self, program: Program, index: int) -> int:
+    def run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
         if it.steady and (found := self.plain.fullmatch(raw)) and it.motion.cut_plain(found):
@@ -116,7 +116,7 @@ class Rs274:
             index, self.macros.next = self.macros.next - 1, None
         return END if ended else index + 1
 
-    def run_block(self, block: Block) -> bool:
+    def run_block(self, block: CncBlock) -> bool:
         """Carry out one block; return whether the program ends.
 
         What a block says acts in this order, however its words are shuffled: units, distance mode, plane, feed,
@@ -157,7 +157,7 @@ class Rs274:
         it.flow.over = it.flow.over or 2.0 in machine or (30.0 in machine and not state.siemens)
         return it.machine.stop(machine, it.flow.line)
 
-    def _give_words(self, block: Block) -> bool:
+    def _give_words(self, block: CncBlock) -> bool:
         """Give the words of a block to the M code that owns them; return whether nothing is left to be read.
 
         Raises:
@@ -182,7 +182,7 @@ class Rs274:
         machine.remove(owner)
         return False
 
-    def _check_machine(self, block: Block) -> None:
+    def _check_machine(self, block: CncBlock) -> None:
         """Refuse calls that are not read; follow M128 and M129."""
         if 198.0 in block.machine:
             raise InputError("subprogram call M198 of another file is not read; write the program into the file")
@@ -191,14 +191,14 @@ class Rs274:
         if 128.0 in block.machine or 129.0 in block.machine:
             self.it.control_tip(128.0 in block.machine)
 
-    def _ask_for_unit(self, block: Block) -> None:
+    def _ask_for_unit(self, block: CncBlock) -> None:
         """Refuse lengths before the file or the user states their unit; those of printers are millimetres."""
         if self.it.state.printer or self.it.options.unit or not (UNITS | UNITLESS).isdisjoint(block.codes):
             return
         if any(block.values.get(letter, 0.0) != 0.0 for letter in LENGTHS):
             raise refuse_unit("G20 or G21")
 
-    def _run_codes(self, block: Block) -> str:
+    def _run_codes(self, block: CncBlock) -> str:
         """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move.
 
         Raises:
@@ -213,7 +213,7 @@ class Rs274:
                 raise InputError(f"{names} stand in one block{one or ' and contradict each other'}")
         return self.it.run_words(block, codes, find_code, self.pass_over)
 
-    def pass_over(self, block: Block, code: float | str) -> None:
+    def pass_over(self, block: CncBlock, code: float | str) -> None:
         """Note a code that is not known.
 
         Raises:
@@ -224,7 +224,7 @@ class Rs274:
             raise InputError(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
         self.it.note(f"G{code:g} is not read")
 
-    def move(self, block: Block) -> None:
+    def move(self, block: CncBlock) -> None:
         """Carry out the motion of a block, in the words that all dialects share."""
         it, state, values = self.it, self.it.state, block.values
         for letter in "UVW":
@@ -266,7 +266,7 @@ class Rs274:
             self.layers.check_plane()
         it.motion.move(block)
 
-    def _read_arc(self, block: Block) -> None:
+    def _read_arc(self, block: CncBlock) -> None:
         values = block.values
         if "R" in values:
             values["CR"] = values["R"]
@@ -277,7 +277,7 @@ class Rs274:
             raise InputError(f"arc of P{turns:g} turns, expected a whole number from 1 to {MOST_TURNS}")
         values["TURN"] = max(turns - 1.0, 0.0)
 
-    def _leave_upwards(self, block: Block) -> None:
+    def _leave_upwards(self, block: CncBlock) -> None:
         """Leave out Z of a block that cancels the tool's length (H0, G49): it is no place of the tip in the part."""
         course, state = self.it.course, self.it.state
         if state.motion != 0.0:
@@ -289,12 +289,12 @@ class Rs274:
         course.rapid(*self.it.motion.target(block))
 
 
-def set_motion(dialect: Rs274, block: Block, code: float) -> None:
+def set_motion(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G0 to G3: the motion of this block and those after it."""
     dialect.it.state.motion, dialect.it.state.cycle_code = code, 0.0
 
 
-def set_unit(dialect: Rs274, block: Block, code: float) -> None:
+def set_unit(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G20, G21 (G70, G71): inches or millimetres."""
     it, inch = dialect.it, code in (20.0, 70.0)
     if code in (70.0, 71.0) and block.has(frozenset("PQUWIJL")):
@@ -304,40 +304,40 @@ def set_unit(dialect: Rs274, block: Block, code: float) -> None:
     it.state.set_unit(INCH if inch else 1.0)
 
 
-def refuse_spline(dialect: Rs274, block: Block, code: float) -> None:
+def refuse_spline(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G5, G5.1: look-ahead of the control, or with coordinates a spline."""
     if block.has(frozenset("XYZIJ")):
         raise InputError(f"G{code:g} (splines) is not read; post-process without it")
 
 
-def use_offset(dialect: Rs274, block: Block, code: float) -> None:
+def use_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G54 to G59.9, G54.1, G154, G500: a work offset."""
     if code in (58.0, 59.0) and dialect.it.state.siemens and block.has(frozenset(AXES)):
         raise InputError(f"G{code:g} with coordinates shifts the frame and is not read; post-process without it")
     dialect.origins.use(1000.0 + block.values.get("P", 0.0) if code in (54.1, 154.0) else code)
 
 
-def use_haas_offset(dialect: Rs274, block: Block, code: float) -> None:
+def use_haas_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G110 to G129: a work offset of Haas; other controls have moves there."""
     if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
         dialect.pass_over(block, code)
     dialect.origins.use(code + 1000.0 - 109.0)
 
 
-def set_dynamic_offset(dialect: Rs274, block: Block, code: float) -> None:
+def set_dynamic_offset(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G54.2 P, G254, G255: the work offset turns with the table."""
     dialect.it.rotary.dynamic = block.values.get("P", 0.0) != 0.0 if code == 54.2 else code == 254.0
     dialect.it.set_frame()
 
 
-def compensate_length(dialect: Rs274, block: Block, code: float) -> None:
+def compensate_length(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G43, G44, G49 (tool length), G43.4, G43.5, G234 (control of the tip)."""
     dialect.it.control_tip(code in (43.4, 43.5, 234.0))
     if code in (43.0, 44.0):
         dialect.it.note(LENGTH_NOTE)
 
 
-def compensate_radius(dialect: Rs274, block: Block, code: float) -> None:
+def compensate_radius(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G41, G42 and G41.1, G42.1: the radius of the cutter."""
     if code in (41.1, 42.1) and block.values.get("D", 0.0) != 0.0:
         raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
@@ -345,27 +345,27 @@ def compensate_radius(dialect: Rs274, block: Block, code: float) -> None:
         dialect.it.compensate_radius(f"G{code:g}")
 
 
-def probe_from_home(dialect: Rs274, block: Block, code: float) -> None:
+def probe_from_home(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G29: bed levelling of printers."""
     dialect.it.note("G29 (probing) is left out; where it ended is not known")
     if not block.has(PLACES):
         dialect.it.course.lose()
 
 
-def probe(dialect: Rs274, block: Block, code: float) -> None:
+def probe(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G31, G38: probing."""
     dialect.it.note(f"G{code:g} (probing) is left out; where it ended is not known")
     dialect.it.course.lose(block.list_axes())
 
 
-def set_polar(dialect: Rs274, block: Block, code: float) -> None:
+def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G15, G16: X is a radius and Y an angle, or not."""
     dialect.it.state.polar = code == 16.0
     for address in ("RP", "AP"):
         dialect.it.state.polar_words.setdefault(address, 0.0)
 
 
-def shift(dialect: Rs274, block: Block, code: float) -> None:
+def shift(dialect: Rs274, block: CncBlock, code: float) -> None:
     """G52: shift the program's origin."""
     dialect.origins.shift({axis: block.values[AXES[axis]] for axis in block.list_axes()})
 

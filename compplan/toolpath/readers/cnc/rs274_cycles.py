@@ -5,7 +5,7 @@ from __future__ import annotations
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.cycles import MOST_HOLES, PECK_CLEARANCE_MM, Hole, drill, list_pecks, set_level
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, Block
+from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, CncBlock
 
 PECK_NOTE = (
     f"G83 comes back to {PECK_CLEARANCE_MM:g} mm above the depth before, G73 goes back by as much: "
@@ -28,7 +28,7 @@ def begin_cycle(it: Interpreter, code: float) -> None:
     state.cycle_code = code
 
 
-def run_cycle(it: Interpreter, block: Block) -> None:
+def run_cycle(it: Interpreter, block: CncBlock) -> None:
     """Carry out the holes of one block.
 
     The tool moves rapidly to each hole at the level where it is (or R if that is higher), and to the level R; it cuts
@@ -53,7 +53,9 @@ def run_cycle(it: Interpreter, block: Block) -> None:
         raise InputError(f"cycle G{code:g} ({NOT_CUT[code]}) is not read; post-process it as single moves")
     if deep not in state.cycle:
         raise InputError(f"cycle G{code:g} has no depth {deep}")
-    beside = Block({key: value for key, value in values.items() if key in ("X", "Y", "Z", "RP", "AP") and key != deep})
+    beside = CncBlock(
+        {key: value for key, value in values.items() if key in ("X", "Y", "Z", "RP", "AP") and key != deep}
+    )
     named = () if state.incremental else it.motion.target(beside)[1]
     it.contour.refuse_open()
     it.course.check_place({0, 1, 2} - {axis} - set(named))
@@ -63,7 +65,7 @@ def run_cycle(it: Interpreter, block: Block) -> None:
             _run_hole(it, code, target, named, axis, expand=expand)
 
 
-def _take_words(it: Interpreter, block: Block, axis: int) -> None:
+def _take_words(it: Interpreter, block: CncBlock, axis: int) -> None:
     """Keep what a block says of its hole; in G91 R counts from where the cycle began, and the depth from R."""
     state, values, deep = it.state, block.values, AXES[axis]
     stated = values["R"] * state.scale if "R" in values and not state.incremental else None

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.flow import Flow, Program
+from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 from compplan.toolpath.readers.cnc.rs274_macro import MacroError, Variables, assign, spell_out, work_out
 from compplan.toolpath.readers.cnc.rs274_words import CALL, GEOMETRY, HARMLESS, TEXT
 
@@ -41,17 +41,17 @@ class MacroFlow:
         #: Variables at the last pass of each jump of each call.
         self._passed: dict[tuple[int, int], list[tuple[str, float]]] = {}
 
-    def find_programs(self, lines: Sequence[str], file: Path) -> Program:
+    def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the subprograms of a file, after %_N_NAME_SPF or O1000; return the first program."""
         heads = [index for index, line in enumerate(lines) if line.startswith("%_N_")]
         for index, stop in zip(heads, [*heads[1:], len(lines)], strict=False):
             if found := re.match(r"%_N_(\w+)_SPF", lines[index].upper()):
-                self.flow.programs[found.group(1)] = Program(lines, index + 1, stop, file)
+                self.flow.programs[found.group(1)] = CncProgram(lines, index + 1, stop, file)
         numbers = [(index, found.group(1)) for index, line in enumerate(lines)
                    if line[:1] in "Oo: " and (found := HEAD.match(line))]  # fmt: skip
         for (index, number), stop in zip(numbers, [*(at for at, _ in numbers[1:]), len(lines)], strict=False):
-            self.flow.programs.setdefault(number, Program(lines, index + 1, stop, file))
-        return Program(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
+            self.flow.programs.setdefault(number, CncProgram(lines, index + 1, stop, file))
+        return CncProgram(lines, 0, numbers[1][0] if len(numbers) > 1 else len(lines), file)
 
     def _jump(self, index: int) -> None:
         """Go on at a line; refuse to jump without end."""

@@ -9,7 +9,7 @@ from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.origins import Origins
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, Block
+from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, CncBlock
 from compplan.toolpath.readers.frames import Frame, rotate, scale_about, shift, turn_about
 
 #: From this factor on, a scale P without a decimal point counts in thousandths.
@@ -54,7 +54,7 @@ class Layers:
                 self.layers[name] = layer
         self.it.set_frame()
 
-    def _find_centre(self, block: Block, letters: str = AXES) -> Point:
+    def _find_centre(self, block: CncBlock, letters: str = AXES) -> Point:
         """Return the centre of a rotation or scale: coordinates of the block, the tool's place where there is none."""
         course, state, values = self.it.course, self.it.state, block.values
         centre = list(course.position)
@@ -67,7 +67,7 @@ class Layers:
                 raise InputError(f"a rotation or scale about the tool's place, whose {letter} is not known; state it")
         return combine(1.0, (centre[0], centre[1], centre[2]), 1.0, self.origins.zero)
 
-    def rotate(self, block: Block) -> None:
+    def rotate(self, block: CncBlock) -> None:
         """Carry out G68: a turn by R degrees in the plane in force, counter-clockwise."""
         values, plane = block.values, self.it.state.plane
         if "plane" in self.layers and not values.keys().isdisjoint("IJK"):
@@ -80,7 +80,7 @@ class Layers:
         centre = self._find_centre(block, "".join(letter for letter in AXES if letter != AXES[axis]))
         self.set(rotation=turn_about(centre, rotate(axis, values["R"])))
 
-    def scale(self, block: Block) -> None:
+    def scale(self, block: CncBlock) -> None:
         """Carry out G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
         scales = [block.values.get("P", block.values.get(letter, 1.0)) for letter in "IJK"]
         for number, scale in enumerate(scales):
@@ -91,7 +91,7 @@ class Layers:
             raise InputError(f"G51 scales by {scales}, expected factors from 0.0001 to 100")
         self.set(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
 
-    def mirror(self, code: float, block: Block) -> None:
+    def mirror(self, code: float, block: CncBlock) -> None:
         """Carry out G51.1 (mirror about X.. Y.. Z..) and G50.1 (take mirrors back)."""
         named, zero = block.list_axes(), self.origins.zero
         for axis in named if code == 51.1 or named else list(self.mirrors):
@@ -104,7 +104,7 @@ class Layers:
         centre, senses = (at[0], at[1], at[2]), (sense[0], sense[1], sense[2])
         self.set(mirror=scale_about(centre, senses) if self.mirrors else None)
 
-    def tilt(self, block: Block) -> None:
+    def tilt(self, block: CncBlock) -> None:
         """Carry out G68.2: origin X Y Z, and I J K as Euler angles z x' z'', or with P1 as turns about fixed X Y Z."""
         values, form = block.values, block.values.get("P", 0.0)
         if form not in (0.0, 1.0) or (form == 1.0 and values.get("Q", 123.0) != 123.0) or self.it.state.incremental:

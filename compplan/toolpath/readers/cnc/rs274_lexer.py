@@ -30,7 +30,7 @@ from compplan.toolpath.readers.cnc.rs274_words import (
     split_words,
     strip_comments,
 )
-from compplan.toolpath.readers.cnc.state import AXES, Block
+from compplan.toolpath.readers.cnc.state import AXES, CncBlock
 
 Words = list[tuple[str, float]]
 #: A line that an M code owns, its text included.
@@ -79,7 +79,7 @@ class Lexer:
         #: Whether a block was read.
         self.begun = False
 
-    def read(self, raw: str) -> Block | None:
+    def read(self, raw: str) -> CncBlock | None:
         """Return the block in a line, None where it holds none.
 
         Raises:
@@ -99,7 +99,7 @@ class Lexer:
         if line[0] in "%<:O" and NAME_LINE.fullmatch(line):
             self.state.siemens = self.state.siemens or line.startswith("%_N_")
             ends = line[0] == "%" and (self.it.course.begun or (self.begun and line.startswith("%_N_")))
-            return Block(machine=[17.0]) if ends else None
+            return CncBlock(machine=[17.0]) if ends else None
         if "/" in line:
             line = self._drop_marks(line)
         if line[:1] in ("O", "N") and O_WORD.match(line):
@@ -139,7 +139,7 @@ class Lexer:
                              f"(0.001 mm); write it with a point ({number}. or {number[0]}{float(number[1:]) / 1e3:g})"
                              )  # fmt: skip
         self.begun = self.begun or any(letter not in "NO" for letter, _ in words)
-        block = Block()
+        block = CncBlock()
         for letter, value in words:
             if letter == "G":
                 block.codes.append(value)

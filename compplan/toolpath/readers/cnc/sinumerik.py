@@ -11,7 +11,7 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
-from compplan.toolpath.readers.cnc.flow import END, Flow, Program
+from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, MOVING, Code, Interpreter, ignore, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
@@ -22,13 +22,22 @@ from compplan.toolpath.readers.cnc.sinumerik_lexer import (
     BLOCK_NUMBER,
     ELSEWHERE,
     LABEL,
-    Variables,
+    SinumerikVariables,
     cut_comment,
     read_brackets,
     split_block,
     split_plain,
 )
-from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, Block, State
+from compplan.toolpath.readers.cnc.state import (
+    AXES,
+    DEEP_AXIS,
+    INCH,
+    LETTERS,
+    PLANE_AXES,
+    PLANE_NORMALS,
+    CncBlock,
+    State,
+)
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.options import CamTable
@@ -71,7 +80,7 @@ class Sinumerik:
         self.swivelled = self.stated = False
         self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
         self.origins = Origins(self.it)
-        self.values = Variables(self.it.unknown)
+        self.values = SinumerikVariables(self.it.unknown)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
@@ -94,7 +103,7 @@ class Sinumerik:
         """Return the tool axis where all rotary axes stand at 0."""
         return self.swivel.turn(PLANE_NORMALS[17])
 
-    def turn_in_plane(self, block: Block) -> tuple[bool, Point | None]:
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a swivelled plane where rotary axes are positioned in it."""
         if not self.swivelled or self.it.state.tip_control:
             return False, None
@@ -106,7 +115,7 @@ class Sinumerik:
         if not self.it.state.unit_stated and self.it.options.unit is None and any(lengths):
             raise refuse_unit(NO_UNIT)
 
-    def run_line(self, program: Program, index: int) -> int:
+    def run_line(self, program: CncProgram, index: int) -> int:
         """Carry out a line; return the next one, or END."""
         it, raw = self.it, program.lines[index]
         if it.steady and (found := PLAIN.fullmatch(raw)) and it.motion.cut_plain(found):
@@ -139,7 +148,7 @@ class Sinumerik:
         it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1
 
-    def run_block(self, block: Block, raw: str) -> bool:
+    def run_block(self, block: CncBlock, raw: str) -> bool:
         """Carry out a block; return whether the program ends."""
         it, values, names = self.it, block.values, block.names
         for variable, indices, value in block.assigned:
@@ -180,7 +189,7 @@ class Sinumerik:
                 self._call(called, arguments, values.get("P", 1.0))
         return it.machine.stop(block.machine, it.flow.line)
 
-    def _pass_over(self, block: Block, word: float | str) -> None:
+    def _pass_over(self, block: CncBlock, word: float | str) -> None:
         """Note a G code that is not known; refuse it where it may claim coordinates, and any other word."""
         if isinstance(word, str):
             raise InputError(f"word {word[:24]} is not read and may move the tool; post-process without it")
@@ -188,7 +197,7 @@ class Sinumerik:
             raise InputError(f"G{word:g} with coordinates is not read and may move the tool")
         self.it.note(f"G{word:g} is not read")
 
-    def _move(self, block: Block, takes: str) -> bool:
+    def _move(self, block: CncBlock, takes: str) -> bool:
         """Carry out the coordinates of a block; return whether it moves the tool."""
         it, state, values = self.it, self.it.state, block.values
         for address in values:
@@ -247,7 +256,7 @@ class Sinumerik:
                 self._take_arguments(self.it.flow.programs[called], called, values)
             self.it.call(called, 1.0 if values else times)
 
-    def _take_arguments(self, program: Program, called: str, values: list[float]) -> None:
+    def _take_arguments(self, program: CncProgram, called: str, values: list[float]) -> None:
         """Give the parameters of PROC NAME(REAL A, INT B) their values."""
         for line in program.lines[program.first : min(program.first + 20, program.last)]:
             text = strip(line)
@@ -261,7 +270,7 @@ class Sinumerik:
                 return
         raise InputError(f"{called} is called with {len(values)} values that it does not take (PROC)")
 
-    def _change_frame(self, word: str, block: Block) -> None:
+    def _change_frame(self, word: str, block: CncBlock) -> None:
         """Carry out TRANS, ROT, SCALE, MIRROR (in place of what was) and ATRANS .. (on top of it)."""
         values, kind, scale = block.values, word.removeprefix("A"), self.it.state.scale
         if unknown := values.keys() - {"X", "Y", "Z", "RPL"}:
@@ -318,19 +327,19 @@ class Sinumerik:
         self.it.course.aim(self.swivel.turn(PLANE_NORMALS[self.it.state.plane]))
 
 
-def set_motion(dialect: Sinumerik, block: Block, code: float | str) -> None:
+def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:
     """G0 to G3, CIP, CT: the motion of this block and those after it."""
     dialect.it.state.motion, dialect.stated = code, True
 
 
-def set_plane(dialect: Sinumerik, block: Block, code: float) -> None:
+def set_plane(dialect: Sinumerik, block: CncBlock, code: float) -> None:
     """G17 to G19: the plane."""
     dialect.it.state.plane = int(code)
     if not dialect.it.state.tip_control:
         dialect.it.course.aim(dialect.square())
 
 
-def set_unit(dialect: Sinumerik, block: Block, code: float) -> None:
+def set_unit(dialect: Sinumerik, block: CncBlock, code: float) -> None:
     """G70, G71 (lengths alone), G700, G710 (feeds as well): inches or millimetres."""
     state, scale = dialect.it.state, INCH if code in (70.0, 700.0, 20.0) else 1.0
     if code not in (70.0, 71.0):
@@ -343,7 +352,7 @@ def set_unit(dialect: Sinumerik, block: Block, code: float) -> None:
     state.set_unit(scale, feeds=code not in (70.0, 71.0))
 
 
-def set_pole(dialect: Sinumerik, block: Block, code: float) -> None:
+def set_pole(dialect: Sinumerik, block: CncBlock, code: float) -> None:
     """G110 (from the tool), G111 (from the origin), G112 (from the last pole): the pole."""
     state = dialect.it.state
     last = state.pole or (0.0, 0.0, 0.0)
@@ -357,13 +366,13 @@ def set_pole(dialect: Sinumerik, block: Block, code: float) -> None:
     state.pole = point[0], point[1], point[2]
 
 
-def compensate_radius(dialect: Sinumerik, block: Block, code: float) -> None:
+def compensate_radius(dialect: Sinumerik, block: CncBlock, code: float) -> None:
     """G41, G42: the radius of the cutter."""
     if block.values.get("D") != 0.0:
         dialect.it.compensate_radius(f"G{code:g}")
 
 
-def control_tip(dialect: Sinumerik, block: Block, code: str) -> None:
+def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
     """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
     dialect.it.contour.refuse_open()
     dialect.it.control_tip(code == "TRAORI")

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.flow import END, Program
+from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
-from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, Variables, cut_comment
+from compplan.toolpath.readers.cnc.sinumerik_lexer import BLOCK_NUMBER, LABEL, SinumerikVariables, cut_comment
 
 HEAD = re.compile(r"\s*%_N_(\w+?)_(MPF|SPF)\b", re.IGNORECASE)
 PROC = re.compile(r"\s*(?:N\d+\s*)?PROC\s+(\w+)", re.IGNORECASE)
@@ -36,10 +36,10 @@ class SinumerikFlow:
 
     """
 
-    def __init__(self, it: Interpreter, values: Variables) -> None:
+    def __init__(self, it: Interpreter, values: SinumerikVariables) -> None:
         self.it, self.flow, self.values, self.evaluate = it, it.flow, values, values.evaluate
 
-    def find_programs(self, lines: Sequence[str], file: Path) -> Program:
+    def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the programs of a file; return the first main program, or the first at all."""
         heads: list[tuple[int, int, str, bool]] = []
         for index, line in enumerate(lines):
@@ -48,15 +48,15 @@ class SinumerikFlow:
             elif "PROC" in line.upper() and (found := PROC.match(line)) and not (heads and heads[-1][0] >= index - 3):
                 heads.append((index, index, found.group(1).upper(), False))
         ends = [*(head[0] for head in heads[1:]), len(lines)]
-        mains, others = [Program(lines, 0, heads[0][0] if heads else len(lines), file)], list[Program]()
+        mains, others = [CncProgram(lines, 0, heads[0][0] if heads else len(lines), file)], list[CncProgram]()
         for (_, start, called, main), end in zip(heads, ends, strict=False):
-            program = Program(lines, start, end, file)
+            program = CncProgram(lines, start, end, file)
             (mains if main else others).append(program)
             if not main:
                 self.flow.programs[called] = program
         return next((main for main in mains if _holds(main)), others[0] if others else mains[0])
 
-    def prepare(self, program: Program) -> None:
+    def prepare(self, program: CncProgram) -> None:
         """Find the labels of a program that is carried out, and where its blocks of control close."""
         if program.labels is not None:
             return
@@ -113,7 +113,7 @@ class SinumerikFlow:
             if value and not value.lstrip().startswith(("SET", '"')):
                 self.values.numbers[variable, ()] = self.evaluate(value)
 
-    def run_flow(self, word: str, text: str, raw: str, program: Program, index: int) -> int:
+    def run_flow(self, word: str, text: str, raw: str, program: CncProgram, index: int) -> int:
         """Carry out a statement of control; return the next line, -1 at the end."""
         rest = text[len(word) :].strip()
         if word == "MSG":
@@ -133,7 +133,7 @@ class SinumerikFlow:
             return self._jump(word, rest, program, index)
         return index + 1
 
-    def _jump(self, word: str, rest: str, program: Program, index: int) -> int:
+    def _jump(self, word: str, rest: str, program: CncProgram, index: int) -> int:
         """Carry out IF, loops and jumps; return the next line."""
         if word == "IF":
             return self._run_if(rest, program, index)
@@ -153,7 +153,7 @@ class SinumerikFlow:
             return self._repeat(word, rest, program, index)
         return index + 1
 
-    def _run_if(self, rest: str, program: Program, index: int) -> int:
+    def _run_if(self, rest: str, program: CncProgram, index: int) -> int:
         found = GOTO.match(rest)
         if found:
             holds = self.evaluate(found.group(1))
@@ -164,7 +164,7 @@ class SinumerikFlow:
             return index + 1
         return program.alternatives.get(index, program.partners[index]) + 1
 
-    def _run_for(self, rest: str, program: Program, index: int) -> int:
+    def _run_for(self, rest: str, program: CncProgram, index: int) -> int:
         found = re.match(r"([A-Z_]\w*)\s*=\s*(.+?)\s+TO\s+(.+)$", rest)
         if not found:
             raise InputError(f"FOR {rest[:LIMIT_TEXT]!r} is not read, expected FOR I = 1 TO 5")
@@ -178,7 +178,7 @@ class SinumerikFlow:
             return program.partners[index] + 1
         return index + 1
 
-    def _run_case(self, rest: str, program: Program, index: int) -> int:
+    def _run_case(self, rest: str, program: CncProgram, index: int) -> int:
         found = re.match(r"(.+?)\s+OF\s+(.*)$", rest)
         if not found:
             raise InputError(f"CASE {rest[:LIMIT_TEXT]!r} is not read")
@@ -188,7 +188,7 @@ class SinumerikFlow:
                 return self._find_goto(how, label, program, index)
         return index + 1
 
-    def _find_goto(self, how: str, label: str, program: Program, index: int) -> int:
+    def _find_goto(self, how: str, label: str, program: CncProgram, index: int) -> int:
         """Return the line of a label or block number, forwards (GOTOF), backwards (GOTOB), or both."""
         label = label.strip()
         number = label.removeprefix("N").strip()
@@ -207,7 +207,7 @@ class SinumerikFlow:
             raise InputError(f"{how} {label[:24]}: this label does not stand {where} it")
         return chosen[0]
 
-    def _repeat(self, word: str, rest: str, program: Program, index: int) -> int:
+    def _repeat(self, word: str, rest: str, program: CncProgram, index: int) -> int:
         """Carry out REPEAT label [label] P=n: from the label to here (or to the second one), n times more."""
         found = re.fullmatch(r"([A-Z_]\w*)(?:\s+([A-Z_]\w*))?(?:\s*P\s*=?\s*(.+))?", rest)
         if not found or word == "REPEATB" or found.group(2):
@@ -217,7 +217,7 @@ class SinumerikFlow:
         return start if again else index + 1
 
 
-def _holds(program: Program) -> bool:
+def _holds(program: CncProgram) -> bool:
     """Return whether a program has a line that is no comment."""
     lines = program.lines[program.first : program.last]
     return any(line.strip() and not line.lstrip().startswith(";") for line in lines)

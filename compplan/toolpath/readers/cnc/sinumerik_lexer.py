@@ -16,7 +16,7 @@ from compplan.toolpath.readers.cnc.expressions import (
     sin_deg,
     tan_deg,
 )
-from compplan.toolpath.readers.cnc.state import Block
+from compplan.toolpath.readers.cnc.state import CncBlock
 from compplan.toolpath.readers.lines import cut_comment as cut_after
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?"
@@ -62,7 +62,7 @@ SYSTEM = {"$PI": math.pi, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTES
           "$P_SEARCH1": 0.0, "$P_SEARCH2": 0.0, "$P_DRYRUN": 0.0, "$P_PROGTEST": 0.0}  # fmt: skip
 
 
-class Variables:
+class SinumerikVariables:
     """Hold the variables of a program.
 
     Args:
@@ -106,7 +106,7 @@ class Variables:
         return evaluate(text, GRAMMAR, self.look_up)
 
 
-def split_plain(text: str) -> Block | None:
+def split_plain(text: str) -> CncBlock | None:
     """Return the words of a block that holds letters with numbers alone, None of others.
 
     Raises:
@@ -115,7 +115,7 @@ def split_plain(text: str) -> Block | None:
     """
     if not PLAIN.fullmatch(text):
         return None
-    words = Block()
+    words = CncBlock()
     values = words.values
     for letter, number in PLAIN_WORD.findall(text):
         if letter == "G":
@@ -129,7 +129,7 @@ def split_plain(text: str) -> Block | None:
     return words
 
 
-def split_block(text: str, lookup: Lookup, variables: set[str]) -> Block:
+def split_block(text: str, lookup: Lookup, variables: set[str]) -> CncBlock:
     """Return the words of any block.
 
     Args:
@@ -141,7 +141,7 @@ def split_block(text: str, lookup: Lookup, variables: set[str]) -> Block:
         ValueError: If something in it is none of these words.
 
     """
-    words, place = Block(), 0
+    words, place = CncBlock(), 0
 
     def look(name: str, indices: tuple[float, ...]) -> float | None:
         if name[0] == "R" and name[1:].isdigit():
@@ -173,7 +173,7 @@ def split_block(text: str, lookup: Lookup, variables: set[str]) -> Block:
     return words
 
 
-def _keep(words: Block, address: str, number: float, how: str) -> None:
+def _keep(words: CncBlock, address: str, number: float, how: str) -> None:
     if address == "G":
         words.codes.append(number)
     elif address == "M":
@@ -185,7 +185,7 @@ def _keep(words: Block, address: str, number: float, how: str) -> None:
         (words.relative if how == "I" else words.absolute if how == "A" else set()).add(address)
 
 
-def _read_extended(words: Block, letter: str, index: int, text: str, place: int, lookup: Lookup) -> int:
+def _read_extended(words: CncBlock, letter: str, index: int, text: str, place: int, lookup: Lookup) -> int:
     """Read R1=.., I1=.., A3=.., M1=.., S1=.., X1=.. ."""
     if letter == "T" and text.startswith('"', place):
         return _skip_text(text, place)
@@ -199,7 +199,7 @@ def _read_extended(words: Block, letter: str, index: int, text: str, place: int,
     return place
 
 
-def _read_named(words: Block, name: str, text: str, place: int, lookup: Lookup, variables: set[str]) -> int:
+def _read_named(words: CncBlock, name: str, text: str, place: int, lookup: Lookup, variables: set[str]) -> int:
     """Read NAME, NAME=.., NAME[..]=.., NAME(..)."""
     indices: tuple[float, ...] = ()
     if text.startswith("(", place):

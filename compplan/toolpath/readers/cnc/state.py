@@ -17,7 +17,7 @@ DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 
 @dataclass
-class Block:
+class CncBlock:
     """Hold the words of a block.
 
     Args:
@@ -114,11 +114,11 @@ class State:
             return self.feed * self.spindle / 60.0 if self.spindle > 0.0 else None
         return self.feed / 60.0
 
-    def counts_on(self, block: Block, address: str) -> bool:
+    def counts_on(self, block: CncBlock, address: str) -> bool:
         """Return whether a number of a block counts from where the tool is."""
         return address in block.relative or (self.incremental and address not in block.absolute)
 
-    def centre(self, start: Point, block: Block, plane: int) -> Point:
+    def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
         """Return the centre of an arc from I J K, as they count in this program."""
         centre, values = list(start), block.values
         for axis in PLANE_AXES[plane]:
