@@ -136,7 +136,7 @@ class Asked:
 
 
 def find_free(task: PlanTask, posture_choice: PostureSummary, asked: Asked) -> Free | None:
-    """Find what a stance leaves free; None where nothing is, or where the path has no run to shape."""
+    """Find what a posture leaves free; None where nothing is, or where the path has no run to shape."""
     settings, arm, robot = posture_choice.settings, build_arm(task.robot), task.robot
     leans = {"lead": settings.lead, "lean": settings.lean}
     names = [*(["spin"] if settings.free_spin else []), *(name for name, most in leans.items() if most > 0.0)]
