@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,9 @@ def open_mesh(file: Path, **how: Any) -> Any:
     """
     import trimesh
 
+    logging.getLogger("trimesh").setLevel(
+        logging.ERROR
+    )  # normals that it cannot read are computed, without a traceback
     if not file.is_file():
         raise InputError("no mesh file", file=file)
     if file.stat().st_size > MOST_BYTES:
