@@ -20,7 +20,7 @@ from compplan.toolpath.readers.apt_words import (
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
 from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, Machine
 from compplan.toolpath.readers.cnc.state import INCH, State
-from compplan.toolpath.readers.lines import count_lines
+from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import find_start, refuse_unit
@@ -393,7 +393,7 @@ class _AptReader:
 
     def _cut_lettered(self, words: str) -> None:
         """Cut along CIRCLE/X,x,Y,y,Z,z,I,i,J,j,K,k[,CCLW]: end and centre from the start; clockwise."""
-        pairs = re.findall(r"([XYZIJK])\s*,\s*([-+]?(?:\d+\.?\d*|\.\d+))", words)
+        pairs = re.findall(rf"([XYZIJK])\s*,\s*({DECIMAL})", words)
         values = {letter: float(number) * self.scale for letter, number in pairs}
         if values.keys().isdisjoint("IJK"):
             raise InputError(f"arc record {words[:40]!r} has no centre, expected I, i, J, j, K, k")

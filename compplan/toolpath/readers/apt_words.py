@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.lines import LONGEST_LINE, split_lines
+from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, split_lines
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
+NUMBER = re.compile(rf"{DECIMAL}(?:[EeDd][-+]?\d+)?")
 WORD = re.compile(r"[A-Z][A-Z0-9._+\-/ ]*")
 #: Words that begin with digits: 1STPECK, 3DCUT, 5AXIS; a number with a letter O for a zero, or an exponent, is none.
 ORDINAL = re.compile(r"\d{1,2}(?!O+\b)[A-Z]{3,}[A-Z0-9_\-]*")

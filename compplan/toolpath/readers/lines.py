@@ -7,6 +7,8 @@ from pathlib import Path
 from compplan.errors import InputError
 from compplan.io.tables import read_text
 
+#: A number without an exponent, as every CAM language but Klartext writes it.
+DECIMAL = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 #: Greatest size of a CAM file. [bytes]
 MOST_BYTES = 128 * 2**20
 #: Greatest number of lines in a CAM file.

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation, Slerp
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.arcs import Arc, Point, find_arc, sample_arcs
-from compplan.toolpath.readers.lines import MOST_LINES
+from compplan.toolpath.readers.lines import DECIMAL, MOST_LINES
 from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import find_start
 
 #: A number in a robot program, capitals.
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?"
+NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
 #: How deep programs may call one another.
 DEEPEST = 20
 #: Greatest turn of the tool between waypoints. [deg]

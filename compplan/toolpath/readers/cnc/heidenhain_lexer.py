@@ -8,14 +8,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from compplan.toolpath.readers.cnc.expressions import Grammar, acos_deg, asin_deg, atan_deg, cos_deg, sin_deg, tan_deg
-from compplan.toolpath.readers.lines import LONGEST_LINE, cut_comment, split_lines
+from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 #: A value of a word: a number or a Q parameter, with or without a sign.
 VALUE = rf"[-+]?\s*(?:{NUMBER}|Q[LRS]?\d+)"
 #: The block of an ordinary cut: L X+1.5 Y-2 Z+.3 F1000.
-_PLAIN = r"([-+]?(?:\d+\.?\d*|\.\d+))"
-PLAIN = re.compile(rf"L(?: ?X{_PLAIN})?(?: ?Y{_PLAIN})?(?: ?Z{_PLAIN})?(?: ?F{_PLAIN})?(?: M90)?")
+PLAIN = re.compile(rf"L(?: ?X({DECIMAL}))?(?: ?Y({DECIMAL}))?(?: ?Z({DECIMAL}))?(?: ?F({DECIMAL}))?(?: M90)?")
 #: Words of a motion block. Bare signs belong to DR and to R of paraxial blocks.
 WORD = re.compile(
     rf"(IP[AR]|P[AR]|I?[XYZABCUVW](?!C)|N[XYZ](?=\s*[-+\d.,Q])|T[XYZ](?=\s*[-+\d.,Q])|CCA|LEN|DR|"

@@ -13,8 +13,9 @@ from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.dialect import Dialect
 from compplan.toolpath.readers.cnc.rotary import Rotary
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
+from compplan.toolpath.readers.lines import DECIMAL
 
-NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+))"
+NUMBER = rf"({DECIMAL})"
 #: The block of an ordinary cut, X Y Z F alone: G1 X1.5 Y-2. Z.3 F1000, block number and words of motion aside.
 PLAIN = re.compile(
     rf"[ \t]*(?:N\d+[ \t]*)?(?:G0?1[ \t]*)?(?:X{NUMBER}[ \t]*)?(?:Y{NUMBER}[ \t]*)?(?:Z{NUMBER}[ \t]*)?"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]\d{1,3}(?![\d.]))?"
+from compplan.toolpath.readers.lines import DECIMAL
+
+NUMBER = rf"{DECIMAL}(?:E[-+]\d{{1,3}}(?![\d.]))?"
 #: A word: one letter and a number. Siemens writes X=12.5 and CR=5 (a radius).
 WORD = re.compile(rf"(?<![A-Z,])([A-Z])\s*=?\s*({NUMBER})", re.ASCII)
 #: What makes a corner round or cuts it off: ,R2 and ,C2 (Fanuc), RND=2, CHR=2 and CHF=2 (Siemens).
@@ -123,7 +125,7 @@ GEOMETRY = re.compile(
 IDENTIFIER = re.compile(r"(?<![A-Z0-9_])[A-Z]{2,}[A-Z0-9_]*")
 COORDINATE = re.compile(r"(?<![A-Z0-9_])[XYZABCIJKUVW]\s*=?\s*[-+.\d]")
 SIEMENS = re.compile(r"%_N_|\b(TRAORI|TRAFOOF|CYCLE\d{3}|WORKPIECE|STOPRE|SUPA|ORIWKS|ORIMKS|G500|ATRANS)\b")
-SHIFT = re.compile(r"(A?TRANS)((?:\s*[XYZ]\s*=?\s*[-+]?(?:\d+\.?\d*|\.\d+))*)\s*$")
+SHIFT = re.compile(rf"(A?TRANS)((?:\s*[XYZ]\s*=?\s*{DECIMAL})*)\s*$")
 CALL = re.compile(r"(?:N\d+\s*)?(L\d{1,9}|[A-Z_]{2}\w{0,60})\s*(?:P\s*=?\s*(\d{1,9}))?\s*$")
 
 

@@ -17,12 +17,13 @@ from compplan.toolpath.readers.cnc.expressions import (
     tan_deg,
 )
 from compplan.toolpath.readers.cnc.state import CncBlock
+from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.lines import cut_comment as cut_after
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?"
+NUMBER = rf"{DECIMAL}(?:EX[-+]?\d+)?"
 #: A block that holds nothing but letters with numbers; most blocks of CAM systems do.
-PLAIN = re.compile(r"(?:[A-Z]\s*=?\s*[-+]?(?:\d+\.?\d*|\.\d+)(?![\d.]|\s*[=(\[])\s*)+")
-PLAIN_WORD = re.compile(r"([A-Z])\s*=?\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+PLAIN = re.compile(rf"(?:[A-Z]\s*=?\s*{DECIMAL}(?![\d.]|\s*[=(\[])\s*)+")
+PLAIN_WORD = re.compile(rf"([A-Z])\s*=?\s*({DECIMAL})")
 LETTER = re.compile(rf"([A-Z])\s*({NUMBER})(?![\d.]|\s*[=(\[])")
 EXTENDED = re.compile(r"([A-Z])(\d{1,4})\s*=\s*")
 NAMED = re.compile(r"([$A-Z_][$\w]*)\s*", re.ASCII)
@@ -30,7 +31,7 @@ PLACED = re.compile(r"(AC|IC|DC|ACP|ACN|CAC|CIC|CDC)\s*\(")
 BLOCK_NUMBER = re.compile(r"\s*(?:/\d?\s*)?(?:[N:]\s*\d+\s*)?(?:/\d?\s*)?")
 LABEL = re.compile(r"([A-Z_][A-Z0-9_]*)\s*:(?!=)\s*", re.ASCII)
 #: A comment in brackets after words with numbers.
-REMARK = re.compile(r"(?:^|\s)[A-Z]\s*=?\s*[-+]?(?:\d+\.?\d*|\.\d+)\s*(\()", re.IGNORECASE)
+REMARK = re.compile(rf"(?:^|\s)[A-Z]\s*=?\s*{DECIMAL}\s*(\()", re.IGNORECASE)
 QUOTED = re.compile(r'"[^"]*"')
 
 
