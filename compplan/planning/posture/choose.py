@@ -30,7 +30,7 @@ from compplan.planning.posture.motion import price_motion
 from compplan.planning.posture.search import Line, Rungs, measure_rungs, search_line
 from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
-from compplan.planning.posture.trace import PostureTrace, find_torn, trace_line
+from compplan.planning.posture.trace import PostureTrace, trace_line
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm
@@ -207,7 +207,7 @@ def _prefer_still(task: Task, posture_choice: PostureSummary) -> PostureSummary:
     ):  # the choice is the plain posture itself
         return replace(posture_choice, plain=posture_choice.costs)
     still = solve_default_posture(robot, nominal, task.tool_x, posture_choice, task.axes, task.margin)
-    if still is None or find_torn(still.q, nominal, settings.most_step).any():
+    if still is None:
         return posture_choice
     chosen = posture_choice.costs
     costs = still.costs

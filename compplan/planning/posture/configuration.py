@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
+from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
@@ -261,7 +262,7 @@ def solve_default_posture(
     robot: Robot, nominal: Toolpath, tool_x: Array, posture_choice: PostureSummary, axes: Array,
     margin: Callable[[Array, NDArray[np.int_]], Array] | None,
 ) -> PostureSummary | None:  # fmt: skip
-    """Return the plain posture; None where it is not reached or does not keep clear.
+    """Return the plain posture; None where it is not reached, jumps in a cut or does not keep clear.
 
     Args:
         robot: The robot with its tool.
@@ -278,7 +279,7 @@ def solve_default_posture(
         plain = choose_posture(robot, nominal.position, rotation, Preference(**settings.configuration, start=start))
     except InputError:
         return None
-    if plain.missed.any():
+    if plain.missed.any() or find_torn(plain.q, nominal, settings.most_step).any():
         return None
     rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
     if margin is not None and (margin(plain.q[rows], rows) < 0).any():

@@ -238,3 +238,10 @@ def _turning_points(positions: Array, stroke: float) -> list[int]:
             rising, low = False, k
     turns.append(high if rising else low)
     return turns
+
+
+def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
+    """Tell which waypoints of a cut a joint would have to jump to."""
+    torn = np.zeros(len(q), bool)
+    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
+    return torn & ~nominal.rapid

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from compplan.planning.posture.lattice import Options, orient_tool
-from compplan.planning.posture.motion import least_strokes, steady_slide
+from compplan.planning.posture.motion import find_torn, least_strokes, steady_slide
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
@@ -105,13 +105,6 @@ def trace_line(
         spin[stretch] -= np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     outside = ((followed < arm.robot.lower) | (followed > arm.robot.upper)).any(axis=1)
     return PostureTrace(followed, rotation, spin, lead, lean, lost | outside | torn)
-
-
-def find_torn(q: Array, nominal: Toolpath, most_step: float) -> NDArray[np.bool_]:
-    """Tell which waypoints of a cut a joint would have to jump to."""
-    torn = np.zeros(len(q), bool)
-    torn[1:] = np.abs(np.diff(q, axis=0)).max(axis=1) > most_step
-    return torn & ~nominal.rapid
 
 
 def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> NDArray[np.int_]:
