@@ -1,4 +1,4 @@
-"""The directive `public-names ROOM ..`: the names of `compplan.__all__` that live in some rooms, with docstrings."""
+"""The directive `public-names PACKAGE ..`: the public names of some packages of compplan, with their docstrings."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from sphinx.util.docutils import SphinxDirective
 import compplan
 
 TITLES = {
-    "commands": "Verbs",
-    "job": "Jobs", "path": "Toolpaths", "robot": "Robots", "statics": "Statics", "plan": "Planning",
-    "cell": "Virtual cell", "posture": "Posture and place", "program": "Programs", "study": "Studies",
-    "measure": "Measurements", "identify": "Identification", "diagnose": "Diagnosis", "effects": "Effects",
-    "loop": "The loop", "maps": "Maps", "outputs": "Writing results", "errors": "Errors",
+    "job": "Jobs", "toolpath": "Toolpaths", "robot": "Robots", "planning": "Planning", "simulation": "Simulated robot",
+    "controllers": "Programs", "studies": "Studies", "measurement": "Measurements", "identification": "Identification",
+    "diagnosis": "Diagnosis", "effects": "Effects", "learning": "Learning from parts", "reporting.maps": "Maps",
+    "reporting.writers.plan": "Writing results", "errors": "Errors",
 }  # fmt: skip
 
 
 class PublicNames(SphinxDirective):
-    """List the public names of some rooms; with one room without a heading for it."""
+    """List the public names of some packages, each under a heading where there are several."""
 
     required_arguments = 1
     final_argument_whitespace = True
@@ -28,9 +27,11 @@ class PublicNames(SphinxDirective):
         """Write one autodoc directive a name and let it be parsed."""
         wanted = self.arguments[0].split()
         lines: list[str] = []
-        for room in wanted:
-            names = [name for name in compplan.__all__ if compplan._HOME[name].split(".")[0] == room]
-            lines += [f"## {TITLES[room]}", ""] if len(wanted) > 1 and names else []
+        for package in wanted:
+            names = [name for name in compplan.__all__ if f"{compplan._HOME[name]}.".startswith(f"{package}.")]
+            if not names:
+                raise self.error(f"package {package!r} has no public name")
+            lines += [f"## {TITLES[package]}", ""] if len(wanted) > 1 and package in TITLES else []
             for name in sorted(names, key=str.lower):
                 lines += ["```{eval-rst}", *self.describe(name), "```", ""]
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
