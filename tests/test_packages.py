@@ -1,4 +1,4 @@
-"""The rooms of the package: imports point down, nothing goes in circles, and there are few enough to know by heart."""
+"""The packages of compplan: imports point down, none go in a circle, and there are few."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def test_no_imports_go_in_a_circle() -> None:
     assert len(list(TopologicalSorter(graph).static_order())) == len(files) > 200
 
 
-def test_there_are_at_most_26_rooms() -> None:
-    rooms = {path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
-    assert len(rooms - {"__init__", "__main__", "version"}) <= 26  # second shares nothing with others
+def test_there_are_at_most_26_packages() -> None:
+    packages = {path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    assert len(packages - {"__init__", "__main__", "version"}) <= 26
 
 
 def test_no_class_of_the_package_has_the_name_of_another() -> None:

@@ -35,13 +35,6 @@ class SymbolicFrames(NamedTuple):
     ground: ca.SX
 
 
-def build_pose_function(chain: Chain) -> ca.Function:
-    """Build the unloaded forward kinematics: q (nq) -> TCP position (3) [m], orientation (3, 3), base frame."""
-    q = ca.SX.sym("q", chain.nq)
-    frames = locate_symbolic(chain, q)
-    return ca.Function("pose", [q], [frames.position, frames.rotation], ["q"], ["position", "rotation"])
-
-
 def build_loaded_function(chain: Chain, steps: int) -> ca.Function:
     """Build the loaded forward kinematics by steps of theta <- C (J(q, theta)^T w + tau_gravity + bias).
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from robot_library import over_robots
@@ -9,7 +10,7 @@ from robot_library import over_robots
 from compplan.robot import load_robot
 from compplan.simulation.exact import build_exact_robot, solve_exact_pose
 from compplan.statics.chain import build_chain
-from compplan.statics.kinematics import build_pose_function
+from compplan.statics.kinematics import locate_symbolic
 from compplan.statics.sensitivity import attain_pose
 
 
@@ -17,6 +18,12 @@ def random_poses(robot, n, seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi), (n, robot.nq))
     return q, rng.normal(size=(n, 6)) * [700.0, 700.0, 1000.0, 60.0, 60.0, 60.0]
+
+
+def build_pose_function(chain):
+    q = ca.SX.sym("q", chain.nq)
+    frames = locate_symbolic(chain, q)
+    return ca.Function("pose", [q], [frames.position, frames.rotation])
 
 
 def run(function, n, *arguments):
