@@ -4,7 +4,7 @@
     diagnosis.verdict.status, diagnosis.verdict.findings     what is named, how probable, ambiguous with what
     diagnosis.gap                                            before, after, held out, noise floor
     diagnosis.updated                                        the updated robot
-    diagnosis.fit                                            everything else: linearization `at`, ledger, models
+    diagnosis.fit                                            everything else: `at`, normal equations, models
 
 The method is Bayesian comparison of sets of effects over a background of small errors, with exact forward models. Five
 packages, each of which reads those before it: `data` (residuals and their noise) -> `evidence` (inner products,

@@ -210,7 +210,7 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
 
     Args:
         task: The task that starts so.
-        start: The start, from a stance.
+        start: The start, from a posture.
         asked: What is asked of the path.
         prices: What is weighed.
 

@@ -57,7 +57,7 @@ def find_gains(equations: NormalEquations, posterior: Posterior, candidates: lis
 
 @lru_cache(maxsize=1)
 def combine_normal_equations(equations: NormalEquations, hyper: Hyper) -> tuple[Array, Array, float, float]:
-    """Combine the channels of a whole ledger; a search asks again and again at the same noise."""
+    """Combine the channels of all normal equations; a search asks again and again at the same noise."""
     return combine_channels(equations.channels, hyper)
 
 

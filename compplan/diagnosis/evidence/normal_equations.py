@@ -1,4 +1,4 @@
-"""The ledger: all that a campaign says about every signature, as inner products.
+"""Normal equations: all that a campaign says about every signature, as inner products.
 
 Once the products of the columns with each other and with the observations are there, the evidence of any set of effects
 under any noise and background costs a small Cholesky factor, and no row of the campaign is touched again.
@@ -164,7 +164,7 @@ def build_normal_equations(
 
 
 def extend_normal_equations(equations: NormalEquations, signatures: Sequence[Signature]) -> NormalEquations:
-    """Return the ledger with further signatures behind the old ones; their parameters are zero in the current model."""
+    """Return normal equations with further signatures behind the old ones, zero in the current model."""
     index, names, scale, picked = _number_columns(signatures, list(equations.names))
     fresh = [_design(channel, signatures, picked) for channel in equations.source]
     designs = [np.concatenate([old, new], axis=-1) for old, new in zip(equations.designs, fresh, strict=True)]
@@ -189,7 +189,7 @@ def select_rows(
     """Return the products over some rows and columns only.
 
     Args:
-        equations: The ledger.
+        equations: The normal equations.
         rows: Rows of the campaign to use. Shape (n,).
         columns: Columns to use.
     """

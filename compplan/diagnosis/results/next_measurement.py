@@ -167,7 +167,7 @@ def _place(fit: Fit, signature: int) -> Place:
 
 
 def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
-    """Evaluate the columns of the fit's ledger at further rows, in units of each channel's noise. Shapes (n, c, p).
+    """Evaluate the columns of the normal equations at further rows, in units of noise. Shapes (n, c, p).
 
     Columns that further rows cannot show are zero.
     """

@@ -41,7 +41,7 @@ FEWEST_POSES = 30
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Parameters of the posterior: columns in the ledger, second moment about the folder, means that it lacks."""
+    """Parameters of the posterior: columns, second moment about the folder, means that it lacks."""
 
     unknowns: tuple[Unknown, ...]
     columns: NDArray[np.int_]

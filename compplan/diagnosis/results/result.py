@@ -70,7 +70,7 @@ class Diagnosis(Shown):
     Attributes:
         robot: The nominal robot.
         updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
-        fit: The fit: campaign, exact effects, linearization, ledger with all models that were looked at.
+        fit: The fit: campaign, exact effects, linearization, normal equations with all models that were looked at.
         doubt: Its claims among errors that no effect makes; names and shares come from its posterior.
         verdict: Status and named effects.
         gap: How far the gap shrinks.

@@ -214,7 +214,7 @@ class PosteriorMotion:
         return np.asarray(columns - self.sigma[:, None] * (self.frames @ (self.frames.T @ whitened)))
 
     def at(self, columns: NDArray[np.int_]) -> NDArray[np.int_]:
-        """Find columns of the ledger among those of the posterior."""
+        """Find columns of the normal equations among those of the posterior."""
         return np.flatnonzero(np.isin(self.columns, columns))
 
     def divide(self, parts: Sequence[Part], added: Sequence[Part]) -> tuple[list[float], list[Array]]:

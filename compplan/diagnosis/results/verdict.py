@@ -58,7 +58,7 @@ class Finding:
         margin: Log posterior odds against the best model without it, errors that no effect makes allowed in both.
         rivals: Effects that explain the same, best first; those with `alike` are ambiguous with it.
         size: Size of its prior, in units of its scale.
-        signature: Number of its signature in the fit's ledger.
+        signature: Number of its signature in the fit's normal equations.
         evidence: What its probability rests on.
         beyond: Why no robot of this kind can have it at this size (`validation.bounds`); empty where one can.
     """
@@ -323,7 +323,7 @@ def noise_floor(fit: Fit) -> float:
 
 
 def motion_at(doubt: RevisedProbabilities, columns: NDArray[np.int_], values: Array) -> float:
-    """Return the root mean square motion that some columns of a doubt's ledger explain. [m]"""
+    """Return the root mean square motion that some columns of the normal equations of a doubt explain. [m]"""
     equations = doubt.search.equations
     moved = equations.designs[0][..., columns] @ values[columns] * equations.source[0].sigma
     return float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))

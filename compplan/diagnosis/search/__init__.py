@@ -1,6 +1,6 @@
 """Search: which effects together explain a log best, and the exact robot that they make.
 
-In: a ledger, linearized at a robot x.
+In: normal equations, linearized at a robot x.
 
 The equation: a set of claims M is scored by
 

@@ -123,7 +123,7 @@ def _round(
     state = replace(state, use=use)
     channels = build_channels(at.scene, at.attained, use, noises)
     equations = build_normal_equations(channels, _offer_all(problem, state, at, proposals), state.values)
-    fit = _search_ledger(problem, state, at, channels, equations, noises, progress, hold=hold)
+    fit = _search_equations(problem, state, at, channels, equations, noises, progress, hold=hold)
     while not hold:
         fresh = _propose(fit)
         known = {key_of(s) for s in fit.search.equations.signatures}
@@ -164,10 +164,10 @@ def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], Non
     """
     equations = extend_normal_equations(fit.search.equations, fresh)
     held = replace(fit.state, claims=claims_of(fit))
-    return _search_ledger(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)
+    return _search_equations(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)
 
 
-def _search_ledger(
+def _search_equations(
     problem: Problem, state: FitState, at: Linearization, channels: tuple[Channel, ...], equations: NormalEquations,
     noises: dict[str, Noise], progress: Callable[[str], None], *, hold: bool = False,
 ) -> Fit:  # fmt: skip

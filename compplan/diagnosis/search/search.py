@@ -85,7 +85,7 @@ class Model:
 
 @dataclass(eq=False)
 class Search:
-    """A ledger with its prior, and the models that were looked at.
+    """Normal equations with their prior, and the models that were looked at.
 
     Attributes:
         equations: The products.

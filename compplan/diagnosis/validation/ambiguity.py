@@ -46,7 +46,7 @@ class AlternativeEffect:
 
 
 def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> list[AlternativeEffect]:
-    """Compare a claim's trace with what every other effect can explain, best first, ties in the order of the ledger.
+    """Compare a claim's trace with what every other effect can explain, best first, ties in their order.
 
     The share is the squared cosine of the angle between the claim's trace and the other's space, after base and tool
     frames have been taken out of both.

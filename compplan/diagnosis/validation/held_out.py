@@ -155,8 +155,8 @@ class Folds:
         return group_poses(self.fit.problem.campaign)[self.fit.search.equations.source[0].rows]
 
     @cached_property
-    def ledgers(self) -> list[tuple[int, NormalEquations]]:
-        """The fit's ledger without each fold."""
+    def without_fold(self) -> list[tuple[int, NormalEquations]]:
+        """The fit's normal equations without each fold."""
         equations, every = self.fit.search.equations, np.arange(self.fit.search.equations.p)
         rows = equations.source[0].rows
         result = []
@@ -187,11 +187,11 @@ class Folds:
         """Predict every row by the exact model that a fit to the other folds leads to.
 
         Args:
-            build: Makes a fit and its state from the number of a fold and the ledger without it.
+            build: Makes a fit and its state from the number of a fold and the normal equations without it.
         """
         fit, rows = self.fit, self.fit.search.equations.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
-        for number, equations in self.ledgers:
+        for number, equations in self.without_fold:
             fitted, state = build(number, equations)
             if fit.problem.register and stands(fit.problem, state):
                 # frames turn far: what their derivatives leave out is fitted exactly, to rows that the fit saw; the
@@ -209,7 +209,7 @@ class Folds:
         """Predict every row to first order by claims alone; enough to rank candidates."""
         whole = self.fit.search.equations
         rows, left = whole.source[0].rows, np.zeros_like(whole.observed[0])
-        for number, equations in self.ledgers:
+        for number, equations in self.without_fold:
             posterior = with_claims(self.fit, claims, background=False, equations=equations).model.posterior
             test = self.fold[rows] == number
             left[test] = whole.observed[0][test] - whole.designs[0][test][..., posterior.columns] @ posterior.mean
@@ -221,7 +221,7 @@ def fit_frames(fit: Fit, residual: Array, poses: int) -> Array:
 
     Args:
         fit: The fit.
-        residual: Errors of the rows of its ledger. Shape (r, 3). [m]
+        residual: Errors of the rows of its normal equations. Shape (r, 3). [m]
         poses: Poses, or blocks of paths, that they are.
     """
     if not fit.problem.register:

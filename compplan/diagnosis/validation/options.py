@@ -118,7 +118,9 @@ def solve_option(folds: Folds, option: Option) -> SolvedOption:
     # what claims have explained left the classes of small errors nothing: without them they begin as usual
     hyper = find_posterior(equations, prior, replace(found, log_tau=np.zeros_like(found.log_tau)), steps=STEPS).hyper
     prior, posterior = _solve(equations, prior, hyper)
-    values = [_solve(part, option.prior(fit, option.claims), hyper)[1].values(equations.p) for _, part in folds.ledgers]
+    values = [
+        _solve(part, option.prior(fit, option.claims), hyper)[1].values(equations.p) for _, part in folds.without_fold
+    ]
     return _hold_out(folds, option, posterior, prior.variance(hyper.log_tau), values)
 
 
@@ -129,7 +131,7 @@ def _solve_sparse(folds: Folds, option: Option) -> SolvedOption:
     means = average_stays(equations, built, option.claims)
     whole = solve_sparse(means)
     near = whole if len(np.unique(folds.pose)) >= MANY_STAYS else None
-    parts = [solve_sparse(means, folds.fold[means.row] != number, near) for number, _ in folds.ledgers]
+    parts = [solve_sparse(means, folds.fold[means.row] != number, near) for number, _ in folds.without_fold]
     variance = np.zeros(equations.p)
     variance[whole.means.columns] = whole.variance
     values = [part.values(equations.p) for part in parts]
@@ -185,7 +187,7 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
     fit = folds.fit
     equations, source = fit.search.equations, fit.search.equations.source[0]
     left = np.zeros_like(equations.observed[0])
-    for (number, _), own in zip(folds.ledgers, values, strict=True):
+    for (number, _), own in zip(folds.without_fold, values, strict=True):
         test, used = folds.fold[source.rows] == number, np.flatnonzero(own)
         left[test] = equations.observed[0][test] - equations.designs[0][test][..., used] @ own[used]
     return fit_frames(fit, left * source.sigma, len(np.unique(folds.pose)))

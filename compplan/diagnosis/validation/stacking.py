@@ -152,7 +152,7 @@ def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool
     def weigh(rows: NDArray[np.bool_]) -> Array:
         return stack_weights(residual[:, rows].reshape(len(solved), -1))
 
-    by_fold = [weigh(seen & (fold != number)) for number, _ in folds.ledgers]
+    by_fold = [weigh(seen & (fold != number)) for number, _ in folds.without_fold]
     return StackedModel(solved, weigh(seen), np.array(by_fold))
 
 
@@ -163,7 +163,7 @@ def stack_single(folds: Folds, option: Option) -> StackedModel:
         folds: The fit, dealt to folds.
         option: The option.
     """
-    return StackedModel((solve_option(folds, option),), np.ones(1), np.ones((len(folds.ledgers), 1)))
+    return StackedModel((solve_option(folds, option),), np.ones(1), np.ones((len(folds.without_fold), 1)))
 
 
 def is_faithful(fit: Fit, one: SolvedOption) -> bool:
@@ -202,7 +202,7 @@ def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -
     fold = folds.fold[rows]
     residual = np.stack([one.residual for one in blend.solved if not (one.option.claims or one.option.sparse)])
     mixed = np.zeros_like(residual[0])
-    for number, _ in folds.ledgers:
+    for number, _ in folds.without_fold:
         others = seen & (fold != number)
         weights = stack_weights(residual[:, others].reshape(len(residual), -1))
         mixed[fold == number] = np.tensordot(weights, residual[:, fold == number], 1)
@@ -211,7 +211,7 @@ def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -
 
 def hold_out_stack(folds: Folds, blend: StackedModel) -> HeldOut:
     """Predict every row by the exact model of the mixture that the other folds lead to."""
-    place = {number: k for k, (number, _) in enumerate(folds.ledgers)}
+    place = {number: k for k, (number, _) in enumerate(folds.without_fold)}
 
     def build(number: int, _: NormalEquations) -> tuple[Fit, FitState]:
         return folds.fit, build_state(folds.fit, *blend.without(place[number]))

@@ -129,7 +129,7 @@ def _choose_line(task: Task) -> PostureSummary:
 
 
 def _choose_at(task: Task, stations: NDArray[np.int_], follow: Array | None) -> tuple[PostureSummary, NDArray[np.int_]]:
-    """Choose at the given stations; return the stance and the waypoints between where it fails."""
+    """Choose at the given stations; return the posture and the waypoints between where it fails."""
     settings, robot = task.settings, task.robot
     rungs = measure_rungs(task.nominal, stations, most_step=settings.most_step, reconfigure=settings.reconfigure)
     coarse = _fill(task, stations, build_options(task.arm, settings, follow))

@@ -1,4 +1,4 @@
-"""Where a plan starts: the stance that the ladder graph chooses, or one fixed configuration where it finds none."""
+"""Where a plan starts: the posture that the ladder graph chooses, or one fixed configuration where it finds none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the choice of a posture returns: the stance, its costs, and the map behind it."""
+"""What the choice of a posture returns: the posture, its costs, and the map behind it."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ class PostureSummary:
         changes: Where the configuration changes: first waypoint afterwards, words before, words after.
         weights: What each criterion was worth.
         settings: What was asked for.
-        costs: What the stance costs, by criterion, with the unit in the key.
+        costs: What the posture costs, by criterion, with the unit in the key.
         map: What the search saw.
-        missed: Waypoints where the stance could not be followed. Shape (n,).
+        missed: Waypoints where the posture could not be followed. Shape (n,).
         keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
         plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
         instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
@@ -112,7 +112,7 @@ class PostureSummary:
         return {"uncertainty_assumed": shares}
 
     def describe(self) -> dict[str, Any]:
-        """Describe the stance for plan.json."""
+        """Describe the posture for plan.json."""
         spin, fixed = np.degrees(self.spin), self.map.fixed_sensitivity
         return {
             "preset": self.settings.preset,
