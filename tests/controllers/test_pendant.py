@@ -82,7 +82,7 @@ def test_each_form_of_a_rotation_is_multiplied_out_the_same_by_the_job_and_by_th
 def test_two_forms_of_one_rotation_and_a_quaternion_of_another_length_are_refused() -> None:
     base = {"schema": 1, "robot": "ur10", "toolpath": "a.nc"}
     for table, said in (
-        ({"abc_deg": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]}, "says its rotation in 2 forms"),
+        ({"abc_deg": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]}, "states its rotation in 2 forms"),
         ({"quaternion": [1.0, 1.0, 0.0, 0.0]}, "quaternion of length 1.414"),
     ):
         for key in ("tool", "part"):
@@ -182,7 +182,7 @@ def test_three_two_one_puts_the_origin_where_the_faces_meet() -> None:
     ({"datum_mm": {"plane": [[0.0, 0, 0], [9, 0, 0], [18, 0, 0]], "line": [[0.0, 0, 0], [9, 0, 0]],
                    "point": [0.0, 0, 0]}}, "expected a triangle"),
     ({"position_mm": [1.0, 0, 0], "points_mm": {"nominal": [[0.0, 0, 0], [90, 0, 0], [0, 90, 0]],
-                                                "measured": [[0.0, 0, 0], [90, 0, 0], [0, 90, 0]]}}, "one way only"),
+                                                "measured": [[0.0, 0, 0], [90, 0, 0], [0, 90, 0]]}}, "expected one of"),
 ])  # fmt: skip
 def test_points_that_make_no_frame_are_refused(table: dict[str, Any], said: str) -> None:
     table = tomllib.loads(_toml(table))
