@@ -158,13 +158,7 @@ class Posterior:
 
 
 def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> Array:
-    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,).
-
-    Args:
-        channels: The products.
-        posterior: Values of the columns.
-        columns: Active columns that count as explanation.
-    """
+    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,)."""
     kept = np.isin(posterior.columns, columns)
     mean, found = posterior.mean[kept], []
     for channel in channels:

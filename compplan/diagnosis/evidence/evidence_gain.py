@@ -27,13 +27,7 @@ class Gain:
 
 
 def find_gains(equations: NormalEquations, posterior: Posterior, candidates: list[int]) -> list[Gain]:
-    """Compute what each candidate would add to the log evidence, noise and background held.
-
-    Args:
-        equations: The products.
-        posterior: Posterior of the current model.
-        candidates: Numbers of the signatures that might be claimed.
-    """
+    """Compute what each candidate would add to the log evidence, noise and background held."""
     gram, against, _, _ = combine_normal_equations(equations, posterior.hyper)
     cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean

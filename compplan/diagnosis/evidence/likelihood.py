@@ -348,11 +348,6 @@ def row_slopes(rows: FewRows, done: SolvedRows, channels: int) -> tuple[Array, A
 
     With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c. Those of wide
     columns are not asked for and zero. Shapes (channels,), (channels,), (a,).
-
-    Args:
-        rows: Values and columns.
-        done: The solution.
-        channels: Number of channels.
     """
     by_value = 0.5 * (done.pull**2 - _precision_squares(done, done.inverse))
     of_columns = np.zeros(len(rows.wide))

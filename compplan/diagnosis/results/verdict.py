@@ -119,12 +119,7 @@ class Verdict:
 
 
 def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
-    """Judge a finished fit.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-    """
+    """Judge a finished fit."""
     structure = measure_structure(fit, doubt)
     alike = rate_likenesses(fit, doubt)
     findings = [evaluate_claim(fit, doubt, claim, alike[claim], structure) for claim in doubt.model.claims]
@@ -161,15 +156,7 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 def evaluate_claim(
     fit: Fit, doubt: RevisedProbabilities, claim: Claim, likeness: float, structure: Structure
 ) -> Finding:  # fmt: skip
-    """Compare the model with the best ones that lack a claim, among errors that no effect makes.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-        claim: The claim.
-        likeness: What is left along its own motion, over that motion.
-        structure: What is left.
-    """
+    """Compare the model with the best ones that lack a claim, among errors that no effect makes."""
     values = doubt.model.posterior.values(doubt.search.equations.p)
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
     alike = {r.place for r in rivals if r.alike}

@@ -155,13 +155,7 @@ def _offer_all(
 
 
 def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
-    """Search with further signatures, from the claims there are, at the linearization of a fit.
-
-    Args:
-        fit: The fit.
-        fresh: Signatures that it has not seen.
-        progress: Told what is being done.
-    """
+    """Search with further signatures, from the claims there are, at the linearization of a fit."""
     equations = extend_normal_equations(fit.search.equations, fresh)
     held = replace(fit.state, claims=claims_of(fit))
     return _search_equations(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)

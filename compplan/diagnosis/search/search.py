@@ -251,11 +251,6 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
     """Find the best set of effects.
 
     Rounds of forward steps, then exchanges and removals, until none is worthwhile.
-
-    Args:
-        search: What to search.
-        first: Claims to begin with.
-        most: Most effects to claim.
     """
     best = search.model(first, search.start, steps=FIRST_STEPS)
     concerned = tuple(best.claims)

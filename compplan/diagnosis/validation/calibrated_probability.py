@@ -79,22 +79,13 @@ def features_of(evidence: Evidence) -> Array:
 
 
 def calibrate_probability(evidence: Evidence) -> float:
-    """Return the probability that a claim is stated with.
-
-    Args:
-        evidence: What the claim shows.
-    """
+    """Return the probability that a claim is stated with."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))
 
 
 def rate_likenesses(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
-    """Return, for every claim, what is left along its own motion beyond chance, over that motion.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-    """
+    """Return, for every claim, what is left along its own motion beyond chance, over that motion."""
     equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
     result = dict.fromkeys(doubt.model.claims, 0.0)

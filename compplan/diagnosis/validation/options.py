@@ -154,10 +154,6 @@ def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
     """Return by which factor errors of rows never seen are larger than they seem, for forms looked for in all rows.
 
     The best of t forms is better by chance by 2 log t squares of the noise [FosterGeorge1994], in every fold.
-
-    Args:
-        folds: The fit, dealt to folds.
-        claims: The claims.
     """
     signatures = folds.fit.search.equations.signatures
     squares = 2.0 * sum(math.log(signatures[claim.signature].tried) for claim in claims)
@@ -194,11 +190,7 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
 
 
 def list_options(claims: Sequence[Claim]) -> list[Option]:
-    """List the models that may have a part in the robot that goes out.
-
-    Args:
-        claims: Claims that may be delivered.
-    """
+    """List the models that may have a part in the robot that goes out."""
     every = tuple(range(len(CLASSES)))
     return [
         Option("nominal"),

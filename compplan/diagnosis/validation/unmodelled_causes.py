@@ -67,12 +67,7 @@ def class_of(signature: Signature) -> tuple[str, str]:
 
 
 def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
-    """Weigh the claims of a fit among errors that no effect makes.
-
-    Args:
-        fit: The fit.
-        progress: Told what is being done.
-    """
+    """Weigh the claims of a fit among errors that no effect makes."""
     fresh = foreign_signatures(fit)
     old = fit.search.equations
     equations = extend_normal_equations(old, fresh)
