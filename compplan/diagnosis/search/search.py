@@ -20,7 +20,7 @@ from compplan.diagnosis.evidence.evidence import (
     find_posterior,
 )
 from compplan.diagnosis.evidence.evidence_gain import SIZES, Gain, find_gains
-from compplan.diagnosis.evidence.normal_equations import NormalEquations
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, project_out
 from compplan.effects import gravity_sag
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
@@ -207,14 +207,9 @@ class Search:
     def _framed(self) -> tuple[Array, float]:
         """Products of the positions' columns with each other, and the gap's squares, registered frames taken out."""
         total = self.equations.channels[0].total
-        frames = np.flatnonzero(self.prior.free)
-        if not len(frames):
-            return total.gram, max(total.square, 1e-300)
-        block = total.gram[np.ix_(frames, frames)]
-        block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
-        solved = np.linalg.solve(block, np.column_stack([total.gram[frames], total.against[frames]]))
-        gram = total.gram - total.gram[:, frames] @ solved[:, :-1]
-        return gram, max(float(total.square - total.against[frames] @ solved[:, -1]), 1e-300)
+        whole = np.block([[total.gram, total.against[:, None]], [total.against, np.array([[total.square]])]])
+        left = project_out(whole, np.flatnonzero(self.prior.free))
+        return left[:-1, :-1], max(float(left[-1, -1]), 1e-300)
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""
@@ -266,6 +261,30 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
             return best if best.score >= settled.score else settled
         best = settled
     return best
+
+
+def search_from_forward_selection(search: Search, found: Model, most: int) -> Model:
+    """Return the better of a found model and of one searched from a forward selection without small errors.
+
+    Stepwise search ends in a local optimum, where small errors everywhere may carry what a wrong first effect leaves.
+
+    Args:
+        search: What was searched.
+        found: The best model so far.
+        most: Most effects to claim.
+    """
+    bare = replace(search, prior=replace(search.prior, background=np.full_like(search.prior.background, -1)), cache={})
+    first = bare.model([], search.start, steps=FIRST_STEPS)
+    while len(first.claims) < most:
+        grown = add_claim(bare, first)
+        if grown.score < first.score + WORTHWHILE or not explains_enough(bare, first, grown):
+            break
+        first = grown
+    # noise and background are fitted from their start: models in the cache were fitted from another one
+    afresh = replace(search, cache={})
+    possible = np.isfinite(afresh.model(first.claims, search.start, steps=FIRST_STEPS).score)
+    other = search_models(afresh, first.claims if possible else (), most)
+    return other if other.score > found.score + WORTHWHILE else found
 
 
 def explains_enough(search: Search, old: Model, new: Model) -> bool:
