@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from compplan.diagnosis.evidence.evidence import Hyper, Posterior, combine_channels
+from compplan.diagnosis.evidence.evidence import Posterior, combine_channels
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.robot import Array
 

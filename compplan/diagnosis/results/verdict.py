@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import Hyper
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places

@@ -20,7 +20,7 @@ from compplan.diagnosis.evidence.candidates import (
     propose_again,
     proposed_signatures,
 )
-from compplan.diagnosis.evidence.evidence import Hyper
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import build_normal_equations
 from compplan.diagnosis.search.search import Claim, Search
 from compplan.diagnosis.search.state import (

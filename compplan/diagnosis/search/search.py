@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
 from compplan.diagnosis.evidence.evidence import (
     FIRST_STEPS,
-    Hyper,
     Posterior,
     Prior,
+    drop_negative,
     excess_squares,
     find_posterior,
 )
 from compplan.diagnosis.evidence.evidence_gain import SIZES, Gain, find_gains
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, project_out
 from compplan.effects import gravity_sag
 from compplan.effects.linearization import Place
@@ -138,7 +139,11 @@ class Search:
         key = frozenset(claims)
         if fit and key in self.cache:
             return self.cache[key]
-        posterior = self._bounded_posterior(claims, hyper, fit, steps)
+        equations, prior = self.equations, self.prior_of(claims)
+        posterior = find_posterior(equations, prior, hyper, fit=fit, steps=steps)
+        signatures = ((n, equations.signatures[n]) for n in (claim.signature for claim in claims))
+        bounded = equations.join_columns(n for n, s in signatures if s.positive and len(s.keys) > 1)
+        posterior = drop_negative(equations, prior, posterior, bounded)[1]
         score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
         score -= ONCE_MORE * self._count_repeated(claims)
         if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
@@ -149,26 +154,6 @@ class Search:
         if fit:
             self.cache[key] = model
         return model
-
-    def _bounded_posterior(self, claims: Sequence[Claim], hyper: Hyper, fit: bool, steps: int) -> Posterior:
-        """Return the posterior with parameters of which none can be negative at zero where they would be."""
-        prior = self.prior_of(claims)
-        posterior = find_posterior(self.equations, prior, hyper, fit=fit, steps=steps)
-        several = [self.equations.columns(c.signature) for c in claims if self._is_one_sided(c)]
-        while True:
-            values = posterior.values(self.equations.p)
-            wrong = [column for columns in several for column in columns if values[column] < 0]
-            if not wrong:
-                break
-            slab = prior.slab.copy()
-            slab[wrong] = 0.0
-            prior = replace(prior, slab=slab)
-            posterior = find_posterior(self.equations, prior, posterior.hyper, fit=False)
-        return posterior
-
-    def _is_one_sided(self, claim: Claim) -> bool:
-        signature = self.equations.signatures[claim.signature]
-        return signature.positive and len(signature.keys) > 1
 
     def _count_repeated(self, claims: Sequence[Claim]) -> int:
         """Count joints that two curves over the same angle are claimed of, and shifts after the first of each kind."""

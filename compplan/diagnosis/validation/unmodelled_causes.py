@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
-from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Hyper, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Prior, find_posterior
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations
 from compplan.diagnosis.evidence.unmodelled import unmodelled_signatures
 from compplan.diagnosis.search.search import WORTHWHILE, Model, Search, add_claim
