@@ -122,6 +122,8 @@ class MotionReader:
             if not self.keeps_polar:
                 state.polar_words.clear()
             for address in ("RP", "AP"):
+                if address not in values and address not in state.polar_words:
+                    self.course.check_place(PLANE_AXES[plane])
                 if address not in values:
                     state.polar_words.setdefault(address, now[address])
                 else:

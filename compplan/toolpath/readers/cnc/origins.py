@@ -34,11 +34,12 @@ class Origins:
 
     Args:
         it: The program that is read.
+        setting: Word of the dialect that sets the place of a work offset, "" without any.
 
     """
 
-    def __init__(self, it: Interpreter) -> None:
-        self.it, self.course, self.state = it, it.course, it.state
+    def __init__(self, it: Interpreter, setting: str = "") -> None:
+        self.it, self.course, self.state, self.setting = it, it.course, it.state, setting
         self.wcs = find_offset(it.options.wcs) if it.options.wcs else None
         #: The work offset in force, that which the path stands in, and those that were named.
         self.active = 54.0
@@ -93,8 +94,10 @@ class Origins:
         here, there = name_offset(self.part_offset), name_offset(code)
         refusal = (
             f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
-            f'is the part frame with wcs = "{here}" (--wcs "{here}"), or set both with G10 L2 in the file'
+            f'is the part frame with wcs = "{here}" (--wcs "{here}")'
         )
+        if self.setting and not self.state.siemens:
+            refusal += f", or set both with {self.setting} in the file"
         note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
         self.it.contour.refuse_open()
         self.course.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))

@@ -67,7 +67,7 @@ class Rs274:
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         self.it = Interpreter(file, options, state, self, Flow(file, MOST_JUMPS), starts_at_zero=True)
-        self.origins = Origins(self.it)
+        self.origins = Origins(self.it, "G10 L2")
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
@@ -359,10 +359,9 @@ def probe(dialect: Rs274, block: CncBlock, code: float) -> None:
 
 
 def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G15, G16: X is a radius and Y an angle, or not."""
+    """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
     dialect.it.state.polar = code == 16.0
-    for address in ("RP", "AP"):
-        dialect.it.state.polar_words.setdefault(address, 0.0)
+    dialect.it.state.polar_words.clear()
 
 
 def shift(dialect: Rs274, block: CncBlock, code: float) -> None:
