@@ -30,13 +30,7 @@ def find_offset(name: str) -> float | None:
 
 
 class Origins:
-    """Follow where the program's origin stands, and moves that count from elsewhere.
-
-    Args:
-        it: The program that is read.
-        setting: Word of the dialect that sets the place of a work offset, "" without any.
-
-    """
+    """Follow where the program's origin stands, and moves that count from elsewhere."""
 
     def __init__(self, it: Interpreter, setting: str = "") -> None:
         self.it, self.course, self.state, self.setting = it, it.course, it.state, setting
@@ -186,12 +180,7 @@ class Origins:
         self.it.set_frame()
 
     def drop(self, code: float) -> None:
-        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped.
-
-        Raises:
-            InputError: If an offset from before the program comes back.
-
-        """
+        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
         if code == 92.3:
             if self.kept is None:
                 raise InputError("G92.3 brings back an offset from before this program, which is not known; "

@@ -52,14 +52,7 @@ ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
 
 
 class Rs274:
-    """Carry out a program of the RS-274 family.
-
-    Args:
-        file: Its file.
-        options: What the program does not say by itself.
-        state: State at the beginning.
-
-    """
+    """Carry out a program of the RS-274 family."""
 
     tip_word = ""
     ends = ENDS
@@ -158,12 +151,7 @@ class Rs274:
         return it.machine.stop(machine, it.flow.line)
 
     def _give_words(self, block: CncBlock) -> bool:
-        """Give the words of a block to the M code that owns them; return whether nothing is left to be read.
-
-        Raises:
-            InputError: If an M code that is not known may own coordinates.
-
-        """
+        """Give the words of a block to the M code that owns them; return whether nothing is left to be read."""
         machine, it = block.machine, self.it
         owner = next((code for code in machine if owns_words(code)), None)
         if not block.codes and block.has(PLACES):
@@ -199,12 +187,7 @@ class Rs274:
             raise refuse_unit("G20 or G21")
 
     def _run_codes(self, block: CncBlock) -> str:
-        """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move.
-
-        Raises:
-            InputError: If codes contradict each other, or one is not known and may move the tool.
-
-        """
+        """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move."""
         codes = block.codes
         for group in CONTRARY if len(codes) > 1 else ():
             if len(said := sorted(group & set(codes))) > 1:
@@ -214,12 +197,7 @@ class Rs274:
         return self.it.run_words(block, codes, find_code, self.pass_over)
 
     def pass_over(self, block: CncBlock, code: float | str) -> None:
-        """Note a code that is not known.
-
-        Raises:
-            InputError: If it may claim the coordinates of its block.
-
-        """
+        """Note a code that is not known."""
         if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
             raise InputError(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
         self.it.note(f"G{code:g} is not read")

@@ -28,12 +28,7 @@ ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13
 
 
 class MacroFlow:
-    """Carry out the control of a G-code program.
-
-    Args:
-        flow: Order of its lines.
-
-    """
+    """Carry out the control of a G-code program."""
 
     def __init__(self, flow: Flow) -> None:
         self.flow = flow
@@ -81,10 +76,6 @@ class MacroFlow:
 
     def run_macro(self, line: str) -> str | None:
         """Carry out the macro words of a line in capitals; return the block that is left to be read, None without any.
-
-        Raises:
-            InputError: If they cannot be worked out, or are carried out without end.
-
         """
         if self.flow.executed > self.file_lines:
             self.letters += len(line)
@@ -155,9 +146,6 @@ class MacroFlow:
             values: Words of the block: P names the program, L (or K in M98) says how often.
             macro: Whether the other words are arguments (G65).
             local: Whether P names a block (M97).
-
-        Raises:
-            InputError: If it is not in the file, or calls itself without end.
 
         """
         code = "G65" if macro else "M97" if local else "M98"
