@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from compplan.effects.attained import attain_with_effects
-from compplan.planning.run_timing import cutting_runs
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose

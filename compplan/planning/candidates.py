@@ -27,9 +27,8 @@ from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.initial_branches import Bettered, Easing, Start, find_plain, stand, state_margin
 from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
-from compplan.planning.run_timing import cutting_runs, parameter_steps, time_rapids
 from compplan.planning.task import PlanTask
-from compplan.planning.timing import INERTIA_WINDOWS
+from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids
 from compplan.robot import Array
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.band import band_radius
@@ -180,10 +179,9 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
 
 def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
     """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
-    rapid, rate, push = np.r_[False, task.nominal.rapid[1:]], 0.0, 0.0
-    runs = cutting_runs(rapid, task.rests)
-    if len(task) > MANY * len(runs):  # few starts and stops: rates at the programmed feed tell it without a run
-        for first, last in runs:
+    rate, push = 0.0, 0.0
+    if len(task) > MANY * len(task.runs):  # few starts and stops: rates at the programmed feed tell it without a run
+        for first, last in task.runs:
             time = np.r_[0.0, np.cumsum(parameter_steps(task, task.q_start, first, last))]
             mean, change = difference_motion(task.q_start[first : last + 1], time)
             rate = max(rate, float((np.abs(mean) / task.velocity_limits).max()))
@@ -344,5 +342,4 @@ def least_time(task: PlanTask) -> float:
     rapid, smooth = task.nominal.rapid[1:], task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
     moves = np.abs(np.diff(task.q_start, axis=0))[rapid]
     between = time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum()
-    runs = len(cutting_runs(np.r_[False, rapid], task.rests))
-    return float(task.step_time[~rapid].sum() + between + runs * smooth)
+    return float(task.step_time[~rapid].sum() + between + len(task.runs) * smooth)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.posture.initial_branches import PostureRequest
-from compplan.planning.run_timing import Timing, cutting_runs
 from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
+from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
@@ -138,15 +138,10 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
     )  # fmt: skip
 
 
-def find_runs(task: PlanTask) -> list[tuple[int, int]]:
-    """Return first and last waypoint of every run of the cut that begins and ends at rest."""
-    return cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
-
-
 def find_inside(task: PlanTask) -> NDArray[np.bool_]:
     """Tell which waypoints are in motion, within a run from rest to rest. Shape (n,)."""
     inside = np.zeros(len(task), bool)
-    for first, last in find_runs(task):
+    for first, last in task.runs:
         inside[first + 1 : last] = True
     return inside
 
@@ -163,7 +158,7 @@ def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
 
     """
     loads = load_motion(masses, task.q_links, time, find_inside(task))
-    return smooth_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
+    return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def follow_links(task: PlanTask, q: Array) -> Array:

@@ -23,7 +23,6 @@ from compplan.planning.costs import Cost, Departure, MissedPose, Time
 from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, explain_conflict, solve_problem
 from compplan.planning.problem import PlanningProblem
-from compplan.planning.run_timing import cutting_runs
 from compplan.planning.strategies.limits import AT_CORRECTION, measure_correction
 from compplan.planning.task import PlanTask, attain_rows, differentiate_equations, pose_equations
 from compplan.robot import Array
@@ -265,8 +264,8 @@ def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple
     cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)
     if not (rate[cut] > task.velocity_limits).any():
         return ()
-    ends = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
-    places = [tuple(np.searchsorted(stations, [a, b]).tolist()) for a, b in ends if np.isin([a, b], stations).all()]
+    ends = [run for run in task.runs if np.isin(run, stations).all()]
+    places = [tuple(np.searchsorted(stations, run).tolist()) for run in ends]
     return tuple((a, b) for a, b in places if b - a >= 2 and task.cut[stations[a : b + 1]].all())
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.run_timing import Timing
 from compplan.planning.strategies.limits import measure_correction
 from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
     MISMATCHES,

@@ -41,8 +41,8 @@ from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
-from compplan.planning.run_timing import Timing, cutting_runs
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, cutting_runs
+from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -249,7 +249,7 @@ def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Arra
     At rests and in rapid moves it is the command itself.
     """
     led = q.copy()
-    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+    for first, last in task.runs:
         run = slice(first, last + 1)
         if last - first < 3 or not task.nominal.steps[first:last].any():
             continue
@@ -298,7 +298,7 @@ def _write_follower(
 
     def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
         believed, nominal = believed_robot(task.robot), task.nominal
-        exact = np.zeros(len(q), bool) if task.rests is None else task.rests.copy()
+        exact = task.rests.copy()
         exact[0] |= not nominal.rapid[0]  # an approach ends there
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip

@@ -39,7 +39,6 @@ from compplan.planning.posture.initial_branches import PostureRequest, Start, st
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.planning.problem import PlanningProblem
-from compplan.planning.run_timing import cutting_runs
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -166,9 +165,8 @@ def state_problem(
     rows, robot = free.rows, task.robot
     k, request = len(rows), task.start.request if task.start is not None else None
     along = np.r_[0.0, np.cumsum(task.step_time)][rows]
-    rapid = np.r_[False, task.nominal.rapid[1:]]
     place = {row: number for number, row in enumerate(rows.tolist())}
-    runs = tuple((place[a], place[b]) for a, b in cutting_runs(rapid, task.rests)
+    runs = tuple((place[a], place[b]) for a, b in task.runs
                  if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
     room = np.minimum(
         0.0 if request is None else robot.room(request.settings.limit_margin),
@@ -342,7 +340,7 @@ def _read_angles(
 def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
     """Pick waypoints of the runs of a cut: all of few, else evenly in time and in bends of the path; ends included."""
     time, chosen = np.r_[0.0, np.cumsum(task.step_time)], list[NDArray[np.int_]]()
-    runs = [run for run in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    runs = [run for run in task.runs
             if run[1] - run[0] >= 2 and time[run[1]] > time[run[0]]]  # fmt: skip
     if not runs:
         return np.zeros(0, int)
@@ -369,7 +367,7 @@ def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[st
     if share <= 0.0 or not len(rows):
         return {name: np.zeros(len(rows)) for name in names}
     allowed, inside = task.allowed, task.cut.copy()
-    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+    for first, last in task.runs:
         inside[[first, last]] = False
     across = share * inside * (task.tolerance if allowed is None else allowed.normal) / np.sqrt(2.0)
     along = np.zeros(len(task))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.follow import reach_with_all
 from compplan.planning.posture.trace import reach_tip_and_axis
-from compplan.planning.run_timing import cutting_runs
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -103,8 +102,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     x = task.rotation[before, :, 0] * (1 - share) + task.rotation[before + 1, :, 0] * share
     rotation, missed, rests = _orient(nominal.axis, x), np.zeros(len(places), bool), np.zeros(len(places), bool)
     q[old], rotation[old], missed[old] = task.q_start[at], task.rotation[at], task.missed[at]
-    if task.rests is not None:
-        rests[old] = task.rests[at]
+    rests[old] = task.rests[at]
     fresh = np.ones(len(places), bool)
     fresh[old] = False
     fresh &= share[:, 0] > 0
@@ -245,10 +243,10 @@ def programmed_times(nominal: Toolpath) -> Array:
 
 def _grade(task: PlanTask) -> Array:
     """Return places beside every rest, at distances that grow away from it: there the force grows with the feed."""
-    runs, steps = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests), task.nominal.steps
+    steps = task.nominal.steps
     places = [
         grow_places(move, FIRST_STEP / max(float(steps[move]), 1e-12), forward)
-        for first, last in runs
+        for first, last in task.runs
         for move, forward in ((first, True), (last - 1, False))
     ]
     return np.concatenate([np.zeros(0), *places])

@@ -92,7 +92,7 @@ class PlanTask:
     start: Start | None = None
     law: ForceLaw | None = None
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    rests: NDArray[np.bool_] | None = None
+    rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     chord: float = np.inf
     smoothing: float = SMOOTHING
     inertia: bool = False
@@ -105,8 +105,9 @@ class PlanTask:
 
     def __post_init__(self) -> None:
         shape = (len(self.nominal), self.chain.n_springs)
-        if len(self.lead) != shape[0]:
-            object.__setattr__(self, "lead", np.zeros(shape[0], bool))
+        for name in ("lead", "rests"):
+            if len(getattr(self, name)) != shape[0]:
+                object.__setattr__(self, name, np.zeros(shape[0], bool))
         if self.theta.shape != shape:
             object.__setattr__(self, "theta", np.zeros(shape))
 
@@ -232,6 +233,11 @@ class PlanTask:
         """What motion of each joint is worth. Shape (nq,)."""
         return weigh_joints(self.chain, self.q_start, self.robot)
 
+    @cached_property
+    def runs(self) -> list[tuple[int, int]]:
+        """First and last waypoint of every run of the cut from rest to rest."""
+        return cutting_runs(np.r_[False, self.nominal.rapid[1:]], self.rests)
+
     @property
     def axis_free(self) -> bool:
         """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
@@ -241,6 +247,25 @@ class PlanTask:
     def redundant(self) -> bool:
         """Tell whether a waypoint leaves the joints any freedom."""
         return self.chain.nq - int(self.stays.sum()) > count_equations(self.chain, spin_free=self.spin_free)
+
+
+def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = None) -> list[tuple[int, int]]:
+    """List first and last waypoint of every run from rest to rest; the first is where it is reached.
+
+    Args:
+        rapid: Whether the move that ends at a waypoint is rapid. Shape (n,).
+        rests: Waypoints within a cut at which the tool comes to rest, or None. Shape (n,).
+
+    """
+    moves = np.flatnonzero(~rapid[1:]) + 1
+    if not len(moves):
+        return []
+    new = np.diff(moves) > 1
+    if rests is not None:
+        new |= rests[moves[:-1]]
+    breaks = np.flatnonzero(new)
+    firsts, lasts = np.r_[moves[0], moves[breaks + 1]], np.r_[moves[breaks], moves[-1]]
+    return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
 
 
 def count_equations(chain: Chain, *, spin_free: bool) -> int:

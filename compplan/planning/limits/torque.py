@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from compplan.planning.feed import TorqueRules
+from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.problem import PlanningProblem, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
