@@ -98,13 +98,8 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     """Better a start; the start itself where the feed sets the time, or nothing wins.
 
     A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
-    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider.
-
-    Args:
-        start: The start of the posture search.
-        asked: What is asked of the path.
-        shape: Whether the program shapes posture and speed; otherwise finished postures are compared alone.
-
+    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider. Without `shape`
+    finished postures are compared alone, and the program shapes none.
     """
     posture_choice = start.posture_choice
     if posture_choice is None or start.request is None or posture_choice.settings.weights:
@@ -206,10 +201,6 @@ def measure_runs(
         window: Windows of smoothing, share of those that plans have.
         beside: A run whose time is not to be passed, or None.
         quiet: Covariance of the tip without vibration, where it has been measured.
-
-    Returns:
-        The runs; none where no run keeps the limits.
-
     """
     plain = Easing(window, np.zeros(1), np.ones(1))
     task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
@@ -319,14 +310,9 @@ def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: A
 
 
 def judge_gain(preset: str, time: float, band: float, still: float) -> float:
-    """Return what a preset makes less, as a share of the start's; infinite where that is bought with what it may not.
+    """Return what a preset ("" for none) makes less; infinite where that is bought with what it may not.
 
-    Args:
-        preset: The preset by name, "" for none.
-        time: Time as a share of the start's.
-        band: Widest band as a share of the start's.
-        still: The same, vibration left out.
-
+    Time, widest band, and the same with vibration left out (`still`) are shares of the start's.
     """
     if preset == "fast":
         return time

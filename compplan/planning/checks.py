@@ -141,20 +141,10 @@ def run_checks(
     task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, margins: Margins,
     bench: Bench, *, job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
-    """Run all checks.
+    """Run all checks of a command with its run and what was measured of it.
 
-    Args:
-        task: The task.
-        command: The command.
-        timing: Its run.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        after: The command in the cell of the bench.
-        margins: Distance of the command from its limits.
-        bench: What the plan is checked with.
-        job: The job, None without.
-        bending: What the plan says bends the arm.
-        executed: Where the controller takes the tip.
-
+    `bench` is the second reading of robot and tool; checks of files need the job, that of inertia `bending`, that of
+    the executed path `executed`.
     """
     q, time = command.q, timing.time
     checks = [
@@ -375,9 +365,7 @@ def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactR
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
     """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
 
-    Returns:
-        Greatest distance from the moves [m], against the tolerance of each, and the waypoint that the move starts at.
-
+    Returns the greatest distance from the moves [m], against the tolerance of each, and where that move starts.
     """
     moves = judged_moves(task)
     if len(moves) > WORST + EVEN:

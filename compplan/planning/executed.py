@@ -120,13 +120,7 @@ class ExecutedPath:
 
 
 def describe_floor(task: PlanTask, q: Array) -> str:
-    """Say where the whole correction is below what the robot can move (resolution_mm of controller.toml), else "".
-
-    Args:
-        task: The task.
-        q: Command at the waypoints. Shape (n, nq). [rad or m]
-
-    """
+    """Say where the whole correction of a command (n, nq) is below what the robot can move (resolution_mm), else ""."""
     floor = load_motion(task.robot)[0].resolution
     if not floor or not task.cut.any():
         return ""
@@ -188,7 +182,6 @@ def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: i
         use: Share of the tolerance that each waypoint uses. Shape (n,).
         slow: Factors so far. Shape (n,).
         turn: Which time the run is made slower, from 1.
-
     """
     slower, reach = np.ones(len(task)), REACH * FARTHER ** (turn - 1) * task.smoothing
     far = np.flatnonzero(use > 1.0)
@@ -199,18 +192,10 @@ def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: i
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
-    """Follow a command as the controller of the robot folder does.
+    """Follow a command (n, nq) at its times (n,) [s] as the controller of the robot folder does.
 
-    Args:
-        task: The task.
-        q: Command at the waypoints. Shape (n, nq). [rad or m]
-        time: Time at each waypoint. Shape (n,). [s]
-        output: What programs the job asks for, if it is known.
-
-    Returns:
-        Where the tip goes; None where no moves of the tool are written and nobody states how the drives follow, or the
-        controller steers tip and part together.
-
+    Returns None where no moves of the tool are written and nobody states how the drives follow, or the controller
+    steers tip and part together. `output`: what programs the job asks for, if it is known.
     """
     motion = load_motion(task.robot)[0]
     drives = np.abs([motion.lag, motion.acceleration_lag, motion.lost_motion])

@@ -57,17 +57,10 @@ class ConstantFeed:
 def time_run(
     task: PlanTask, q: Array, wish: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
-    """Time a command as the process asks.
-
-    Args:
-        task: The task that the command fulfils.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        wish: What the process asks of the feed.
-        slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
+    """Time a command (n, nq) as the process asks; `slow` (n,) are factors by which the run is to be slower, or None.
 
     Returns:
         The task with the feed that was programmed in the end, the run, and sentences for the user.
-
     """
     notes: list[str] = []
     if wish.constant:
@@ -86,13 +79,7 @@ def time_run(
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:
-    """Find the highest feed that every waypoint of the cut holds, the programmed one at most.
-
-    Args:
-        task: The task: programmed feed, limits, rapid moves.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
-    """
+    """Find the highest feed that every waypoint of a command (n, nq) holds, the programmed one at most."""
     cutting = ~task.nominal.rapid & (task.nominal.feed > 0)
     cutting[0] = False
     programmed = float(task.nominal.feed[cutting].min())

@@ -88,15 +88,7 @@ def compensate(
     """Let a strategy command a task, with the run and the loads that belong to the command.
 
     Inertia that keeps a plan from being one is left to the error band. A correction that lies below what the robot can
-    move is not made.
-
-    Args:
-        task: The task.
-        strategy: Name of the strategy.
-        wish: What the process asks of the feed.
-        output: What programs are asked for, if it is known.
-        progress: Told what is being done.
-
+    move is not made. `wish` is what the process asks of the feed, `output` what programs are asked for, if it is known.
     """
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:

@@ -29,16 +29,9 @@ Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 
 
 def limit_jerk(robot: Robot, scale: float = 1.0, after: float | None = None) -> Array | None:
-    """Return the jerk limits of a robot: the folder's, else as assumed, None where neither says any.
+    """Return the jerk limits of a robot: the folder's, else as assumed, None where neither says any. Shape (nq,).
 
-    Args:
-        robot: The robot.
-        scale: Share of the acceleration limits that may be used.
-        after: Time in which a joint is assumed to reach that acceleration, or None. [s]
-
-    Returns:
-        Shape (nq,). [rad/s^3 or m/s^3]
-
+    As assumed, a joint reaches `scale` of its acceleration limits in the time `after`. [s], [rad/s^3 or m/s^3]
     """
     if robot.jerk_limits is not None:
         return robot.jerk_limits
@@ -59,7 +52,7 @@ def measure_smooth_use(
     q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array, jerk_limits: Array | None,
     torques: Torques | None = None,
 ) -> Array:  # fmt: skip
-    """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit.
+    """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit. Shape (k,).
 
     Slower by a factor f, a run has 1/f of the velocity, 1/f^2 of the acceleration and of what inertia puts on the
     joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3), of an
@@ -69,14 +62,10 @@ def measure_smooth_use(
     Args:
         q: Joint positions. Shape (k, nq). [rad or m]
         time: Shape (k,). [s]
-        velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
-        jerk_limits: Shape (nq,), or None. [rad/s^3 or m/s^3]
+        velocity_limits: Limits of each joint, as the next two. Shape (nq,).
+        acceleration_limits: Infinite where there is none.
+        jerk_limits: None where there are none.
         torques: The joint torques that a motion along the run needs, or None.
-
-    Returns:
-        Shape (k,).
-
     """
     rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
     if len(rows) < 2:
@@ -104,12 +93,9 @@ def measure_smooth_use(
 
 
 def spline_motion(q: Array, step: Array) -> tuple[Array, Array, Array]:
-    """Return velocities and accelerations at k waypoints, and the jerks of the moves between, of a cubic spline.
+    """Return velocities and accelerations at k waypoints, and jerks of the moves between, of a cubic spline.
 
-    Args:
-        q: Joint positions, at rest at both ends. Shape (k, nq). [rad or m]
-        step: Times of the moves. Shape (k - 1,). [s]
-
+    It is at rest at both ends; q: shape (k, nq), step: times of the moves, shape (k - 1,) [s].
     """
     curve = CubicSpline(np.r_[0.0, np.cumsum(step)], q, bc_type="clamped")
     jerk, start = 6.0 * curve.c[0], 2.0 * curve.c[1]
@@ -118,17 +104,9 @@ def spline_motion(q: Array, step: Array) -> tuple[Array, Array, Array]:
 
 
 def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
-    """Tell by what factor a run from rest to rest is too fast, by differences of its joint positions: 1 at a limit.
+    """Return max(|v| / v_max, sqrt(|a| / a_max)) along a run from rest to rest, by differences. Shape (k,).
 
-    Args:
-        q: Joint positions. Shape (k, nq). [rad or m]
-        time: Shape (k,). [s]
-        velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
-
-    Returns:
-        max(|v| / v_max, sqrt(|a| / a_max)) at each waypoint. Shape (k,).
-
+    Above 1 the run is too fast by that factor; q: shape (k, nq), time: shape (k,) [s], limits: shapes (nq,).
     """
     mean, change = difference_motion(q, time)
     by_speed = np.abs(mean / velocity_limits).max(axis=1)
@@ -187,7 +165,7 @@ class TorqueRules:
         ]
 
     def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
-        """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,) [N m]."""
+        """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,). [N m]"""
         data, still = self.model.createData(), np.zeros(self.model.nv)
         place = self.positions[start : end + 1]
         speed, bend = rate @ self.commanded.T, change @ self.commanded.T

@@ -217,17 +217,10 @@ def plan_task(
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
-    """Prepare what a strategy is told: posture, orientation, wrench at contact, times and limits.
-
-    Args:
-        robot: The robot with its tool.
-        nominal: The path with its predicted wrench, base frame.
-        options: What the plan may do.
-        file: File to name in messages.
+    """Prepare what a strategy is told: posture, orientation, wrench, times and limits; `file` is for messages.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
-
     """
     nominal = check_toolpath(nominal, file=file)
     robot_effects(robot)  # refuses tables that are no effects of this robot

@@ -160,7 +160,6 @@ def state_problem(
         band: The band as a function of the posture, None where it does not count.
         time: Time of the start's run. [s]
         torque: Whether joint torques have to stay within the robot's efforts.
-
     """
     rows, robot = free.rows, task.robot
     k, request = len(rows), task.start.request if task.start is not None else None
@@ -204,15 +203,7 @@ def state_problem(
 
 
 def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
-    """Solve the program of posture and speed around a start; None where nothing is free or no solution follows.
-
-    Args:
-        task: The task that starts so.
-        start: The start, from a posture.
-        asked: What is asked of the path.
-        prices: What is weighed.
-
-    """
+    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
     posture_choice, request = start.posture_choice, start.request
     if (
         posture_choice is None

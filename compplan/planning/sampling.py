@@ -36,19 +36,12 @@ REACHED = 1e-6
 
 
 def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
-    """Predict the wrench to plan with at every waypoint.
+    """Predict the wrench to plan with at every waypoint. Shape (n, 6). [N, N m]
 
     A point of contact carries none (a dead weight excepted): the tool comes there in a rapid move, and touches nothing
     yet. The waypoints that lead in take the wrench of the cut that begins, share by share; those that lead out lose
-    that of the cut that has ended.
-
-    Args:
-        task: The task; its law, or else the wrench of its path.
-        feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
-
-    Returns:
-        Shape (n, 6). [N, N m]
-
+    that of the cut that has ended. `feed` is that of the move that ends at each waypoint, the programmed one if left
+    out. Shape (n,). [m/s]
     """
     nominal = task.nominal
     if task.law is not None:
@@ -144,13 +137,7 @@ def _reach_again(
 
 
 def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
-    """Bring in leads, rests and the first division of a task whose posture is chosen.
-
-    Args:
-        task: The task at the waypoints of its toolpath.
-        rest_at_corners: Whether the tool rests at sharp corners.
-
-    """
+    """Bring in leads, rests (at sharp corners where asked) and the first division of a task whose posture is chosen."""
     contacts, leaves = find_contacts(task.nominal.rapid), find_leaves(task.nominal.rapid)
     sudden, abrupt = (True, True) if task.law is None else (task.law.sudden, task.law.abrupt)
     contacts = contacts[sudden & (np.abs(task.wrench[contacts + 1]).max(axis=1) > 0)]
@@ -178,14 +165,7 @@ class Mending:
         self.places, self.stray, self.given_up = np.zeros(0), np.zeros(0), np.zeros(0, bool)
 
     def allow(self, task: PlanTask, pieces: NDArray[np.int_], stray: Array) -> NDArray[np.int_]:
-        """Return the pieces that moves may be divided into.
-
-        Args:
-            task: The task as it is divided now.
-            pieces: Pieces that are asked for. Shape (n - 1,).
-            stray: How far each move strays. Shape (n - 1,). [m]
-
-        """
+        """Return the pieces (n - 1,) that moves may be divided into, of those asked for; they stray by `stray`. [m]"""
         places, given_up = task.origin, np.zeros(len(stray), bool)
         if len(self.places):
             middle = 0.5 * (places[:-1] + places[1:])

@@ -255,7 +255,6 @@ def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = Non
     Args:
         rapid: Whether the move that ends at a waypoint is rapid. Shape (n,).
         rests: Waypoints within a cut at which the tool comes to rest, or None. Shape (n,).
-
     """
     moves = np.flatnonzero(~rapid[1:]) + 1
     if not len(moves):
@@ -318,13 +317,7 @@ class Command:
 
 
 def attain(task: PlanTask, q: Array) -> AttainedPose:
-    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints.
-
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
-    """
+    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints q (n, nq)."""
     loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
     return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
 
@@ -340,13 +333,10 @@ def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: Attai
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
-    """Predict what the pose equations of some waypoints speak of: the loaded tool, in rapid moves the unloaded one.
+    """Predict what the pose equations of some waypoints (k,) hold: the loaded tool, in rapid moves the unloaded one.
 
-    Args:
-        task: The task.
-        q: Commanded joint positions of the whole path, on which effects with a memory depend. Shape (n, nq). [rad or m]
-        rows: The waypoints. Shape (k,).
-        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
+    q (n, nq) is the command of the whole path, on which effects with a memory depend; without `slope` the derivative is
+    zero, and cheaper.
     """
     bias = None if task.bias is None else task.bias[rows]
     loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
@@ -366,14 +356,7 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
 
 
 def pose_equations(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
-    """Return by how much some waypoints miss the pose equations: tip, tool axis (and spin). Shape (k, rows). [m, rad]
-
-    Args:
-        task: The task.
-        attained: The loaded tool, or the unloaded one in rapid moves; k poses.
-        rows: The waypoints. Shape (k,).
-
-    """
+    """Return by how much attained poses of waypoints miss tip, tool axis (and spin). Shape (k, equations). [m, rad]"""
     missed = [attained.position - task.position[rows]]
     missed += [np.einsum("ni,ni->n", a, b)[:, None] for a, b in _crossings(task, attained, rows)]
     return np.hstack(missed)
