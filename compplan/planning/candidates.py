@@ -24,7 +24,7 @@ from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.initial_branches import Bettered, Easing, Start, find_plain, stand, state_margin
+from compplan.planning.posture.start import Bettered, Easing, Start, find_plain, stand
 from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
 from compplan.planning.task import PlanTask
@@ -147,12 +147,12 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
     posture_choice, request = start.posture_choice, start.request
     assert posture_choice is not None and request is not None
-    settings, margin = posture_choice.settings, state_margin(request)
+    settings = posture_choice.settings
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in BESIDE[settings.preset]:
         try:
-            given = asked.robot, asked.nominal, asked.tool_x, replace(settings, preset=other)
-            found[other] = choose_posture_path(*given, axes=request.axes, margin=margin)
+            other_request = replace(request, settings=replace(settings, preset=other))
+            found[other] = choose_posture_path(other_request.state(asked.robot, asked.nominal, asked.tool_x))
         except InfeasibleError:
             continue
     cost = LEAST[settings.preset]

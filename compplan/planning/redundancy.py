@@ -35,8 +35,8 @@ from compplan.planning.limits import (
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.initial_branches import PostureRequest, Start, stand
 from compplan.planning.posture.lattice import orient_tool
+from compplan.planning.posture.start import PostureRequest, Start, stand
 from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.planning.problem import PlanningProblem
 from compplan.planning.task import PlanTask
@@ -288,7 +288,7 @@ def _follow(
         chosen=turned["spin"][posture_choice.map.waypoint],
         held=q[posture_choice.map.waypoint][:, arm.held],
     )
-    costs = summarise_costs(task.chain, robot, nominal, q, posture_choice.settings, request.axes)
+    costs = summarise_costs(request.state(robot, nominal, asked.tool_x), q)
     better = replace(
         posture_choice,
         q=q,

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import reach_with_all
-from compplan.planning.posture.trace import reach_tip_and_axis
+from compplan.planning.posture.follow import reach_tip_and_axis, reach_with_all
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames

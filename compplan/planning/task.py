@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.planning.allowed import Allowed, find_allowed
-from compplan.planning.posture.initial_branches import Start
 from compplan.planning.posture.motion import MotionFigures
+from compplan.planning.posture.start import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
