@@ -127,16 +127,7 @@ class Comparison(Shown):
 
 
 def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> Comparison:
-    """Compare every strategy on a job.
-
-    Args:
-        job: The job.
-        announce: Called with what is done next.
-
-    Raises:
-        InputError: If the job is not what it has to be, or the part is out of reach.
-
-    """
+    """Compare every strategy on a job; `announce` is called with what is done next."""
     if announce:
         announce("robot, toolpath and posture")
     robot, nominal, options = prepare_job(job)
@@ -174,13 +165,7 @@ def compare_task(
 ) -> Comparison:
     """Let every strategy command a task, and run every command in every cell.
 
-    Args:
-        task: The task.
-        name: What it is called.
-        strategies: The strategies; all if left out.
-        cells: The cells; left out: as modelled, and with compliances that differ from the model's.
-        announce: Called with what is done next.
-
+    Strategies and cells left out are all of them, and those as modelled and with compliances that differ.
     """
     cells = tuple(cells) if cells is not None else standard_variants(task.robot)
     commands = {}
