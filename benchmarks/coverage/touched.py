@@ -81,7 +81,7 @@ def measure_job(file: Path, folder: Path, arms: int, seed: int) -> dict:
     few = cut[np.unique(np.linspace(0, len(cut) - 1, ROWS).astype(int))]
     away = []
     for arm in range(arms):
-        rng = np.random.default_rng([seed, arm, 8])
+        rng = np.random.default_rng([seed, arm, *file.stem.encode()])  # arms of its own for every job
         away.append(_cut_part(draw_truth(job.arm, ROBOTS / job.table["robot"], rng), rows, few, corners, touching, rng))
     return {
         "job": file.stem, "box_mm": (1e3 * np.ptp(rows.wanted[cut], axis=0)).round(1).tolist(),
