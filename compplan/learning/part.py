@@ -66,13 +66,13 @@ LONG_MOVE = 0.02
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPart(Shown):
-    """A lesson with the plans before and after it.
+    """A model update with the plans before and after it.
 
     Attributes:
         job: The job.
         robot: The robot of the folder before.
-        taught: The robot of the folder after.
-        lesson: What the part teaches.
+        taught: The updated robot.
+        lesson: Force, robot and residual learned from the part.
         measured: The measured points.
         path: The wanted path, base frame.
         slopes: The path to first order, as it was cut.
@@ -110,7 +110,7 @@ class LearnedPart(Shown):
         return np.asarray(task.position + self.residual.at(length))
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return what the part taught, and what the next one may be expected to be."""
+        """Return the results of the update and the prediction for the next part."""
         lesson, name = self.lesson, self.job.name or self.job.file.stem
         rows = [
             ("measured", f"rms {format_length(lesson.rms)} at {len(self.measured)} points"),

@@ -55,7 +55,7 @@ class PlanOptions:
     Attributes:
         strategy: none, mirror, iterated_mirror or nlp.
         spin_free: Whether the tool may rotate about its axis.
-        wish: What is said about the posture.
+        wish: Requirements on the posture.
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         tolerance: Greatest deviation that counts as within tolerance. [m]
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
@@ -70,7 +70,7 @@ class PlanOptions:
             [m]
         inertia: Whether the inertia of the motion counts as a load and is compensated.
         lock: What is kept of a posture that was chosen before, or None.
-        force: How surely the force is known, as assumed if left out.
+        force: Uncertainty of the force (default: assumed).
         tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
         touch: How the part was found by touching it with the robot; None: its frame is absolute.
 
@@ -141,7 +141,7 @@ def plan_compensation(
     robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path",
     progress: Callable[[str], None] = lambda text: None,
 ) -> Plan:  # fmt: skip
-    """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
+    """Plan a path: choose the posture, compensate, time, and check by the exact equilibrium.
 
     Args:
         robot: The robot with its tool.

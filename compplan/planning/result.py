@@ -57,13 +57,13 @@ class Plan(Shown):
         retract: The way from the last waypoint, where the toolpath ends in a cut.
         between: Where the loaded tip goes between waypoints, by the planner's model.
         bending: What bends the arm along the path, cause by cause.
-        judge: Who computed `before` and `after`.
+        judge: Name of the model that computed `before` and `after`.
         checks: What was checked, with values and limits.
-        breaches: What keeps the judge from confirming the plan, one sentence each.
+        breaches: Reasons why the independent check does not confirm the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
-        learned: The promise of what measured parts have taught on this path, or None.
+        learned: Uncertainty of the tip learned from measured parts on this path, or None.
 
     """
 

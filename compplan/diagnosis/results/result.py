@@ -71,7 +71,7 @@ class Diagnosis(Shown):
         robot: The nominal robot.
         updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
         fit: The fit: campaign, exact effects, linearization, normal equations with all models that were looked at.
-        doubt: Its claims among errors that no effect makes; names and shares come from its posterior.
+        doubt: Its claims re-estimated with a term for unmodelled causes; names and shares come from this posterior.
         verdict: Status and named effects.
         gap: How far the gap shrinks.
         candidates: Effects one by one, ranked.
