@@ -27,7 +27,7 @@ def code_of(name: str) -> list[str]:
 
 
 def test_the_manual_lists_every_notebook_in_the_order_of_the_data() -> None:
-    listed = re.findall(r"^notebooks/(\w+)$", (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8"), re.M)
+    listed = re.findall(r"^notebooks/(\w+)$", (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8"), re.M)
     assert sorted(listed) == NAMES
     order = ["first_plan", "own_robot", "identification", "strategies", "diagnose", "the_loop", "cam_to_controller"]
     assert [name for name in listed if name in order] == order
