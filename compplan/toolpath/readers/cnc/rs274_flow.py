@@ -75,7 +75,7 @@ class MacroFlow:
         return program.labels[str(number)][0]
 
     def run_macro(self, line: str) -> str | None:
-        """Carry out the macro words of a line in capitals; return the rest of the block, None without any."""
+        """Carry out the macro words of a line in capitals; return the block left to be read, None without any."""
         if self.flow.executed > self.file_lines:
             self.letters += len(line)
             if self.letters > MOST_LETTERS:
