@@ -127,7 +127,7 @@ def match_columns(
         if key in matched:
             other = header[matched[key][0]]
             twice = f"column '{title}' occurs twice"
-            message = twice if other == title else f"columns '{other}' and '{title}' say the same"
+            message = twice if other == title else f"columns '{other}' and '{title}' hold the same quantity"
             raise InputError(f"{message}; keep one of them", file=path, where=line)
         matched[key] = (index, column, unit)
     _check_groups(path, line, header, columns, [column for _, column, _ in matched.values()])
@@ -176,5 +176,5 @@ def _check_groups(
             raise InputError(f"missing column {name}; the columns are {header}", file=path, where=line)
         if column.group in groups:
             mates = [other.headers()[0] for other in columns if other.group == column.group]
-            message = f"missing column {column.header()}; {', '.join(mates)} stand together or not at all"
+            message = f"missing column {column.header()}; {', '.join(mates)}: give all or none"
             raise InputError(message, file=path, where=line)

@@ -34,11 +34,11 @@ def refuse_foreign(
         for depth in range(1, len(parts)):
             above, inside = place.joinpath(*parts[:depth]), shown.joinpath(*parts[:depth])
             if above.is_symlink() or (above.exists() and not above.is_dir()):
-                raise InputError(f"is no folder, but files are to be written into it; {ADVICE}", file=inside)
+                raise InputError(f"is no folder, but the result needs one of this name; {ADVICE}", file=inside)
             if above.is_dir() and not os.access(above, os.W_OK | os.X_OK):
-                raise InputError("cannot be written: takes no files from you", file=inside)
+                raise InputError("cannot be written: no permission to write", file=inside)
         if target.is_dir() and not target.is_symlink():
-            raise InputError(f"is a folder, but a file of this name is to be written; {ADVICE}", file=shown / name)
+            raise InputError(f"is a folder, but the result is a file of this name; {ADVICE}", file=shown / name)
         if (target.exists() or target.is_symlink()) and name not in known and not same(name):
-            message = f"is not of compplan's writing (no manifest.json names it), but is to be replaced; {ADVICE}"
+            message = f"was not written by compplan (it is in no manifest.json) and would be replaced; {ADVICE}"
             raise InputError(message, file=shown / name)

@@ -258,7 +258,7 @@ def read_text(path: str | Path) -> str:
     try:
         kind, size = path.stat().st_mode, path.stat().st_size
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-            raise InputError("is no ordinary file but a device or a pipe", file=path)
+            raise InputError("is a device or a pipe, expected a file", file=path)
         if size > MOST_BYTES:
             raise InputError(f"holds {size / 2**20:.0f} MB, at most {MOST_BYTES >> 20} MB are read", file=path)
         content = path.read_bytes()

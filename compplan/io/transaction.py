@@ -149,7 +149,7 @@ def check_file(path: Path) -> None:
         if path.is_dir():
             raise InputError("cannot be written: is a folder, name a file", file=path)
         if path.exists() and not path.is_file():
-            raise InputError("cannot be written: is no ordinary file, name another one", file=path)
+            raise InputError("cannot be written: is a device or a pipe, name a file", file=path)
         if is_input(path):
             raise InputError("is a file that this run reads, name another one to write", file=path)
         _check_parent(path)
@@ -174,7 +174,7 @@ def _check_parent(path: Path) -> None:
     if there.is_file() and there != path:
         raise InputError(f"cannot be written: {there} is a file", file=path)
     if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"cannot be written: folder {there} takes no files from you", file=path)
+        raise InputError(f"cannot be written: folder {there} no permission to write", file=path)
 
 
 def check_results(path: Path, names: Iterable[str]) -> None:

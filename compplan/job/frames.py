@@ -140,7 +140,7 @@ class PointPairs(StrictTable):
         for name, points in (("nominal", self.nominal), ("measured", self.measured)):
             size = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), compute_uv=False)
             if size[0] < NEAREST_MM or size[1] < FLATTEST * size[0]:
-                raise ValueError(f"has {name} points on one line, which leave a turn about it open")
+                raise ValueError(f"has {name} points on one line, which do not determine the rotation about it")
         return self
 
     def fit(self) -> FittedFrame:
@@ -257,7 +257,7 @@ class ToolTable(PoseTable):
             return np.eye(4)
         found = locate_pendant(robot)
         if found is None:
-            message = f"is 'pendant', and nothing says how the pendant of {robot.name!r} counts tools"
+            message = f"is 'pendant', but the tool frame of the pendant of {robot.name!r} is unknown"
             cure = 'write [pendant] with x and z in its controller.toml, or frame = "flange"'
             raise InputError(f"{message}; {cure}", where="tool.frame")
         return found.pose

@@ -328,14 +328,14 @@ def check_job(
     tools: tuple[NumberedTool, ...] = ()
     if isinstance(data.get("tool"), list):
         if "tools" in data:
-            raise InputError("stands beside [tools], expected one of both", file=file, where="tool")
+            raise InputError("is given beside [tools], expected one of them", file=file, where="tool")
         tools = check_tools(data["tool"], file)
         data = {key: value for key, value in data.items() if key != "tool"}
     if isinstance(data.get("process"), dict):
         data["process"] = apply_material(data["process"], Path(file), "process")
     if isinstance(data.get("tool"), dict) and "cutter_file" in data["tool"]:
         if "tools" in data:
-            raise InputError("stands beside [tools], which says every cutter", file=file, where="tool.cutter_file")
+            raise InputError("is given beside [tools], which holds every cutter", file=file, where="tool.cutter_file")
         tool = check_table(ToolTable, data["tool"], file=file, key="tool")
         data["process"] = place_cutter(data.get("process", {}), tool, Path(file))
     table = data.get("toolpath")

@@ -20,7 +20,7 @@ SOURCES: dict[str, str] = {
     "wrench_level": "what the force model states, else assumed; models of milling and forming err by 10 to 20 %",
     "wrench_direction_deg": "assumed",
     "wrench_path": "assumed; relative variation of the level along the path",
-    "correlation_mm": "assumed; distance at which errors along the path forget each other",
+    "correlation_mm": "assumed; correlation length of errors along the path",
     "motor_encoder_deg": "assumed; a 17-bit encoder behind a gear reads far finer than its mounting",
     "link_encoder_deg": "assumed; a 20-bit ring with its mounting error",
     "temperature_K": "assumed; drift of arms that warm up comes to 1 mm at most",

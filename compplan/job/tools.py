@@ -42,7 +42,7 @@ class NumberedTool(ToolTable):
     @model_validator(mode="after")
     def _check_name(self) -> NumberedTool:
         if self.number is None and self.name is None:
-            raise ValueError("says neither number nor name, expected the T number of the CAM file, such as number = 1")
+            raise ValueError("has neither number nor name, expected the T number of the CAM file, such as number = 1")
         return self
 
 
@@ -92,7 +92,8 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
         tool = check_table(NumberedTool, entry, file=file, key=f"tool[{k}]")
         key = (tool.number, tool.name)
         if key in seen:
-            message = f"describes {_call(tool.number or 0, tool.name or '')} again, tool[{seen[key]}] does already"
+            call = _call(tool.number or 0, tool.name or "")
+            message = f"describes {call} again, tool[{seen[key]}] describes it already"
             raise InputError(message, file=file, where=f"tool[{k}]")
         seen[key] = k
         tools.append(tool)

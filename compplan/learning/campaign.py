@@ -203,7 +203,7 @@ def _choose(
         sights = candidates.sights.drop_contacts(idle)
         candidates = replace(candidates, sights=sights).take(np.flatnonzero(sights.contact >= 0))
     left = len(candidates.sights.names)
-    said = f"{left} of {asked} unknown places are worth putting up: more poses at these tell more than any elsewhere"
+    said = f"{left} of {asked} unknown places are worth adding: more poses at these determine more than any other place"
     return design, start, candidates, choice, [said] if left < asked else []
 
 
@@ -259,8 +259,8 @@ def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force
     if rest**2 > 0.5 * left**2:
         return []
     return [
-        "poses without a load tell nothing of compliances, and these make most of what stays uncertain: hang weights at"
-        " the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
+        "poses without a load do not determine compliances, which make most of the remaining uncertainty: hang weights"
+        " at the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
     ]
 
 

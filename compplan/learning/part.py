@@ -276,7 +276,7 @@ def _list_notes(
     """Return why the lesson is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (travel.reason, *([f"{stood}: it is learned as the robot's"] if stood else [])) if lesson.taken else ()
+    told = (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else [])) if lesson.taken else ()
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
@@ -288,7 +288,7 @@ def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, *, asked:
     """
     stood = describe_whole(gathered, tip, job.T_base_part[:3, :3])
     if stood and asked:
-        raise points.error(f"{stood}; did the part stand so? {WHOLE_PART}")
+        raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
     return stood
 
 
@@ -309,8 +309,8 @@ def ask_possible(
     )
     other = explain_points(points.stack(["x", "y", "z"]), nominal, T_base_part, in_base=in_base, whole=whole)
     raise points.error(
-        f"{said}{other}; is it this part, and did it stand where the job says? --align best_fit takes a shift of the"
-        " whole part off, --assume-ok learns it as it is"
+        f"{said}{other}; is it this part, at the place of the job? --align best_fit removes a shift of the whole part,"
+        " --assume-ok learns it as it is"
     )
 
 
@@ -322,7 +322,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
-        said = f"the path is shifted by up to {most:.3g} mm for what cut parts taught; deviations count from there"
+        said = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
         plan = replace(plan, notes=(said, *plan.notes))
     return nominal, plan
 

@@ -217,7 +217,7 @@ class Plan(Shown):
         band, margins, nominal = self.promise, self.margins, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
-        missing = "not known: a robot within the stated widths finds no equilibrium"
+        missing = "not known: a robot within the stated widths has no equilibrium"
         missing = NO_BAND if self.status == "infeasible" else missing
         widest = missing if band is None else (
             f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "

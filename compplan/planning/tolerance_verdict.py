@@ -163,7 +163,7 @@ def check_tolerance(case: Case) -> ToleranceVerdict:
     if case.status == "infeasible":
         return _no_solution(case)
     if promise is None:
-        text = "no robot within what is known finds an equilibrium under this load"
+        text = "no robot within the uncertainty has an equilibrium under this load"
         return _not_known(case, text, MEASURE, None, None)
     cut = case.task.cut
     use = use_tolerance(case.task, promise)
@@ -264,7 +264,7 @@ def find_missing(case: Case) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
     robot = case.task.robot
     if robot.uncertainty is None and robot.grade == "placeholder":
-        return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
+        return "the stiffness of this robot was never measured (its model is a placeholder)", MEASURE
     if not np.isfinite(case.bending.inertia):
         return "the robot folder has no masses or no springs, so inertia is not counted", "State them in its folder."
     return None
@@ -319,7 +319,7 @@ def explain_width(promise: ErrorBand | None, nominal: float) -> str:
     """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
     if promise is None or promise.greatest <= WIDE * nominal:
         return ""
-    cause = max(promise.causes, key=lambda name: promise.causes[name], default="what is not known of the robot")
+    cause = max(promise.causes, key=lambda name: promise.causes[name], default="the uncertainty of the robot")
     share = f", above all {promise.leading[0][0]} ({_percent(promise.leading[0][1])})" if promise.leading else ""
     return (
         f" The band is wide, {_mm(promise.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"

@@ -73,7 +73,7 @@ def describe_campaign(campaign: PoseCampaign) -> str:
 def _caption(campaign: PoseCampaign) -> str:
     floor = float(campaign.design.floor.max())
     return (
-        f"Dashed: {format_length(floor)} are left by the force, repeatability and what no parameter explains. Cut and"
+        f"Dashed: {format_length(floor)} remain from force, repeatability and unmodelled errors. Cut and"
         " measure a part for those (compplan learn)."
     )
 
@@ -147,7 +147,7 @@ def _stands(campaign: PoseCampaign) -> list[Section]:
     if not rows:
         return []
     columns = [Column("label"), *(Column(name, "mm", 4) for name in "xyz"), Column("put up")]
-    lead = "In the robot's base frame; within centimetres is enough where nothing else is said, the rows tell the rest."
+    lead = "In the robot's base frame; within centimetres is enough unless stated otherwise."
     return [Section("Where it stands", [PageTable(columns, rows)], lead)]
 
 
@@ -161,5 +161,5 @@ def _describe_pull(pull: Array) -> str:
 
 def _rest(campaign: PoseCampaign) -> Block:
     rows: list[Row] = [[name, format_percent(share)] for name, share in campaign.rest]
-    columns = [Column("if this were known exactly"), Column("the variance of the tip would shrink by")]
+    columns = [Column("if this were exact"), Column("the variance of the tip would shrink by")]
     return PageTable(columns, rows or [["nothing stands out", None]])

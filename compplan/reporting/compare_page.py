@@ -122,7 +122,7 @@ def _describe_drawn(comparison: Comparison) -> str:
     least = min(median for median, _ in drawn.values())
     equals = [name for name, (median, _) in drawn.items() if median <= 1.02 * least]
     most = max(drawn[name][1] for name in equals)
-    text = f"On robots that may be yours, by what is known of it, {_say_closest(equals)}: "
+    text = f"On robots drawn from the uncertainty, {_say_closest(equals)}: "
     text += f"{format_length(least)} rms in the median, {format_length(most)} in 95 %"
     if "none" in drawn and "none" not in equals:
         text += f", against {format_length(drawn['none'][0])} and {format_length(drawn['none'][1])} without"
@@ -162,7 +162,7 @@ def _matrix(comparison: Comparison) -> PageTable:
             text = f"{format_length(run.rms_deviation)}  ({format_length(run.max_deviation)})"
             row.append(TableCell(text, "good" if close else ""))
         rows.append(row)
-    first = [] if drawn is None else [Column("robots drawn from what is known")]
+    first = [] if drawn is None else [Column("robots drawn from the uncertainty")]
     columns = [Column("strategy"), *first, *(Column(cell) for cell in cells)]
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
     if drawn is not None:

@@ -234,7 +234,7 @@ def _split_tables(split: Split) -> list[Block]:
         PageTable([Column("direction"), Column("share of the gap"), Column("95 %")], axes, "By direction, base axes."),
     ]
     if approach:
-        caption = "How far a joint stands apart when its last move came from either side; positive: it lags behind."
+        caption = "Difference of a joint's position between approaches from either side; positive: it lags behind."
         blocks.append(PageTable(columns, approach, caption))
     return blocks
 
@@ -332,7 +332,7 @@ def _next(steps: Sequence[Mapping[str, Any]]) -> Section:
         how = str(step.get("how", step.get("kind", ""))) or "–"
         rows.append([separates, how, len(step.get("poses", [])), len(step.get("wrenches", [])), gain])
     heads = [Column("separates"), Column("how"), Column("poses"), Column("loads"), Column("expected gain")]
-    text = "Poses and loads stand in diagnosis.json; all are within joint limits and the loads of this campaign."
+    text = "Poses and loads are in diagnosis.json; all are within joint limits and the loads of this campaign."
     blocks: list[Block] = [PageTable(heads, rows), text] if rows else []
     return Section("What to measure next", blocks)
 

@@ -41,7 +41,7 @@ def show_error_band(promise: ErrorBand, stations: Stations, tolerance: float) ->
         zero=True,
         limit=(1e3 * tolerance, f"tolerance {format_set_value(1e3 * tolerance)} mm"),
     )
-    caption = "Distance from the path that holds the true tip with 95 %, and the same by each cause alone."
+    caption = "95 % band: distance from the path that contains the true tip, in all and by each cause alone."
     blocks: list[Block] = [Chart(chart, caption, height=360, along=True), _table(promise)]
     if promise.ladder:
         blocks.append(_ladder(promise))
@@ -67,8 +67,8 @@ def describe_error_band(promise: ErrorBand, tolerance: float) -> str:
         return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
     if known.groups:
         text += (
-            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} for what {known.groups}"
-            " groups of poses showed that the fit had never seen."
+            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} from {known.groups}"
+            " groups of poses left out of the fit."
         )
     return text
 
@@ -114,5 +114,5 @@ def _ladder(promise: ErrorBand) -> PageTable:
 
 def _leading(promise: ErrorBand) -> PageTable:
     rows = [[name, format_percent(share)] for name, share in promise.leading]
-    columns = [Column("if this were known exactly"), Column("the variance of the tip would shrink by")]
+    columns = [Column("if this were exact"), Column("the variance of the tip would shrink by")]
     return PageTable(columns, rows, "What would narrow the band most, mean over the path.")

@@ -194,7 +194,7 @@ def _tabulate(found: ForcePrediction, cut: Engagement) -> PageTable:
               float(arc[i, 1]), TableCell(float(force[i]), "strong")] for i in rows]  # fmt: skip
     columns = [Column("waypoint"), Column("length", "mm", 4), Column("axial depth", "mm"), Column("radial width", "mm"),
                Column("first angle", "deg"), Column("last angle", "deg"), Column("force", "N")]  # fmt: skip
-    return PageTable(columns, table, "At even steps of the cut; forces.csv holds every waypoint.", scroll=14)
+    return PageTable(columns, table, "At even steps of the cut; forces.csv has every waypoint.", scroll=14)
 
 
 def _comparison(fit: ForceFit) -> Section:

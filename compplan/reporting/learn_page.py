@@ -17,7 +17,7 @@ from compplan.reporting.style import AFTER, BEFORE, CATEGORIES, format_length
 from compplan.reporting.summaries import open_learning
 from compplan.robot import Array
 
-BANDS = "Distance that holds the true tip with 95 %. Dotted: in the directions that were measured alone."
+BANDS = "95 % band of the true tip. Dotted: in the directions that were measured alone."
 
 
 def write_learn_page(teaching: LearnedPart, file: Path) -> None:
@@ -135,5 +135,5 @@ def _learned(teaching: LearnedPart) -> PageTable:
     columns = [
         Column("parameter"), Column("change"), Column("known before, ±"), Column("ratio", "", 2), Column("kept in"),
     ]  # fmt: skip
-    caption = "The greatest changes beside how surely each value was known before (one standard deviation)."
+    caption = "The greatest changes and the standard deviation of each value before."
     return PageTable(columns, rows, caption)

@@ -93,8 +93,7 @@ def _notes(result: JobStudy) -> list[str]:
     if result.run.stopped:
         notes.append(f"Stopped after {summary['samples']} samples: all intervals were narrow enough.")
     notes.append(
-        "The uncertainties are assumed unless the job sets them: the ranking holds for cells like these, "
-        "and only as far as they are like yours."
+        "The uncertainties are assumed unless the job sets them: the ranking holds for such robots and forces only."
     )
     return notes
 
@@ -171,7 +170,7 @@ def _sensitivity(result: JobStudy) -> Section:
     heads = [Column("total index"), *(Column(name_strategy(name), "", 2) for name in found.total)]
     fold = Fold("All strategies", [PageTable(heads, rows)])
     caption = (
-        f"Share of the variance of the rms deviation that is left if all but this were known, with 95 % interval; "
+        f"Share of the variance of the rms deviation that remains if all but this were exact, with 95 % interval; "
         f"{found.samples} samples, {found.waypoints} waypoints."
     )
     figure = draw_sensitivity(found, result.summary["sensitivity_of"])

@@ -39,7 +39,7 @@ def write_place_page(summary: Mapping[str, Any], place_map: Any, posture: Postur
     ]
     assumed = []
     if "uncertainty_assumed" in summary:
-        assumed = ["what is not known of the robot (job: [posture.uncertainty])"]
+        assumed = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     write_page(
         file,
         f"{summary['robot']}: where the part should stand",

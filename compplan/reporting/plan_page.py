@@ -183,7 +183,7 @@ def _deviation(plan: Plan, stations: Stations) -> Section:
     blocks: list[Block] = [scene, fold]
     if plan.command.failures:
         blocks.append(_failure_table(plan, after))
-    return Section("Deviation", blocks, "How far the loaded tool tip is from where the toolpath wants it.")
+    return Section("Deviation", blocks, "Distance of the loaded tool tip from the toolpath.")
 
 
 def _failure_table(plan: Plan, after: Array) -> PageTable:

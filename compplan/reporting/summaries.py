@@ -83,7 +83,7 @@ def open_comparison(
         figures.append(KeyFigure(format_mm(left["none"]), "rms deviation without correction"))
     todo = f'Plan with it: compplan plan JOB, where the job says strategy = "{best}".'
     if not kept:
-        todo = f"{MEASURE} What is not known of it matters more than the strategy."
+        todo = f"{MEASURE} Its uncertainty matters more than the strategy."
     return Summary(verdict, "good" if kept else "unsure", figures, picture, todo)
 
 
@@ -102,7 +102,7 @@ def open_study(result: JobStudy, picture: Block) -> Summary:
         KeyFigure(format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
         KeyFigure(format_mm(1e-3 * entry["max_mm"]["p95"]), "95 of 100 parts are nowhere farther off than that"),
     ]
-    todo = "More samples make the figures surer: --samples."
+    todo = "More samples narrow the intervals: --samples."
     if result.sensitivity is not None:
         shares = result.sensitivity.total[result.summary["sensitivity_of"]]
         group = result.sensitivity.groups[int(np.argmax(shares))]
@@ -132,7 +132,7 @@ def open_diagnosis(
     alone = " by itself, but calibration takes it up to the noise" if taken_up else ""
     verdicts = {
         "none": ("Nothing is wrong: what is left is noise of the measurement.", "good"),
-        "unknown": (f"Something is wrong that none of the known effects explains{alone}.", "unsure"),
+        "unknown": (f"No known effect explains the gap{alone}.", "unsure"),
         "calibrated": ("The robot was not calibrated: many small errors, none of them a cause by itself.", "good"),
         "explained": (f"Found: {first}{more}.", "good"),
     }
@@ -141,7 +141,7 @@ def open_diagnosis(
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
         verdicts["explained"] = (f"Found, but not for certain: {first}{more}.", "unsure")
     floor = gap.get("noise_floor_mm")
-    left = "Something is left that nothing explains."
+    left = "A part of the gap is not explained."
     if taken_up:
         left = "The rest has no name, but calibration takes it up to the noise."
     if small > 0.5:
@@ -190,7 +190,7 @@ def open_learning(teaching: LearnedPart, picture: Block) -> Summary:
     """Say what the next part may be expected to be."""
     lesson = teaching.lesson
     if not lesson.taken:
-        verdict = "The program stays as it is: the measured part does not say how to make the next one better."
+        verdict = "The program stays as it is: the measured part does not improve the next one."
         figures = [KeyFigure(format_mm(lesson.rms), "rms deviation of the measured part")]
         return Summary(verdict, "unsure", figures, picture, "Measure more points, or another part, and learn again.")
     verdict = "The new program should make the next part better."

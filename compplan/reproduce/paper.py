@@ -155,7 +155,7 @@ def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str
         quantity: What it is about.
         paper: What the paper says.
         ours: What this run found.
-        holds: Whether both say the same.
+        holds: Whether both hold the same quantity.
         assumption: What had to be assumed.
     """
     return Row(quantity, paper, ours, "", None, "matches" if holds else "order of magnitude", assumption)

@@ -283,7 +283,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         where = f"unknown[{index}]"
         place = repr((entry.effect, entry.joint, entry.axis, entry.keys, entry.fixed))
         if (first := seen.setdefault(place, index)) < index:
-            raise InputError(f"says the same as unknown[{first}], leave one out", file=file, where=where)
+            raise InputError(f"repeats unknown[{first}], leave one out", file=file, where=where)
         if len(entry.deviation) != len(entry.keys):
             message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one a key"
             raise InputError(message, file=file, where=f"{where}.deviation")

@@ -294,7 +294,7 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> No
         parents[joint.child] = joint
     roots = [link for link in links if link not in parents]
     if len(roots) > 1:
-        message = f"links {roots[:5]} hang on nothing, expected one base link and joints to all others"
+        message = f"links {roots[:5]} have no parent joint, expected one base link and joints to all others"
         raise InputError(message, file=file)
     reached: set[str] = set()
     for link in links:

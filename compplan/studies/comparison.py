@@ -38,7 +38,7 @@ def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> C
     task = build_task(robot, nominal, options, file=job.file)
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
     if announce:
-        announce("robots drawn from what is known")
+        announce("robots drawn from the uncertainty")
     return replace(comparison, job=job, drawn=draw_strategies(task, job.noise, read_force_spread(job)))
 
 

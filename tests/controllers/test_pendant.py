@@ -113,7 +113,7 @@ def test_a_robot_that_says_nothing_of_its_pendant_is_refused_and_one_with_tool0_
     text = (folder / "robot.urdf").read_text().replace("tool0", "tip")
     (folder / "robot.urdf").write_text(text)
     (folder / "elasticity.toml").write_text((folder / "elasticity.toml").read_text().replace("tool0", "tip"))
-    with pytest.raises(InputError, match=r"tool.frame: is 'pendant', and nothing says .* write \[pendant\]"):
+    with pytest.raises(InputError, match=r"tool.frame: is 'pendant', but .* is unknown; write \[pendant\]"):
         ToolTable(frame="pendant").mount(load_robot(folder))
 
 
@@ -209,7 +209,7 @@ def test_angles_of_another_maker_an_unconfirmed_pendant_and_a_spindle_below_the_
     assert len(notes) == 2 and "zyz_deg" in notes[0] and "not confirmed" in notes[1]
     assert not ask_about_form(job, load_robot("kuka_kr16_2"))
     up, down = np.tile(Z, (3, 1)), np.tile(-Z, (3, 1))
-    assert not look_at_spindle(up, job) and "looks away from the part" in look_at_spindle(down, job)[0]
+    assert not look_at_spindle(up, job) and "on the side of -z" in look_at_spindle(down, job)[0]
     turned = check_job({**base, "part": {"rotation_deg": [180.0, 0.0, 0.0]}})
     assert not look_at_spindle(down, turned) and look_at_spindle(up, turned)
 

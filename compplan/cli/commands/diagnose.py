@@ -93,7 +93,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     for finding in verdict.findings:
         place = " ".join(str(part) for part in finding.effect.place if part is not None)
         rivals = ", ".join(" ".join(str(p) for p in r.place if p is not None) for r in finding.rivals if r.alike)
-        tie = f"; this campaign cannot tell it from {rivals}" if rivals else ""
+        tie = f"; this campaign cannot separate it from {rivals}" if rivals else ""
         change = describe_change(state_change(diagnosis.robot, finding.effect, diagnosis.deliveries[0].uncertainty))
         lines.append(
             f"  {place}: {change + ' (95 %), ' if change else ''}probability {finding.probability:.2f}, "
@@ -108,7 +108,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
     for left in verdict.structure.dependences if verdict.status != CALIBRATED else ():
         what = describe_unmodelled(left.effect.joint, str(left.effect.axis))
         beside = describe_beside(verdict.findings, left)
-        lines.append(f"  no named effect makes {what}{beside}: {left.explained * 1e3:.3f} mm")
+        lines.append(f"  no named effect explains {what}{beside}: {left.explained * 1e3:.3f} mm")
     lines.append(
         f"gap: {gap.before * 1e3:.3f} mm before, {gap.after * 1e3:.3f} mm after; "
         f"on rows not in the fit {gap.held_out_before * 1e3:.3f} mm before, {gap.held_out_after * 1e3:.3f} mm after; "
@@ -123,7 +123,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
 def describe_next(diagnosis: Diagnosis, out: Path) -> str:
     """Say what to do with the folders that were written to `out`."""
     if diagnosis.deliveries[0].kind == NOMINAL:
-        return "next: nothing predicts better than the robot as it was; what to measure next is on the page"
+        return "next: nothing predicts better than the nominal robot; the page shows what to measure next"
     return f"next: plan with it, compplan plan JOB --robot {out / 'robot'}; what to measure next is on the page"
 
 

@@ -21,8 +21,8 @@ from compplan.io.tables import dump_json
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
 @click.option("--align", type=click.Choice(["datum", "best_fit"]),
-              help="Whether the points stand where their frame says, or a shift and turn of all is fitted and taken"
-              " off: then a shift of the whole part teaches nothing. Left out: datum, but such a shift is asked about.",
+              help="Take the points as their frame states (datum), or remove a fitted shift and turn of all points"
+              " first (best_fit). Left out: datum, with a question where such a shift is large.",
               )  # fmt: skip
 @click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
@@ -34,7 +34,7 @@ from compplan.io.tables import dump_json
 @click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
               help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of the"
               " cutter in [process].")  # fmt: skip
-@click.option("--assume-ok", is_flag=True, help="Learn points that are asked about as they are.")
+@click.option("--assume-ok", is_flag=True, help="Learn implausible points without asking.")
 @posture_kept
 @click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
 def command(

@@ -27,7 +27,7 @@ def check_pendant(robot: Robot) -> Iterator[Remark]:
     found, flange = locate_pendant(robot), robot.flange
     if found is None:
         advice = "write [pendant] with x and z in controller.toml, or give tools in the URDF's flange frame"
-        yield Remark("note", "pendant", "nothing says how the teach pendant counts tools", advice)
+        yield Remark("note", "pendant", "the tool frame of the teach pendant is unknown", advice)
         return
     x, z = (name_axis(found.pose[:3, k]) for k in (0, 2))
     said = f"tool data of the teach pendant: x points along {x} and z along {z} of {flange!r} ({found.source})"

@@ -105,6 +105,6 @@ def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: 
         alike = good & ~campaign.first_visit  # their approach is fitted, no folder holds it
     off = float(np.abs(gap[alike] - expected[alike]).max(initial=0.0))
     if off > SAME_POSITION:
-        raise InputError(f"the robot as read differs by {1e3 * off:.3g} mm from the one that was judged", file=folder)
+        raise InputError(f"the robot as read differs by {1e3 * off:.3g} mm from the validated one", file=folder)
     good[diagnosis.outliers] = False
     return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))

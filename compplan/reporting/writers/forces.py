@@ -137,7 +137,7 @@ def write_level(found: ForcePrediction, file: Path) -> None:
 
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
-        raise InputError("process.toml stands in a robot folder, beside robot.urdf", file=file)
+        raise InputError("process.toml belongs into a robot folder, beside robot.urdf", file=file)
     process, (level, sigma) = found.job.process, found.fit.ratio
     if not 0.0 < level <= MOST_LEVEL:
         raise InputError(f"the log's force is {level:.3g} times the predicted one, above 0 is allowed", file=file)

@@ -21,7 +21,7 @@ from compplan.robot import Array
 #: What the lines of a map mean.
 LINES = (
     "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer posture "
-    "changes from elbow up to elbow down. Cross: maximum. The arm stands where the worst unit force has its maximum."
+    "changes from elbow up to elbow down. Cross: maximum. The arm is drawn where the worst unit force has its maximum."
 )
 
 

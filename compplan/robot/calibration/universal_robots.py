@@ -88,7 +88,7 @@ def find_type(nominal: Robot) -> Array:
         dh[4:, 2] = dh[0, 2] - high, -across - dh[3, 2]
         if _differ(zero, walk_dh(dh)) < ROUNDED:
             return dh
-    message = f"robot {nominal.name!r} has not the axes of a Universal Robots arm as it ships"
+    message = f"robot {nominal.name!r} does not have the axes of a Universal Robots arm"
     raise InputError(f"{message}, expected --robot ur5e, ur10e, ...")
 
 

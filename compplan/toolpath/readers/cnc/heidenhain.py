@@ -95,7 +95,7 @@ class Klartext:
                     raise flow.error(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
                 if word in self.labels:
                     first = blocks[self.labels[word]].line
-                    raise flow.error(f"label {word} stands twice, first in line {first}")
+                    raise flow.error(f"label {word} occurs twice, first in line {first}")
                 if word != "0":
                     self.labels[word] = index
         self.it.run(CncProgram(blocks, 0, len(blocks), self.it.file))
