@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.quantities import format_percent
 from compplan.planning.run_timing import Timing
 from compplan.planning.task import PlanTask
 from compplan.reporting.along_path import find_spans
-from compplan.reporting.style import format_percent
 from compplan.robot import Array
 
 #: Forces below this share of the greatest one are none.

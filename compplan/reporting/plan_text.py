@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from compplan.io.notes import list_remarks, list_stops
+from compplan.io.quantities import format_mm
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN, describe_tolerance
 from compplan.reporting.plan_summary import NO_PROGRAM, NO_PROGRAM_NAMES
-from compplan.reporting.style import format_mm
 
 if TYPE_CHECKING:
     from compplan.planning.result import Plan

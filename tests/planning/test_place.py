@@ -14,7 +14,7 @@ from compplan.job.job import check_job
 from compplan.planning.plan import job_robot
 from compplan.planning.posture.place import Rater, place_part, summarise_placement
 from compplan.planning.posture.settings import PostureSettings
-from compplan.reporting.place_map import draw_place_map
+from compplan.reporting.place import draw_place_map
 
 TABLE = {
     "schema": 1,

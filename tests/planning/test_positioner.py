@@ -21,7 +21,7 @@ from compplan.controllers.writers.fit import fit_moves
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.planning.plan import job_robot, plan_job
-from compplan.reporting.robot_scene import locate_links
+from compplan.reporting.scenes import locate_links
 from compplan.reporting.view.motion import locate_chain
 from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
 from compplan.reporting.writers.plan import deliver_plan

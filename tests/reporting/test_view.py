@@ -15,9 +15,10 @@ from montecarlo_cases import cone_job
 
 from compplan.cli import group
 from compplan.errors import InputError
+from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.planning.plan import Plan, plan_job
-from compplan.reporting.robot_scene import locate_links
-from compplan.reporting.style import CATEGORIES, NEUTRAL, SEQUENTIAL
+from compplan.reporting.scenes import locate_links
+from compplan.reporting.style import SEQUENTIAL
 from compplan.reporting.thinning import simplify_path
 from compplan.reporting.view.gap_scene import GapScene
 from compplan.reporting.view.motion import bend_arm, locate_chain

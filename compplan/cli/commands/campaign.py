@@ -58,7 +58,7 @@ def command(
     from compplan.learning.campaign import Equipment, design_campaign, parse_weights
     from compplan.measurement.registration import parse_parts
     from compplan.planning.plan import plan_job
-    from compplan.reporting.writers.campaign import write_campaign
+    from compplan.reporting.campaign import write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")

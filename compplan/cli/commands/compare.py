@@ -28,8 +28,8 @@ def command(job: Path, folder: Path, robot: str | None, as_json: bool) -> None:
     """
     from compplan.cli.commands.progress import show_progress
     from compplan.job.operations import load_one_job
-    from compplan.planning.compare import compare_job
-    from compplan.reporting.writers.plan import summarise_comparison, write_comparison
+    from compplan.planning.compare import compare_job, summarise_comparison
+    from compplan.reporting.compare import write_comparison
 
     checked = load_one_job(job, robot)
     with show_progress() as announce:
@@ -48,7 +48,7 @@ def print_table(comparison: Comparison) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from compplan.reporting.style import format_length
+    from compplan.io.quantities import format_length
 
     table = Table(title=f"{comparison.name}: deviation of the loaded tool, rms / greatest")
     table.add_column("strategy")

@@ -12,7 +12,7 @@ import click
 from compplan.cli.commands.cam_options import keep_stated, take_cam_options
 from compplan.cli.commands.output_paths import OUT_FOLDER, OUT_TABLE
 from compplan.errors import InputError
-from compplan.io.tables import dump_json
+from compplan.io.tables import dump_json, write_text
 from compplan.io.tomlfile import check_table, read_named_table
 from compplan.io.transaction import replace_folder
 from compplan.toolpath.readers import READERS, CamFacts, read_cam, refuse_idle
@@ -66,10 +66,10 @@ def command(
         toolpath = refuse_idle(cam)
     except InputError as error:
         if report is not None:
-            from compplan.reporting.convert_page import write_refusal_page
+            from compplan.reporting.convert import render_refusal
 
             with replace_folder(report, "convert") as folder:
-                write_refusal_page(camfile, error, folder / PAGE)
+                write_text(folder / PAGE, render_refusal(camfile, error))
         raise
     if max_step_mm is not None and not 0.0 < max_step_mm < inf:
         raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
@@ -80,10 +80,10 @@ def command(
         note = f"{still} cutting moves have no feed: state it with --feed"
         cam = dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, notes=(*cam.facts.notes, note)))
     if report is not None:
-        from compplan.reporting.convert_page import write_convert_page
+        from compplan.reporting.convert import render_toolpath
 
         with replace_folder(report, "convert") as folder:
-            write_convert_page(toolpath, dataclasses.replace(cam.facts, waypoints=len(toolpath)), folder / PAGE)
+            write_text(folder / PAGE, render_toolpath(toolpath, cam.facts))
     if as_json:
         facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}
         click.echo(dump_json({"schema": 1, "out": str(out), **facts}))

@@ -27,9 +27,9 @@ from compplan.errors import UnknownNameError
 from compplan.io.tables import dump_json
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
+from compplan.reporting.diagnosis import deliver_diagnosis
 from compplan.reporting.diagnosis_text import describe_beside, describe_counting
 from compplan.reporting.effect_text import describe_change
-from compplan.reporting.writers.diagnosis import deliver_diagnosis
 
 
 @click.command("diagnose")

@@ -38,7 +38,7 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
     from compplan.process.learned_force import FILE as LESSON
-    from compplan.reporting.writers.forces import write_coefficients, write_forces, write_level
+    from compplan.reporting.forces import write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")

@@ -26,7 +26,7 @@ from compplan.job.names import EFFECTS
 from compplan.measurement.checks import list_notes
 from compplan.measurement.fit.robust import LOSSES
 from compplan.measurement.registration import parse_parts
-from compplan.reporting.writers.identify import describe_identification, write_identification
+from compplan.reporting.identify import describe_identification, write_identification
 
 
 @click.command(epilog=f"Effects: {', '.join(EFFECTS)}.")

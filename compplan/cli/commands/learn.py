@@ -58,7 +58,7 @@ def command(
     from compplan.learning.part import learn_from_part
     from compplan.learning.surface import read_surface
     from compplan.measurement.instrument import read_instrument
-    from compplan.reporting.writers.learn import write_learning
+    from compplan.reporting.learn import write_learning
 
     checked = load_one_job(job, keep=keep)
     if instrument is not None and sigma_mm is None:

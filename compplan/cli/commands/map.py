@@ -13,9 +13,9 @@ from compplan.cli.commands.progress import show_progress
 from compplan.effects import robot_effects
 from compplan.errors import InputError
 from compplan.io.tables import dump_json
+from compplan.reporting.map import write_map
 from compplan.reporting.maps.reach import POSTURES
 from compplan.reporting.maps.survey import MapSettings, map_robot
-from compplan.reporting.writers.map import write_map
 from compplan.robot import load_robot
 
 #: Greatest load [N, Nm] and height [mm] that are taken for true.

@@ -52,7 +52,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     from compplan.errors import InputError
     from compplan.io.transaction import lock_folder
     from compplan.job.operations import load_one_job
-    from compplan.reporting.writers.montecarlo import write_study
+    from compplan.reporting.montecarlo import write_study
     from compplan.studies.job_study import study_job
     from compplan.studies.runner import Settings
     from compplan.studies.workers import Workers

@@ -33,9 +33,8 @@ def carry_out_all(jobs: Sequence[Job], folder: Path, *, as_json: bool, note: str
     from compplan.planning.operations import summarise_operations
     from compplan.planning.plan import plan_job
     from compplan.planning.result import replace_said
-    from compplan.reporting.operations_page import describe_operations
+    from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
     from compplan.reporting.plan_text import format_notes
-    from compplan.reporting.writers.operations import deliver_operations, describe_order
     from compplan.reporting.writers.plan import note_programs
 
     name = jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem

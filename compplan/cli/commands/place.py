@@ -23,7 +23,7 @@ def command(job: Path, folder: Path, as_json: bool) -> None:
     from compplan.job.operations import load_one_job
     from compplan.planning.plan import job_robot
     from compplan.planning.posture.place import place_part
-    from compplan.reporting.writers.place import write_placement
+    from compplan.reporting.place import write_placement
     from compplan.uncertainty.posture_errors import posture_errors
 
     checked = load_one_job(job)

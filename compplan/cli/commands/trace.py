@@ -25,7 +25,7 @@ def command(logs: tuple[Path, ...], programs: tuple[Path, ...], robot_name: str,
     Example: compplan trace run1.csv run2.csv --program p1.csv --program p2.csv --robot ur10 --out out
     """
     from compplan.cli.commands.progress import show_progress
-    from compplan.reporting.writers.executed import trace_logs, write_trace
+    from compplan.reporting.trace import trace_logs, write_trace
     from compplan.robot import load_robot
 
     robot = load_robot(robot_name)

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.reporting.maps.maps import DeflectionMap
 from compplan.reporting.maps.reach import ELBOWS
-from compplan.reporting.style import CATEGORIES, INK, NEUTRAL, SEQUENTIAL
+from compplan.reporting.style import INK, SEQUENTIAL
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.quality import DexterityMap, Zone

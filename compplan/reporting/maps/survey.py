@@ -197,11 +197,3 @@ def _statistics(values: Array) -> dict[str, float | None]:
     if not known.size:
         return {"min": None, "mean": None, "max": None}
     return {key: float(f"{f(known):.5g}") for key, f in (("min", np.min), ("mean", np.mean), ("max", np.max))}
-
-
-ROWS = {
-    "worst_unit_force_um_per_N": "deflection under the worst unit force [µm/N]",
-    "under_wrench_mm": "deflection under the given wrench [mm]",
-    "full_minus_reduced_um_per_N": "full minus reduced model [µm/N]",
-    "inverse_condition": "dexterity 1/κ",
-}

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from compplan.reporting.path_scene import choose_magnification
-from compplan.reporting.style import format_length, format_percent
+from compplan.io.quantities import format_length, format_percent
+from compplan.reporting.scenes import choose_magnification
 from compplan.reporting.view.motion import locate_chain
 from compplan.reporting.view.paint import Lines, paint_names, pick_point
 from compplan.reporting.view.recording import GapRecording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compplan.reporting.robot_scene import follow_joints
+from compplan.reporting.scenes import follow_joints
 from compplan.reporting.view.recording import ViewCell
 from compplan.robot import Array
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.reporting.style import CATEGORIES, NEUTRAL, SEQUENTIAL
+from compplan.io.palette import CATEGORIES, NEUTRAL
+from compplan.reporting.style import SEQUENTIAL
 from compplan.robot import Array
 
 Bytes = NDArray[np.uint8]

@@ -6,7 +6,9 @@ import html
 
 import numpy as np
 
-from compplan.reporting.style import AFTER, SEQUENTIAL, TOLERANCE, format_length, format_set_length
+from compplan.io.palette import AFTER, TOLERANCE
+from compplan.io.quantities import format_length, format_set_length
+from compplan.reporting.style import SEQUENTIAL
 from compplan.reporting.thinning import thin_rows
 from compplan.robot import Array
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.reporting.style import format_length, format_number
+from compplan.io.quantities import format_length, format_number
 from compplan.reporting.thinning import simplify_path
 from compplan.reporting.view.motion import bend_arm, locate_chain
 from compplan.reporting.view.paint import LAST, Bytes, Lines, join_rows, paint_sizes, pick_point

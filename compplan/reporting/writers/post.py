@@ -15,7 +15,7 @@ from compplan.job.profile import read_profile
 from compplan.planning.operations import worst_status
 from compplan.planning.plan import plan_job
 from compplan.planning.result import Plan
-from compplan.reporting.writers.operations import deliver_operations
+from compplan.reporting.operations import deliver_operations
 from compplan.reporting.writers.plan import deliver_plan, note_programs
 from compplan.robot.folder import find_robot_folder
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,13 @@ from compplan.controllers.motion.windows import PlacedLog, cut_windows, load_tra
 from compplan.controllers.writers.joint_convention import load_motion
 from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion, tabulate_motion
 from compplan.errors import InputError
+from compplan.io.display import Curve, Curves
 from compplan.io.provenance import describe_origin
+from compplan.io.quantities import format_number, format_percent
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
-from compplan.reporting.trace_page import write_trace_page
+from compplan.reporting import page
+from compplan.reporting.charts import draw_curves
 from compplan.reporting.writers.robot_folder import deliver_robot_folder
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm
@@ -30,7 +33,9 @@ from compplan.statics.ik import build_arm
 MOTION = re.compile(r"(?:^#[^\n]*\n)*^\[motion\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
 #: Rows that are nearer to the program than this share of all are divided among causes; the rest may be misplaced. [%]
 WITHIN = 95.0
-CAUSES = ("lag", "blend", "jitter", "lost_motion")
+#: Causes in words.
+CAUSES = {"lag": "lag of the drives", "blend": "blends at corners", "jitter": "torn rows of the log",
+          "lost_motion": "lost motion"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -174,7 +179,7 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
         if traced.found.helps:
             write_motion(traced.found.motion, traced.robot, part / "robot" / "controller.toml")
         write_json(part / "trace.json", summary)
-        write_trace_page(traced.robot.name, summary, traced.found, part / "report.html")
+        write_text(part / "report.html", _render(traced.robot.name, summary, traced.found))
     return summary
 
 
@@ -187,3 +192,72 @@ def write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
         text = "# Signs and zeros are not checked.\n" + tomli_w.dumps(begin).rstrip("\n")
     table = "".join(f"{key} = {json.dumps(value)}\n" for key, value in tabulate_motion(motion, robot.prismatic).items())
     write_text(file, f"{text}\n\n# How the controller moves and how its drives follow.\n[motion]\n{table}")
+
+
+def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
+    """Return the page: what the executed path leaves of the programmed one, why, and what a model explains."""
+    without, left, parts = summary["left_without_model_mm"], summary["left_mm"], summary["parts"]
+    lede = (
+        f"The tip leaves the programmed path by {format_number(without['median'])}\u00a0mm (median) and "
+        f"{format_number(without['p95'])}\u00a0mm (95 of 100 rows are nearer). It leaves the path that the model "
+        f"executes by {format_number(left['median'])} and {format_number(left['p95'])}\u00a0mm, on rows that the "
+        "model was not fitted to."
+    )
+    facts = [
+        (key.replace("_", " "), ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value))
+        for key, value in summary["motion"].items()
+    ]
+    assumed = ["Blends are parabolas within the zone, of every make.", "Torn rows are one cycle old."]
+    if not summary["written"]:
+        assumed.append("The folder's own controller values, which were not identified here.")
+    causes = [[words, 100.0 * parts[name], summary["parts_rms_mm"][name]] for name, words in CAUSES.items()]
+    causes.append(["not explained", 100.0 * max(0.0, 1.0 - sum(parts.values())), None])
+    text = "Shares of the mean square distance across the programmed path; they add up along its direction."
+    held = "logs" if summary["held_out"] == "log" else "stretches of time"
+    models = {"programmed path": without, "folder's values": summary["left_with_folder_mm"], **summary["models_mm"]}
+    tried = [
+        [name, *(page.Cell(entry[key], "strong" if name == summary["model"] else "") for key in ("median", "p95"))]
+        for name, entry in models.items()
+    ]
+    logs = [
+        [entry["log"], entry["rows"], entry["cycle_ms"], entry["torn_readings"], 100.0 * entry["late_share"],
+         100.0 * entry["missing_share"], entry["begins_at_length_mm"]]
+        for entry in summary["logs"]
+    ]  # fmt: skip
+    heads = ["log", "rows", "cycle [ms]", "torn readings", "late [%]", "missing [%]", "begins at [mm, 4]"]
+    sections = [
+        page.Section("Causes", [page.Table(["cause", "share [%]", "rms [mm]"], causes, text)]),
+        page.Section("Models", [page.Table(["model", "median [mm]", "95 % [mm]"], tried,
+                                           f"Distances of rows left out: {held} were left out in turn.")]),
+        page.Section("Logs", [page.Table(heads, logs, "Clocks of the logs, and where along the program they begin.")]),
+    ]  # fmt: skip
+    return page.render_page(
+        f"Executed path of {robot}", lede, sections, kind="Trace", opening=_open(summary, found),
+        notes=summary["notes"], provenance=page.Provenance(facts, assumed),
+    )  # fmt: skip
+
+
+def _open(summary: Mapping[str, Any], found: Identified) -> page.Summary:
+    """Return the first screen."""
+    without, left, parts = summary["left_without_model_mm"], summary["left_mm"], summary["parts"]
+    cause = max(parts, key=lambda name: parts[name])
+    verdict = "No identified controller helps; the folder keeps its values."
+    todo = "Log programs of two paths or speeds, and trace them together."
+    if summary["written"]:
+        ratio = format_number(without["p95"] / max(left["p95"], 1e-9), 2)
+        verdict = f"The identified controller is {ratio} times closer to the executed path than the program."
+        todo = "Use it: compplan execute PROGRAM.csv --robot OUT/robot --out EXECUTED.csv."
+    figures = [
+        page.KeyFigure(f"{format_number(without['p95'])}\u00a0mm",
+                       "95 % of the rows are nearer to the programmed path"),
+        page.KeyFigure(f"{format_number(left['p95'])}\u00a0mm", "the same, to the path that the model executes",
+                       "good" if summary["written"] else "bad"),
+        page.KeyFigure(format_percent(parts[cause]), f"of what is left is {CAUSES[cause]}, the largest cause"),
+    ]  # fmt: skip
+    share, kept = np.linspace(0.0, 100.0, 101), found.left if found.helps else found.left_before
+    lines = [Curve(name, 1e3 * np.percentile(values, share), share, role)
+             for name, values, role in (("to the program", found.without, "before"),
+                                        ("to the model's path", kept, "after"))]  # fmt: skip
+    chart = draw_curves(Curves("", "distance [mm]", "rows nearer [%]", tuple(lines)))
+    picture = page.Chart(chart, "Share of the rows that are nearer than a distance.", height=330)
+    return page.Summary(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from compplan.errors import InfeasibleError
-from compplan.reporting.maps.service_sphere import serve_point, spread_directions
+from compplan.reproduce.service_sphere import serve_point, spread_directions
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.elastic import cartesian_compliance
