@@ -47,7 +47,7 @@ def diagnose(
     import numpy as np
 
     from compplan.api.given_robot import take_robot
-    from compplan.cli.commands.measured import settle_questions
+    from compplan.cli.measured import settle_questions
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.effects import EFFECTS
     from compplan.errors import UnknownNameError

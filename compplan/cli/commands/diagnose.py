@@ -7,15 +7,9 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.measured import (
-    load_measured,
-    measured_options,
-    registered_parts,
-    settle_questions,
-)
-from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.output_paths import OUT_FOLDER
-from compplan.cli.commands.progress import show_progress
+from compplan.cli.measured import load_measured, measured_options, registered_parts, settle_questions
+from compplan.cli.options import INPUT, assume_ok, json_summary, out_folder, robot_option
+from compplan.cli.terminal import show, show_progress
 from compplan.diagnosis import Diagnosis, Finding, diagnose_campaign
 from compplan.diagnosis.evidence.unmodelled import describe_unmodelled
 from compplan.diagnosis.results.accuracy import MORE, Assessment
@@ -24,7 +18,6 @@ from compplan.diagnosis.results.delivery import NOMINAL
 from compplan.diagnosis.results.verdict import CALIBRATED
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
-from compplan.io.tables import dump_json
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.diagnosis import deliver_diagnosis
@@ -33,23 +26,18 @@ from compplan.reporting.effect_text import describe_change
 
 
 @click.command("diagnose")
-@click.argument("measurements", type=click.Path(path_type=Path))
-@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
-              help="Robot folder, or name of a shipped robot.")  # fmt: skip
-@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
+@click.argument("measurements", type=INPUT)
+@robot_option()
+@out_folder
 @click.option("--register", help="Fit these frames in every model: base, tool or base,tool.")
-@click.option(
-    "--without",
-    multiple=True,
-    metavar="EFFECT",
-    help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}.",
-)
+@click.option("--without", multiple=True, metavar="EFFECT",
+              help=f"Leave an effect out of the candidates, may be repeated: {', '.join(EFFECTS)}.")  # fmt: skip
 @measured_options
-@click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")
-@click.option("--json", "as_json", is_flag=True, help="Print diagnosis.json.")
+@assume_ok
+@json_summary
 def command(
-    measurements: Path, robot_name: str, out: Path, register: str | None, without: tuple[str, ...], tool: Path | None,
-    instrument: Path | None, target_offset: str | None, assume_ok: bool, as_json: bool,
+    measurements: Path, robot_name: str, folder: Path, register: str | None, without: tuple[str, ...],
+    tool: Path | None, instrument: Path | None, target_offset: str | None, assume_ok: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Diagnose the gap between ROBOT and MEASUREMENTS (a measurement log).
 
@@ -69,20 +57,15 @@ def command(
         progress("questions")
         asked = settle_questions(robot, campaign, parts, assume_ok, events=True)
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
-        table, assessment = deliver_diagnosis(diagnosis, out, progress)
-    if as_json:
-        click.echo(dump_json(table))
-        return
-    for question in asked:
-        click.echo(f"assumed to be meant: {question}")
-    click.echo(describe_diagnosis(diagnosis))
-    click.echo(describe_assessment(diagnosis, assessment))
-    measured = diagnosis.fit.problem.campaign
-    for note in list_notes(measured.notes):
-        click.echo(note)
+        table, assessment = deliver_diagnosis(diagnosis, folder, progress)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
-    click.echo(f"wrote diagnosis.json, report.html, {folders} to {out}")
-    click.echo(describe_next(diagnosis, out))
+    lines = [
+        *(f"assumed to be meant: {question}" for question in asked),
+        describe_diagnosis(diagnosis), describe_assessment(diagnosis, assessment),
+        *list_notes(diagnosis.fit.problem.campaign.notes),
+        f"wrote diagnosis.json, report.html, {folders} to {folder}", describe_next(diagnosis, folder),
+    ]  # fmt: skip
+    show(table, as_json, lines)
 
 
 def describe_diagnosis(diagnosis: Diagnosis) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from compplan.cli.options import INPUT
 from compplan.diagnosis.data.plausibility import ask_unit, build_rows_model, check_plausibility
 from compplan.errors import InputError
 from compplan.io.tomlfile import check_table, read_named_table
@@ -26,25 +27,22 @@ MOST_OFFSET = 10.0
 
 
 def measured_options(command: Command) -> Command:
-    """Add --instrument, --tool and --target-offset to a command."""
-    command = click.option(
-        "--instrument",
-        type=click.Path(path_type=Path),
-        help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a cone),"
-        " readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted unless"
-        " --target-offset says it.",
-    )(command)
-    command = click.option(
-        "--target-offset",
-        metavar="X,Y,Z",
-        help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where the fit begins.",
-    )(command)
-    return click.option(
-        "--tool",
-        type=click.Path(path_type=Path),
-        help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; without a mass"
-        " its weight is not known and bends nothing.",
-    )(command)
+    """Add --tool, --target-offset and --instrument to a command."""
+    options = (
+        click.option("--tool", type=INPUT,
+                     help="TOML file with position_mm, rotation_deg, mass_kg, centre_of_mass_mm, as [tool] of a job; "
+                     "without a mass its weight is not known and bends nothing."),
+        click.option("--target-offset", metavar="X,Y,Z",
+                     help="Measured point in the TCP frame, mm; left out: the TCP. With --register tool it is where "
+                     "the fit begins."),
+        click.option("--instrument", type=INPUT,
+                     help="TOML file of an instrument that sees no positions: contacts (ball in a socket, tip on a "
+                     "cone), readings along a direction (dial gauge, probe), distances (ball bar). The tool is fitted "
+                     "unless --target-offset says it."),
+    )  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    return command
 
 
 def load_measured(
@@ -123,7 +121,7 @@ def read_log(log: Path | None, robot: Robot, instrument: Path | None = None) -> 
 def settle_questions(
     robot: Robot, campaign: Campaign, parts: Sequence[str], assume_ok: bool, *, events: bool = False
 ) -> list[str]:
-    """Ask what has to be settled before anything is fitted.
+    """Return the questions that a log raises before anything is fitted, as sentences, where they are assumed answered.
 
     Args:
         robot: The nominal robot.
@@ -132,12 +130,8 @@ def settle_questions(
         assume_ok: Whether every question is taken as answered.
         events: Whether what follows models events of the campaign: they are stated then and not asked about.
 
-    Returns:
-        The questions as sentences, where they are assumed to be answered.
-
     Raises:
-        InputError: With the first question, if it is not.
-
+        InputError: With the first question that is not answered.
     """
     check_runs(campaign)
     questions = check_plausibility(robot, campaign, parts)
