@@ -60,7 +60,7 @@ DELIVERED = {
 
 def deliver_diagnosis(
     diagnosis: Diagnosis, out: Path, progress: Callable[[str], None] = lambda text: None
-) -> tuple[dict[str, Any], Assessment]:
+) -> tuple[dict[str, Any], page.Summary]:
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
     Args:
@@ -69,7 +69,7 @@ def deliver_diagnosis(
         progress: Called with what is being done.
 
     Returns:
-        What diagnosis.json holds, and what the folders are worth.
+        What diagnosis.json holds, and the first screen of the page.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -82,7 +82,8 @@ def deliver_diagnosis(
     extra = {"where": split.to_json(), **assessment.to_json(), "next_measurement": propose_measurements(diagnosis)}
     table = {**diagnosis.to_table(extra), "log_notes": list(diagnosis.fit.problem.campaign.notes)}
     progress("report")
-    return write_diagnosis(diagnosis, split, assessment, table, out), assessment
+    table = write_diagnosis(diagnosis, split, assessment, table, out)
+    return table, _open(diagnosis, split, table)
 
 
 def write_diagnosis(
@@ -191,11 +192,6 @@ def render_diagnosis(
         for effect in verdict.get("doubtful", [])
     ]
     notes += [told] if (told := words.describe_counting(diagnosis)) else []
-    caption = (
-        "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well."
-    )
-    picture = page.Chart(draw_gap_shares(split.shares.by_place, "place"), caption, 330)
-    small, listed = split.shares.by_place[CALIBRATION].share, any(step.get("poses") for step in steps)
     answers = [
         words.describe_where(verdict, split, taken_up=taken_up),
         words.describe_which(verdict, structure, split, taken_up=taken_up),
@@ -204,9 +200,19 @@ def render_diagnosis(
     return page.render_page(
         f"{robot.name}: diagnosis", answers, [section for section in sections if section.blocks],
         kind=f"Diagnosis of {_name_log(campaign)}",
-        opening=open_diagnosis(verdict, gap, kind, picture, small, listed=listed),
+        opening=_open(diagnosis, split, table),
         notes=[*notes, describe_grade(robot)],
         provenance=describe_robot(robot, _list_facts(diagnosis, rows)),
+    )  # fmt: skip
+
+
+def _open(diagnosis: Diagnosis, split: Split, table: Mapping[str, Any]) -> page.Summary:
+    shares = draw_gap_shares(split.shares.by_place, "place")
+    caption = "Share of the error by place. Lines: 95 % intervals; where one is long, another place explains it as well"
+    small = split.shares.by_place[CALIBRATION].share
+    return open_diagnosis(
+        table["verdict"], table["gap"], diagnosis.deliveries[0].kind, page.Chart(shares, f"{caption}.", 330), small,
+        listed=any(step.get("poses") for step in table["next_measurement"]),
     )  # fmt: skip
 
 
