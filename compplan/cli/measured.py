@@ -53,7 +53,6 @@ def load_measured(
 
     Raises:
         InputError: If a file or the offset is not what it has to be.
-
     """
     robot = load_robot(robot_name)
     if tool is not None:
@@ -91,7 +90,6 @@ def parse_offset(text: str) -> Array:
 
     Raises:
         InputError: If it is not three numbers.
-
     """
     try:
         offset = np.array([float(part) for part in text.split(",")]) * 1e-3

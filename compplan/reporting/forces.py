@@ -97,7 +97,6 @@ def write_forces(found: ForcePrediction, folder: Path) -> dict[str, Any]:
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
-
     """
     summary = {**summarise_forces(found), "made_by": describe_origin()}
     with replace_folder(folder, "forces") as part:
@@ -116,7 +115,6 @@ def write_coefficients(found: ForcePrediction, file: Path) -> None:
 
     Raises:
         InputError: If the force model has no coefficients, or the file cannot be written.
-
     """
     fitted = None if found.fit is None else found.fit.coefficients
     if fitted is None:
@@ -146,7 +144,6 @@ def write_level(found: ForcePrediction, file: Path) -> None:
 
     Raises:
         InputError: If the file does not stand in a robot folder, or nothing was fitted.
-
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
         raise InputError("process.toml stands in a robot folder, beside robot.urdf", file=file)

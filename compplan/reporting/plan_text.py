@@ -32,7 +32,6 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         plan: The plan.
         folder: Folder that it was written to.
         files: Files written.
-
     """
     cause = f"largest cause: {plan.verdict.largest_cause}"
     step = NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN

@@ -49,7 +49,6 @@ class Traced:
         found: What was identified.
         gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
         notes: What was read past or assumed.
-
     """
 
     robot: Robot
@@ -70,7 +69,6 @@ def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> 
 
     Raises:
         InputError: If a file is not what it has to be, or the numbers of logs and programs differ.
-
     """
     if len(programs) not in (1, len(logs)):
         message = f"{len(logs)} logs and {len(programs)} programs, expected one --program a log, in order, or one"
@@ -171,7 +169,6 @@ def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
 
     Raises:
         InputError: If the folder cannot be written.
-
     """
     summary = summarise_trace(traced)
     with replace_folder(folder, "trace") as part:

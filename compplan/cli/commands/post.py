@@ -83,7 +83,6 @@ def read_part(text: str) -> dict[str, Any]:
 
     Raises:
         InputError: If it is neither.
-
     """
     from compplan.reporting.writers.post import read_part as read_numbers
     from compplan.reporting.writers.post import read_table_of_job
@@ -102,7 +101,6 @@ def read_output(file: str) -> dict[str, Any]:
 
     Raises:
         InputError: If a key is not what it has to be, those among them that the command line replaces.
-
     """
     from compplan.job.output import OutputTable
     from compplan.reporting.writers.post import read_table_of_job

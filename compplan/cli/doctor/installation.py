@@ -30,7 +30,6 @@ class Remark:
         about: What was looked at, in a word or two.
         sentence: What was seen, with its figure.
         advice: What to do about it; "" where there is nothing to do.
-
     """
 
     state: Literal["fine", "note", "odd"]

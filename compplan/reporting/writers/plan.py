@@ -133,7 +133,6 @@ def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
         plan: The plan.
         before: Rows of the approach.
         after: Rows of the retract.
-
     """
     n = len(plan.task)
     stands = np.zeros(before + n + after, bool)
@@ -356,7 +355,6 @@ def place_events(events: Sequence[Event], before: int, count: int, after: int) -
         before: Rows of the approach.
         count: Rows of the path. What ends something at the last of them waits until the tool is retracted.
         after: Rows of the retract.
-
     """
     rows = [
         -1 if event.place < 0 else event.place + before + after * (event.place == count - 1 and event.kind in ENDING)
