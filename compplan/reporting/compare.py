@@ -12,6 +12,7 @@ from compplan.io.palette import CATEGORIES
 from compplan.io.quantities import format_length, format_mm, format_percent, format_set_length, format_set_value
 from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import list_files, replace_folder
+from compplan.job.names import ONLINE
 from compplan.planning.compare import summarise_comparison
 from compplan.planning.tolerance_verdict import MEASURE
 from compplan.reporting import page
@@ -89,7 +90,7 @@ def _list_closest(left: Mapping[str, float], share: float) -> list[str]:
 def _open(comparison: Comparison) -> page.Summary:
     """Return the first screen: which strategy to plan with, and what it brings on a robot like this one."""
     found, tolerance, drawn = find_left(comparison), comparison.task.tolerance, comparison.drawn is not None
-    left = {name: median for name, (median, _) in found.items()}
+    left = {name: median for name, (median, _) in found.items() if name not in ONLINE}
     equals = _list_closest(left, 1.0 + SAME)
     best = "nlp" if "nlp" in equals else equals[-1]  # of equals the product's own
     most = found[best][1]
@@ -111,12 +112,12 @@ def _open(comparison: Comparison) -> page.Summary:
     todo = f'Plan with it: compplan plan JOB, where the job says strategy = "{best}".'
     if not kept:
         todo = f"{MEASURE} What is not known of it matters more than the strategy."
-    names = [f"{name_strategy(name)}: {format_mm(median)}" for name, median in left.items()]
+    names = [f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in found.items()]
     high = [1e3 * max(median, most) for median, most in found.values()]
-    series = {"": Bars([1e3 * median for median in left.values()], colour_strategies(left, best), None, high)}
+    series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}
     chart = draw_bars(names, series, "deviation, rms, mm", level=1e3 * tolerance, hover="%{x:.3g} mm")
     caption = "Bar: every second robot like yours stays below it; tick: 95 of 100 do. Dashed: the tolerance."
-    picture = page.Chart(chart, caption, 90 + 46 * len(left))
+    picture = page.Chart(chart, caption, 90 + 46 * len(found))
     return page.Summary(verdict, "good" if kept else "unsure", figures, picture, todo)
 
 
@@ -169,7 +170,8 @@ def _show_cells(comparison: Comparison) -> page.Section:
         row: page.Row = [page.Cell(name_strategy(name), "strong")]
         if drawn is not None:
             close = drawn.median(name) <= CLOSE * min(drawn.median(other) for other in drawn.rms)
-            text = f"{format_length(drawn.median(name))}  ({format_length(drawn.most(name))})"
+            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[name])
+            text = f"{format_length(drawn.median(name))}, {ends}  ({format_length(drawn.most(name))})"
             row.append(page.Cell(text, "good" if close else ""))
         for cell in cells:
             run = runs[cell][name]
@@ -181,7 +183,7 @@ def _show_cells(comparison: Comparison) -> page.Section:
     tolerance = comparison.task.tolerance
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
     if drawn is not None:
-        caption += f" Drawn robots: rms, median (what 95 % stay below); {drawn.source}."
+        caption += f" Drawn robots: rms, median and its 95 % interval (what 95 % stay below); {drawn.source}."
     within = f"{own}: cut within {format_set_value(1e3 * tolerance)} mm"
     table = page.Table(["strategy", *first, *cells, within], rows, caption)
     series = {}

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.quantities import format_percent
-from compplan.planning.run_timing import Timing
 from compplan.planning.task import PlanTask
+from compplan.planning.timing import Timing
 from compplan.reporting.along_path import find_spans
 from compplan.robot import Array
 

@@ -9,7 +9,7 @@ import numpy as np
 from compplan.io.display import Curve, Curves
 from compplan.io.palette import AFTER, BEFORE, LIMIT, NEUTRAL
 from compplan.io.quantities import format_length, format_number
-from compplan.planning.posture.initial_branches import compare_postures
+from compplan.planning.posture.start import compare_postures
 from compplan.reporting import page
 from compplan.reporting.along_path import Stations, draw_lines
 from compplan.reporting.charts import Figure, draw_curves

@@ -9,13 +9,13 @@ import click
 
 from compplan.cli.options import INPUT, json_summary, out_folder, robot_instead
 from compplan.cli.terminal import format_table, show, show_progress
-from compplan.job.names import STRATEGIES
+from compplan.job.names import ONLINE, STRATEGIES
 
 if TYPE_CHECKING:
     from compplan.planning.compare import Comparison
 
 
-@click.command(epilog=f"Strategies: {', '.join(STRATEGIES)}.")
+@click.command(epilog=f"Strategies: {', '.join((*STRATEGIES, *ONLINE))}.")
 @click.argument("job", type=INPUT)
 @out_folder
 @robot_instead
@@ -26,8 +26,9 @@ def command(job: Path, folder: Path, robot_name: str | None, as_json: bool) -> N
     Example: compplan compare paths/circle_500mm.toml --out out
     """
     from compplan.job.operations import load_one_job
-    from compplan.planning.compare import compare_job, summarise_comparison
+    from compplan.planning.compare import summarise_comparison
     from compplan.reporting.compare import write_comparison
+    from compplan.studies.comparison import compare_job
 
     checked = load_one_job(job, robot_name)
     with show_progress() as announce:
@@ -48,12 +49,14 @@ def describe_strategies(comparison: Comparison) -> list[str]:
         runs = [comparison.evaluations[cell][strategy] for cell in cells]
         figures = [f"{format_length(run.rms_deviation)} / {format_length(run.max_deviation)}" for run in runs]
         if drawn is not None:
-            figures.insert(0, f"{format_length(drawn.median(strategy))} / {format_length(drawn.most(strategy))}")
+            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[strategy])
+            median, most = (format_length(value) for value in (drawn.median(strategy), drawn.most(strategy)))
+            figures.insert(0, f"{median} ({ends}) / {most}")
         rows.append([strategy if command.status == "solved" else f"{strategy} (infeasible)", *figures])
-    columns = ["strategy", *([] if drawn is None else ["drawn robots, rms: median / 95 %"]), *cells]
+    columns = ["strategy", *([] if drawn is None else ["drawn robots, rms: median (its interval) / 95 %"]), *cells]
     title = f"{comparison.name}: deviation of the loaded tool, rms / greatest"
     return [
-        *format_table(rows, columns, title, max(80, 26 * len(columns))),
+        *format_table(rows, columns, title, max(80, 26 * (len(columns) + (drawn is not None)))),
         *([] if drawn is None else [f"drawn robots: {drawn.source}"]),
         f"deviation computed by {comparison.judge}; robot model: {comparison.task.robot.grade}",
     ]
