@@ -253,11 +253,12 @@ class _Rows:
         """Say where the moves of a program, which end at some of the rows, are not those planned."""
         lines = [move for move in moves if move.kind != "joint"]
         said = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
-        if self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
+        every = self._compare_feeds(moves) if len(moves) == len(self.q) else "rows are left out"
+        if every and self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
             bases = [self.world @ np.asarray(move.base) for move in moves]
             said += follow_moves(self._lay_rows(), held, moves, bases)
         else:
-            said.append(self._compare_feeds(moves))
+            said.append(every)
         return [text for text in said if text]
 
     def _compare_joints(self, moves: list[Move], held: NDArray[np.int_]) -> str:
@@ -302,8 +303,8 @@ class _Rows:
 
     def _compare_feeds(self, moves: list[Move]) -> str:
         wanted = np.maximum(self.wanted.feed[self.wanted.program] * 1e3, 0.0)
-        stated = np.array([np.nan if move.feed is None or move.kind != "line" else move.feed for move in moves])
-        off = np.abs(stated - np.maximum(wanted, LEAST_FEED)) - FEED_STEP
+        stated = np.array([np.nan if move.feed is None else move.feed for move in moves])
+        off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, LEAST_FEED))) - FEED_STEP
         off[(wanted == 0.0) | np.isnan(stated)] = -1.0
         if off.max(initial=-1.0) <= 0.0:
             return ""
