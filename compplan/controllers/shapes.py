@@ -46,7 +46,6 @@ def follow_arc(x: Array, via: Array) -> tuple[Array, Array] | None:
     Args:
         x: Rows; the arc begins at the first and ends at the last. Shape (k, 3). [mm]
         via: The place. Shape (3,). [mm]
-
     """
     circle = find_circle(x[0], via, x[-1])
     if circle is None:
@@ -76,7 +75,6 @@ def follow_curve(x: Array, along: Array, bend: Array) -> tuple[Array, Array]:
         x: Rows; it begins at the first and ends at the last. Shape (k, 3). [mm]
         along: Length of the path up to each. Shape (k,). [mm]
         bend: Its derivatives by its share, at start and end. Shape (2, 3). [mm]
-
     """
     share = (along - along[0]) / max(float(along[-1] - along[0]), 1e-12)
     middle = 0.5 * (share[:-1] + share[1:])
@@ -116,7 +114,6 @@ def find_via(x: Array, middle: int) -> Array:
     Args:
         x: Rows. Shape (k, 3). [mm]
         middle: The row. Where the rows lie on a line the place is the row itself.
-
     """
     chord = x[-1] - x[0]
     length = float(np.linalg.norm(chord))

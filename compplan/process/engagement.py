@@ -23,22 +23,14 @@ TIP = 3e-5
 
 @dataclass(frozen=True)
 class Engagement:
-    """What the cutter touches at n waypoints; k slices of its edge, m angles.
+    """What the cutter touches at n waypoints; k slices of its edge, m angles."""
 
-    Attributes:
-        cutter: The cutter.
-        depth: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
-        travel: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
-        level: Height of the tip above the lowest point of the path, along the mean axis. Shape (n,). [m]
-        turning: How the axis turns a length of travel: along the travel, to its left; None for one that stands.
-            Shape (n, 2). [rad/m]
-
-    """
-
-    cutter: Cutter
-    depth: NDArray[np.float32]
-    travel: Array
-    level: Array
+    cutter: Cutter  #: The cutter.
+    depth: NDArray[np.float32]  #: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
+    travel: Array  #: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
+    level: Array  #: Height of the tip above the lowest point of the path, along the mean axis. Shape (n,). [m]
+    #: How the axis turns a length of travel: along the travel, to its left; None for one that stands. Shape (n, 2).
+    #: [rad/m]
     turning: Array | None = None
 
     def __len__(self) -> int:
@@ -202,7 +194,6 @@ def outward_speed(edge: Slices, travel: Array, angle: Array, turning: Array | No
 
     Returns:
         Shape (n, k, m).
-
     """
     middle = np.column_stack([edge.radius, edge.low + 0.5 * edge.rise])
     return surface_speed(edge.normal, middle, travel, angle, turning)
@@ -220,7 +211,6 @@ def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turn
 
     Returns:
         Shape (n, k, m).
-
     """
     out, up = normal[:, :1], normal[:, 1:]
     speed = travel[:, 0, None, None] * (out * np.cos(angle)) + travel[:, 1, None, None] * up

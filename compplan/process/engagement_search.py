@@ -63,7 +63,6 @@ def find_engagement(
 
     Returns:
         The engagement; rapid moves meet nothing.
-
     """
     n = len(position)
     axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis

@@ -27,30 +27,19 @@ ON_PATH = 1e-7
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """What the process does to the tool, for a plan that divides the path further and changes its feed.
+    """What the process does to the tool, for a plan that divides the path further and changes its feed."""
 
-    Attributes:
-        process: The model and its parameters.
-        T_base_part: Pose of the part frame seen from the base. Shape (4, 4). [m]
-        tool_x: Where x of the TCP points, base axes. Shape (3,).
-        folder: Folder that a file name of the model is relative to.
-        rows_at: Length along the path of each row of the toolpath file. Shape (r,). [m]
-        stock_top: Height of the stock's top in the part frame, None where none is known. [m]
-        note: What a user should know of it.
-        cutting: The engagement of the path, for cutters that follow from it.
-        learned: What measured parts said of the force, or None.
-
-    """
-
-    process: Process
+    process: Process  #: The model and its parameters.
+    #: Pose of the part frame seen from the base. Shape (4, 4). [m]
     T_base_part: Array = field(default_factory=lambda: np.eye(4))
+    #: Where x of the TCP points, base axes. Shape (3,).
     tool_x: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    folder: Path = Path()
-    rows_at: Array | None = None
-    stock_top: float | None = None
-    note: str = ""
-    cutting: CuttingForce | None = None
-    learned: LearnedForce | None = None
+    folder: Path = Path()  #: Folder that a file name of the model is relative to.
+    rows_at: Array | None = None  #: Length along the path of each row of the toolpath file. Shape (r,). [m]
+    stock_top: float | None = None  #: Height of the stock's top in the part frame, None where none is known. [m]
+    note: str = ""  #: What a user should know of it.
+    cutting: CuttingForce | None = None  #: The engagement of the path, for cutters that follow from it.
+    learned: LearnedForce | None = None  #: What measured parts said of the force, or None.
 
     @property
     def follows_feed(self) -> bool:
@@ -91,7 +80,6 @@ class ForceLaw:
 
         Raises:
             InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
-
         """
         path = nominal if feed is None else replace(nominal, feed=feed)
         wrench = predict_wrench(
@@ -115,7 +103,6 @@ def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> t
 
     Returns:
         Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
-
     """
     if not isinstance(process, MillingProcess | CuttingTable) or getattr(process, "stock", None) is not None:
         return None, ""

@@ -91,29 +91,18 @@ class ProcessFile(StrictTable):
 
 @dataclass(frozen=True, eq=False)
 class LearnedForce:
-    """What measured parts said of the force of a process.
+    """What measured parts said of the force of a process."""
 
-    Attributes:
-        level: Force over the predicted one that the next part is expected to have.
-        level_sigma: Standard deviation of it, what differs from part to part left out.
-        turn: Rotation vector from the predicted to the true direction, axes of `axes`. Shape (3,). [rad]
-        turn_sigma: Standard deviation of it per axis, or None where nothing was learned of it. [rad]
-        scatter: Standard deviation of the level from part to part, relative.
-        parts: The parts, oldest first.
-        axes: "base", "part", or "" where the direction goes with the path and is not learned.
-        same: Whether the parts were cut with the numbers of this [process].
-        robot: Covariance of level and turns, in `axes` [rad], with each parameter of the folder's uncertainty.toml: a
-            harder push and a softer arm bend alike. Shape (p, 4), or (0, 4) where none is known. [SI]
-    """
-
-    level: float
-    level_sigma: float
-    turn: Array
-    turn_sigma: float | None
-    scatter: float
-    parts: tuple[LearnedPartTable, ...]
-    axes: str
-    same: bool = True
+    level: float  #: Force over the predicted one that the next part is expected to have.
+    level_sigma: float  #: Standard deviation of it, what differs from part to part left out.
+    turn: Array  #: Rotation vector from the predicted to the true direction, axes of `axes`. Shape (3,). [rad]
+    turn_sigma: float | None  #: Standard deviation of it per axis, or None where nothing was learned of it. [rad]
+    scatter: float  #: Standard deviation of the level from part to part, relative.
+    parts: tuple[LearnedPartTable, ...]  #: The parts, oldest first.
+    axes: str  #: "base", "part", or "" where the direction goes with the path and is not learned.
+    same: bool = True  #: Whether the parts were cut with the numbers of this [process].
+    #: Covariance of level and turns, in `axes` [rad], with each parameter of the folder's uncertainty.toml: a harder
+    #: push and a softer arm bend alike. Shape (p, 4), or (0, 4) where none is known. [SI]
     robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property

@@ -24,7 +24,6 @@ def apply_material(process: Mapping[str, Any], job: Path, where: str) -> dict[st
 
     Raises:
         InputError: If the file, or the material in it, is not what it has to be.
-
     """
     file, name = process.get("materials"), process.get("material")
     if not isinstance(file, str) or "coefficients" in process:

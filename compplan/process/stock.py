@@ -37,7 +37,6 @@ class StockColumns(Protocol):
 
         Returns:
             Two arrays of shape (...). [m]
-
         """
 
     def crest(self, place: Array) -> Array:
@@ -49,18 +48,11 @@ class StockColumns(Protocol):
 
 @dataclass(frozen=True)
 class Block:
-    """A box; its half spaces n x <= c are those of the frame that it is seen in.
+    """A box; its half spaces n x <= c are those of the frame that it is seen in."""
 
-    Args:
-        normal: Shape (6, 3).
-        offset: Shape (6,). [m]
-        corners: Shape (8, 3). [m]
-
-    """
-
-    normal: Array
-    offset: Array
-    corners: Array
+    normal: Array  #: Shape (6, 3).
+    offset: Array  #: Shape (6,). [m]
+    corners: Array  #: Shape (8, 3). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -90,20 +82,12 @@ class Block:
 
 @dataclass(frozen=True)
 class HeightMap:
-    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly.
+    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly."""
 
-    Args:
-        origin: Place of the first cell's centre. Shape (2,). [m]
-        cell: Distance of columns, one or along each axis. [m]
-        low: Bottom of each column, +inf where there is none. Shape (a, b). [m]
-        high: Top of each column, -inf where there is none. Shape (a, b). [m]
-
-    """
-
-    origin: Array
-    cell: float | Array
-    low: Array
-    high: Array
+    origin: Array  #: Place of the first cell's centre. Shape (2,). [m]
+    cell: float | Array  #: Distance of columns, one or along each axis. [m]
+    low: Array  #: Bottom of each column, +inf where there is none. Shape (a, b). [m]
+    high: Array  #: Top of each column, -inf where there is none. Shape (a, b). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -153,7 +137,6 @@ def build_block(low: Array, high: Array, R_view: Array) -> Block:
         low: Lowest corner, part frame. Shape (3,). [m]
         high: Highest corner. Shape (3,). [m]
         R_view: Axes of the view as columns, part frame; the third is the direction. Shape (3, 3).
-
     """
     normal = np.vstack([np.eye(3), -np.eye(3)])
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
@@ -165,7 +148,6 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
 
     Raises:
         InputError: If there is none, it cannot be read, or it is not closed.
-
     """
     if not file.is_file():
         raise InputError(f"no file {file}", file=job, where=where)
@@ -191,7 +173,6 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
         mesh: The mesh, part frame. [m]
         R_view: Axes of the view as columns, part frame. Shape (3, 3).
         cell: Wanted distance of columns. [m]
-
     """
     corner = (np.asarray(mesh.vertices) @ R_view)[np.asarray(mesh.faces)]
     low, high = corner.min(axis=(0, 1)), corner.max(axis=(0, 1))
@@ -225,7 +206,6 @@ def _portion_boxes(
 
     Yields:
         Which box each band belongs to, shape (b,), its first cell and the cell after its last, shape (b, 2).
-
     """
     size = np.maximum(after - first, 0)
     band = np.maximum(CELLS_AT_ONCE // np.maximum(size[:, 1], 1), 1)
@@ -250,7 +230,6 @@ def _raster(at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_
         after: The cell after the last. Shape (m, 2).
         tops: Highest crossing so far, changed in place. Shape (a, b). [m]
         bottoms: Lowest, changed in place. Shape (a, b). [m]
-
     """
     item, place = expand_boxes(first, after)
     if not len(item):
@@ -281,7 +260,6 @@ def expand_boxes(first: NDArray[np.int_], after: NDArray[np.int_]) -> tuple[NDAr
 
     Returns:
         Which box each cell belongs to, shape (c,), and the cell, shape (c, 2).
-
     """
     size = np.maximum(after - first, 0)
     count = size[:, 0] * size[:, 1]

@@ -60,7 +60,6 @@ def predict_wrench(
 
     Raises:
         InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
-
     """
     rotations = np.eye(3) if R_base_part is None else R_base_part
     if isinstance(process, ColumnsProcess):
@@ -130,7 +129,6 @@ def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
 
     Raises:
         InputError: If no cutting move goes across the tool axis, and the wrench has a part across it.
-
     """
     cut = ~nominal.rapid
     if frame != "path" or not (cut & (np.abs(wrench[:, [0, 1, 3, 4]]).max(axis=1) > 0.0)).any():

@@ -29,18 +29,11 @@ SIDE = 6
 
 @dataclass(frozen=True)
 class Places:
-    """Where rows are along a path.
+    """Where rows are along a path."""
 
-    Args:
-        s: Length along it. Shape (n,). [m]
-        point: Nearest point of it. Shape (n, 3). [m]
-        distance: Distance across it. Shape (n,). [m]
-
-    """
-
-    s: Array
-    point: Array
-    distance: Array
+    s: Array  #: Length along it. Shape (n,). [m]
+    point: Array  #: Nearest point of it. Shape (n, 3). [m]
+    distance: Array  #: Distance across it. Shape (n,). [m]
 
 
 def place_rows(path: Path, tip: Array, way: Array) -> Places:
@@ -52,7 +45,6 @@ def place_rows(path: Path, tip: Array, way: Array) -> Places:
         path: The programmed path.
         tip: Tips of the rows. Shape (n, 3). [m]
         way: Way gone up to each. Shape (n,). [m]
-
     """
     s = _follow_rows(path, tip, way, find_start(path, tip, way))
     index = np.searchsorted(path.s, s)
@@ -130,7 +122,6 @@ def find_nearest(points: Array, index: NDArray[np.int_], tip: Array, side: int) 
         index: A point of it for every row. Shape (n,).
         tip: The rows. Shape (n, 3). [m]
         side: How many pieces to either side are looked at.
-
     """
     best = np.full(len(tip), np.inf)
     nearest, share = np.empty_like(tip), np.empty(len(tip))

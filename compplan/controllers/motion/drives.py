@@ -24,7 +24,6 @@ def follow_command(q: Array, motion: ServoMotion) -> Array:
     Args:
         q: Command, a cycle apart. Shape (k, nq). [rad or m]
         motion: The controller.
-
     """
     lagged = lag_command(q, motion.lag, motion.acceleration_lag, motion.cycle)
     if not motion.lost_motion.any():
@@ -40,7 +39,6 @@ def lag_command(q: Array, lag: Array, acceleration_lag: Array, cycle: float) -> 
         lag: T1. Shape (nq,). [s]
         acceleration_lag: T2. Shape (nq,). [s^2]
         cycle: Time between rows. [s]
-
     """
     out = np.empty_like(q)
     for j in range(q.shape[1]):

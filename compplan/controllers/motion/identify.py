@@ -49,28 +49,17 @@ GROUPS = 3
 
 @dataclass(frozen=True)
 class Identified:
-    """What logs say of a controller.
+    """What logs say of a controller."""
 
-    Args:
-        motion: The model fitted to all rows.
-        rung: Its name in `RUNGS`, or "none" where no model helps rows left out.
-        helps: Whether it is to be written.
-        left: Distance of rows left out across the executed path. Shape (n,). [m]
-        left_before: The same by the folder's own values. Shape (n,). [m]
-        without: Distance across the programmed path. Shape (n,). [m]
-        ladder: By rung the (median, p95) of rows left out. [m]
-        held_out: "log" or "time": what was left out in turn.
-
-    """
-
-    motion: ServoMotion
-    rung: str
-    helps: bool
-    left: Array
-    left_before: Array
-    without: Array
+    motion: ServoMotion  #: The model fitted to all rows.
+    rung: str  #: Its name in `RUNGS`, or "none" where no model helps rows left out.
+    helps: bool  #: Whether it is to be written.
+    left: Array  #: Distance of rows left out across the executed path. Shape (n,). [m]
+    left_before: Array  #: The same by the folder's own values. Shape (n,). [m]
+    without: Array  #: Distance across the programmed path. Shape (n,). [m]
+    #: By rung the (median, p95) of rows left out. [m]
     ladder: dict[str, tuple[float, float]] = field(default_factory=dict)
-    held_out: str = "log"
+    held_out: str = "log"  #: "log" or "time": what was left out in turn.
 
 
 def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
@@ -80,7 +69,6 @@ def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) ->
         windows: Windows of all logs.
         folder: The folder's own values.
         arm: The robot.
-
     """
     logs = sorted({window.log for window in windows})
     by_log = len(logs) > 1
@@ -188,7 +176,6 @@ def fit_motion(
         free: What may change: speed, common or lag, acceleration, lost.
         arm: The robot.
         steps: Most steps.
-
     """
     now, damping = _evaluate(windows, motion, free, arm), 1e-3
     for _ in range(steps):

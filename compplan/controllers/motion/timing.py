@@ -13,16 +13,10 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class Schedule:
-    """Length along a path by time, smoothed as the controller's interpolator gives it out.
+    """Length along a path by time, smoothed as the controller's interpolator gives it out."""
 
-    Args:
-        time: Instants, a cycle apart. Shape (k,). [s]
-        s: Length along the path. Shape (k,). [m]
-
-    """
-
-    time: Array
-    s: Array
+    time: Array  #: Instants, a cycle apart. Shape (k,). [s]
+    s: Array  #: Length along the path. Shape (k,). [m]
 
 
 def limit_speed(path: Path, motion: ServoMotion) -> Array:
@@ -33,7 +27,6 @@ def limit_speed(path: Path, motion: ServoMotion) -> Array:
 
     Returns:
         Speed in s. Shape (m,). [m/s]
-
     """
     step = np.diff(path.s)
     slope, bend, tip_slope, tip_bend = path.bends

@@ -64,15 +64,10 @@ class Findings:
 
 @dataclass(frozen=True)
 class StiffArm:
-    """Forward kinematics of the unloaded arm as the controller believes it.
+    """Forward kinematics of the unloaded arm as the controller believes it."""
 
-    Attributes:
-        carries_part: Whether a positioner carries the part; poses are then seen from the part.
-        locate: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
-
-    """
-
-    carries_part: bool
+    carries_part: bool  #: Whether a positioner carries the part; poses are then seen from the part.
+    #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
     locate: Callable[[Array], tuple[Array, Array]]
 
 
@@ -88,7 +83,6 @@ def compare_written(
         robot: The robot folder.
         wanted: What was planned.
         arm_with: Returns the arm with a table [tool], or with the folder's own tool where it is None.
-
     """
     model = load_robot(robot)
     joints, cycle = read_joints(robot), load_motion(model)[0].cycle

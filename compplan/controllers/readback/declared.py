@@ -23,7 +23,6 @@ def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
         path: The program.
         part: The part frame, seen from the robot's world. Shape (4, 4). [mm]
         tool: The tool, seen from the pendant's flange. Shape (4, 4). [mm]
-
     """
     found = []
     for name, said in read_declared(path).items():

@@ -48,7 +48,6 @@ def write_program(
     Raises:
         UnknownNameError: If there is no such language.
         InputError: If the program does not fit the language, or the folder cannot be written.
-
     """
     if language not in WRITERS:
         raise UnknownNameError("program language", language, list(WRITERS))
@@ -68,7 +67,6 @@ def check_brand(controller: str, language: str) -> None:
 
     Raises:
         InputError: If the controller is of another brand than the language.
-
     """
     brand = _brand(language)
     if brand and brand.lower() in controller.lower():
@@ -86,7 +84,6 @@ def list_languages(controller: str) -> list[str]:
 
     Args:
         controller: What controller the robot has, as controller.toml names it.
-
     """
     brands = {name: _brand(name) for name in WRITERS}
     own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
@@ -109,7 +106,6 @@ def check_languages(
     Raises:
         InputError: If it is of another brand, has joints or a controller.toml that a language is not written for, or
             its controller.toml is not what it has to be.
-
     """
     controller = load_controller(robot).name if languages else ""
     moving = [name for name, module in WRITERS.items() if getattr(module, "MOVES_PART", False)]
@@ -143,7 +139,6 @@ def describe_program(program: Program, language: str) -> list[str]:
     Args:
         program: The program.
         language: One of `WRITERS`.
-
     """
     notes: list[str] = []
     if program.unchecked:

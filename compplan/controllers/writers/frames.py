@@ -25,7 +25,6 @@ def euler_angles(rotation: Array, order: str) -> Array:
 
     Returns:
         Shape (n, 3). [deg]
-
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

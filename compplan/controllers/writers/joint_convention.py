@@ -81,28 +81,17 @@ class ControllerTable(StrictTable):
 
 @dataclass(frozen=True)
 class Counting:
-    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm.
+    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm."""
 
-    Args:
-        name: What controller it is.
-        joint_names: Its names of the joints, from the base.
-        prismatic: Which joints slide. Shape (nq,).
-        matrix: sign and coupling together. Shape (nq, nq).
-        zero: What it counts at q = 0. Shape (nq,). [deg or mm]
-        words: Its configuration words by name.
-        world: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
-        unchecked: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
-
-    """
-
-    name: str
-    joint_names: tuple[str, ...]
-    prismatic: NDArray[np.bool_]
-    matrix: Array
-    zero: Array
-    words: Mapping[str, ConfigurationWord]
+    name: str  #: What controller it is.
+    joint_names: tuple[str, ...]  #: Its names of the joints, from the base.
+    prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
+    matrix: Array  #: sign and coupling together. Shape (nq, nq).
+    zero: Array  #: What it counts at q = 0. Shape (nq,). [deg or mm]
+    words: Mapping[str, ConfigurationWord]  #: Its configuration words by name.
+    #: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
     world: Array = field(default_factory=lambda: np.eye(4))
-    unchecked: str = ""
+    unchecked: str = ""  #: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
 
     @property
     def known(self) -> bool:
@@ -126,7 +115,6 @@ def load_controller(robot: Robot) -> Counting:
 
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
-
     """
     if robot.folder is None or not (robot.folder / "controller.toml").exists():
         return plain_controller(robot)
@@ -170,7 +158,6 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
 
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
-
     """
     load_controller(robot)
     file = None if robot.folder is None else robot.folder / "controller.toml"
@@ -209,7 +196,6 @@ def locate_link(robot: Robot, q: Array, link: str) -> Array:
 
     Raises:
         InputError: If the chain has no such link.
-
     """
     return locate_links(robot, q, [link])[link]
 
@@ -219,7 +205,6 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
 
     Raises:
         InputError: If the chain has no such link.
-
     """
     pose = np.tile(np.eye(4), (len(q), 1, 1))
     found = {robot.base: pose}
@@ -316,7 +301,6 @@ def believed_robot(robot: Robot) -> Robot:
 
     Raises:
         InputError: If controller.urdf is no URDF or lacks a joint of the chain.
-
     """
     if robot.folder is None or not (robot.folder / "controller.urdf").exists():
         return robot

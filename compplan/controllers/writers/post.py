@@ -31,23 +31,14 @@ LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
 
 @dataclass(frozen=True)
 class Post:
-    """How a job wants programs of a language written around their moves.
+    """How a job wants programs of a language written around their moves."""
 
-    Args:
-        template: File of its own template, or None for the one of the package.
-        tool: Number or name of the cell's own tool data, None for those of the job.
-        base: Number or name of the cell's own frame, None for the part frame of the job.
-        overwrite: Whether programs fill the cell's tool data and frame with those of the job.
-        main: Name of the main program, None for that of the job.
-        positioner: Number or name by which the cell knows what carries the part, None for the language's usual one.
-
-    """
-
-    template: Path | None = None
-    tool: int | str | None = None
-    base: int | str | None = None
-    overwrite: bool = False
-    main: str | None = None
+    template: Path | None = None  #: File of its own template, or None for the one of the package.
+    tool: int | str | None = None  #: Number or name of the cell's own tool data, None for those of the job.
+    base: int | str | None = None  #: Number or name of the cell's own frame, None for the part frame of the job.
+    overwrite: bool = False  #: Whether programs fill the cell's tool data and frame with those of the job.
+    main: str | None = None  #: Name of the main program, None for that of the job.
+    #: Number or name by which the cell knows what carries the part, None for the language's usual one.
     positioner: int | str | None = None
 
 
@@ -88,7 +79,6 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
 
     Raises:
         InputError: If the job names tool or frame in a way that the language does not know.
-
     """
     for key, kind in (("tool", cell.tool), ("base", cell.base), ("positioner", cell.positioner)):
         value = getattr(post, key)
@@ -135,7 +125,6 @@ def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> 
 
     Raises:
         InputError: If the template is not one, uses a word that there is not, or makes what no controller takes.
-
     """
     from jinja2 import TemplateError
 
@@ -164,7 +153,6 @@ def read_post(language: str) -> str:
 
     Raises:
         InputError: If it has none.
-
     """
     file = files(__package__) / "posts" / f"{language}.jinja"
     if not file.is_file():
@@ -179,7 +167,6 @@ def to_plain(value: Any) -> Any:
 
     Raises:
         TypeError: If a value is of any other type.
-
     """
     if value is None or type(value) in (str, int, float, bool):
         return value

@@ -33,7 +33,6 @@ def write_sequence(
 
     Returns:
         The files written; none where the language has no calls of other programs.
-
     """
     main = getattr(WRITERS[language], "MAIN", None)
     if main is None or len(groups) < 2:

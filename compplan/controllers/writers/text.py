@@ -31,7 +31,6 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
     Args:
         text: Any text.
         longest: Letters that may be left.
-
     """
     head = unicodedata.normalize("NFKD", text[: 10 * longest])
     plain = "".join(letter for letter in head if not unicodedata.combining(letter))
@@ -50,7 +49,6 @@ def read_code(path: Path) -> tuple[str, ...]:
     Raises:
         InputError: If the file cannot be read, or holds what would break a program: control letters, letters beyond
             ASCII, or the end of a block of XML.
-
     """
     lines = []
     for number, line in enumerate(read_text(path).split("\n"), start=1):
@@ -68,7 +66,6 @@ def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> st
         text: Any text.
         longest: Letters that the name may have.
         reserved: Words that the language keeps for itself, in lower case.
-
     """
     name = re.sub(r"[^A-Za-z0-9]+", "_", clean_text(text, 10 * longest)).strip("_") or "program"
     name = name if name[0].isalpha() else f"p_{name}"

@@ -32,20 +32,13 @@ STEP = 1e-6
 
 @dataclass(frozen=True)
 class BlendZone:
-    """Hold the zone of a language's corners.
+    """Hold the zone of a language's corners."""
 
-    Args:
-        size: Distance from the corner. [m]
-        source: Where the figure is from, or "assumed".
-        share: Most of it as a share of the shorter neighbour.
-        overlap: Time whose way at the feed counts too, in half smoothing times of the controller: where one move slows
-            down while the next one speeds up.
-
-    """
-
-    size: float
-    source: str
-    share: float = 0.5
+    size: float  #: Distance from the corner. [m]
+    source: str  #: Where the figure is from, or "assumed".
+    share: float = 0.5  #: Most of it as a share of the shorter neighbour.
+    #: Time whose way at the feed counts too, in half smoothing times of the controller: where one move slows down while
+    #: the next one speeds up.
     overlap: float = 0.0
 
 
@@ -93,7 +86,6 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     Returns:
         Zones, 0 at exact stops, shape (m,) [m]; those that the program has to state because the language's own would
         leave the path too far, infinite elsewhere, shape (m,) [m]; the language's own, shape (m,) [m].
-
     """
     kept = mark_moves(program)
     position, via = program.positions[kept, :3, 3], program.via_positions[kept, :3, 3]
@@ -133,7 +125,6 @@ def stop_at_corners(program: Program, language: str) -> Program:
     Args:
         program: The program at the ends of its moves.
         language: Name of the language.
-
     """
     _, stated, own = find_zones(program, ZONES[language])
     narrow = stated < own

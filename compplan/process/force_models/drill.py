@@ -72,7 +72,6 @@ def drill_coefficients(material: str) -> Coefficients:
 
     Raises:
         KeyError: If nobody has stated a constant for the material.
-
     """
     constant, words = DRILLED[material]
     return Coefficients(
@@ -92,7 +91,6 @@ def ask_handbook(material: str, diameter: float, feed: float, *, thinned: bool) 
 
     Raises:
         KeyError: If the constant is not known.
-
     """
     constant, (turn, push, press) = HANDBOOK[material], CHISELS[thinned]
     thrust = 0.05 * constant * (feed * diameter) ** 0.8 * push + 0.007 * constant * diameter**2 * press
@@ -106,7 +104,6 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
         found: The engagement; moves across the axis carry nothing.
         lips: Number of lips.
         thinned: Whether the web is thinned.
-
     """
     edge = found.cutter.slices
     inner, outer = edge.knots[:-1, 0], edge.knots[1:, 0]

@@ -94,7 +94,6 @@ def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
         step_down: Depth from contour to contour. [mm]
         diameter: Of the tool. [mm]
         angle: Wall angle against the sheet. [rad]
-
     """
     radius = 0.5 * diameter
     half = np.minimum(0.5 * step_down / np.maximum(np.sin(angle), 1e-9), radius)
@@ -110,7 +109,6 @@ def steady_axial_force(strength: float, thickness: float, diameter: float, heigh
         diameter: Of the tool. [mm]
         height: Of the scallop. [mm]
         angle: Wall angle against the sheet. [rad]
-
     """
     size = 0.0716 * strength * thickness**1.57 * diameter**0.41 * np.asarray(height) ** 0.09
     return np.asarray(size * np.degrees(angle) * np.cos(angle))
@@ -123,7 +121,6 @@ def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -
         height: Of the scallop. [mm]
         diameter: Of the tool. [mm]
         angle: Wall angle against the sheet. [rad]
-
     """
     groove = np.arccos(np.clip(1.0 - 2.0 * np.asarray(height) / diameter, -1.0, 1.0))
     return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
@@ -141,7 +138,6 @@ def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
 
     Raises:
         InputError: If neither job nor path say step-down or wall angle.
-
     """
     depth = _sink(nominal)
     step, angle = find_contours(process, nominal)
@@ -199,7 +195,6 @@ def find_step_down(nominal: Toolpath) -> float:
 
     Raises:
         InputError: If the path does not go round.
-
     """
     rows = np.flatnonzero(~nominal.rapid)
     place, depth = nominal.position[rows], _sink(nominal)[rows]
@@ -227,7 +222,6 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
 
     Raises:
         InputError: If no contour has a next one.
-
     """
     depth, axis = _sink(nominal), nominal.axis[0]
     flat = nominal.position - (nominal.position @ axis)[:, None] * axis

@@ -62,7 +62,6 @@ def milling_wrench(process: MillingProcess, feed: Array) -> Array:
 
     Returns:
         Shape (n, 6). [N, N m]
-
     """
     radius = 0.5 * process.diameter_mm
     inner = float(np.arcsin(np.clip(process.width_mm / radius - 1.0, -1.0, 1.0)))
