@@ -93,22 +93,6 @@ class Counting:
     world: Array = field(default_factory=lambda: np.eye(4))
     unchecked: str = ""  #: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
 
-    @property
-    def known(self) -> bool:
-        """Whether a controller.toml that is checked states all this."""
-        return not self.unchecked
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of each joint: "deg" or "mm"."""
-        return tuple("mm" if slides else "deg" for slides in self.prismatic)
-
-
-def plain_controller(robot: Robot) -> Counting:
-    """Return a controller that counts as the URDF does."""
-    names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
-    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {}, unchecked=NO_FILE)
-
 
 def load_controller(robot: Robot) -> Counting:
     """Read controller.toml of the robot's folder; without one the controller counts as the URDF does.
@@ -116,15 +100,16 @@ def load_controller(robot: Robot) -> Counting:
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
     """
+    nq = robot.nq
+    plain = tuple(f"J{number}" for number in range(1, nq + 1))
     if robot.folder is None or not (robot.folder / "controller.toml").exists():
-        return plain_controller(robot)
+        return Counting("", plain, robot.prismatic, np.eye(nq), np.zeros(nq), {}, unchecked=NO_FILE)
     file = robot.folder / "controller.toml"
     table = read_toml_model(ControllerTable, file)
-    nq = robot.nq
     for key, length in (("sign", len(table.sign)), ("zero_deg", len(table.zero_deg))):
         if length != nq:
             raise InputError(f"has {length} numbers, expected {nq}, one a joint", file=file, where=key)
-    names = table.joint_names or plain_controller(robot).joint_names
+    names = table.joint_names or plain
     if len(names) != nq:
         raise InputError(f"has {len(names)} names, expected {nq}, one a joint", file=file, where="joint_names")
     if len(set(names)) < nq or not all(name.isprintable() and 0 < len(name.strip()) <= LONGEST_NAME for name in names):
@@ -169,7 +154,10 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
 
 def to_controller(controller: Counting, q: Array) -> Array:
     """Return joint positions as the controller counts them. Shape (n, nq). [rad or m] -> [deg or mm]."""
-    return _to_degrees(controller, q) @ controller.matrix.T + controller.zero
+    q = np.asarray(q, dtype=np.float64)
+    if q.ndim != 2 or q.shape[1] != len(controller.zero):
+        raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
+    return np.where(controller.prismatic, q * 1e3, np.degrees(q)) @ controller.matrix.T + controller.zero
 
 
 def from_controller(controller: Counting, joints: Array) -> Array:
@@ -177,18 +165,6 @@ def from_controller(controller: Counting, joints: Array) -> Array:
     counted = np.asarray(joints, dtype=np.float64) - controller.zero
     degrees = np.linalg.solve(controller.matrix, counted.T).T
     return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
-
-
-def rates_to_controller(controller: Counting, rates: Array) -> Array:
-    """Return joint rate limits in the units of the controller, coupling aside. Shape (nq,)."""
-    return np.where(controller.prismatic, np.asarray(rates) * 1e3, np.degrees(rates))
-
-
-def _to_degrees(controller: Counting, q: Array) -> Array:
-    q = np.asarray(q, dtype=np.float64)
-    if q.ndim != 2 or q.shape[1] != len(controller.zero):
-        raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
-    return np.where(controller.prismatic, q * 1e3, np.degrees(q))
 
 
 def locate_link(robot: Robot, q: Array, link: str) -> Array:

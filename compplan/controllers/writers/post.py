@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from jinja2 import Environment
+
+    from compplan.controllers.writers.program import Program
 
 #: Letters of a line that controllers take: KSS 471, TP programs 254, the others assumed.
 LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
@@ -40,26 +42,6 @@ class Post:
     main: str | None = None  #: Name of the main program, None for that of the job.
     #: Number or name by which the cell knows what carries the part, None for the language's usual one.
     positioner: int | str | None = None
-
-
-class Templated(Protocol):
-    """What templates are written from: a program."""
-
-    @property
-    def name(self) -> str:
-        """Name of the program."""
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Lines that run before the first move."""
-
-    @property
-    def footer(self) -> tuple[str, ...]:
-        """Lines that run after the last move."""
-
-    @property
-    def post(self) -> Post:
-        """How the job wants it written."""
 
 
 @dataclass(frozen=True)
@@ -105,17 +87,17 @@ def describe_cell(post: Post, cell: CellWords | None) -> list[Stop]:
     return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
 
 
-def name_main(program: Templated) -> str:
+def name_main(program: Program) -> str:
     """Return the name that a job gives its main program, else that of the program."""
     return program.post.main or program.name
 
 
-def name_kind(program: Templated, ending: str) -> str:
+def name_kind(program: Program, ending: str) -> str:
     """Return what tells joint and linear programs apart; nothing where the job names its one program."""
     return "" if program.post.main else ending
 
 
-def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> str:
+def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
     """Return the text that a language's template, or the user's own, makes of a program.
 
     Args:

@@ -19,7 +19,6 @@ from compplan.controllers.writers.joint_convention import (
     locate_link,
     name_words,
     native_words,
-    rates_to_controller,
     to_controller,
 )
 from compplan.controllers.writers.machine import Wiring
@@ -286,7 +285,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
     words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
     return {
         "joints": np.where(np.abs(joints) < ZERO, 0.0, joints), "joint_names": controller.joint_names,
-        "rates": rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
+        "rates": np.where(robot.prismatic, 1e3 * limits, np.degrees(limits)) if np.isfinite(limits).all() else None,
         "world": np.eye(4) if robot.ground else controller.world,
         "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
         "bent": find_bend(believed, q), "unchecked": controller.unchecked, "controller": controller.name,
