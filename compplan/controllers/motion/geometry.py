@@ -81,11 +81,7 @@ class Path:
 def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = None) -> Nodes:
     """Find the joints at the end of every instruction, each in the branch nearest to the one before.
 
-    Args:
-        instructions: The instructions.
-        arm: The robot.
-        start: Joints near those of the first instruction; without, and where that gives none, those nearest to the
-            middle of the limits. Shape (nq,). [rad or m]
+    The first is the one nearest to `start`, shape (nq,) [rad or m]; without it, to the middle of the limits.
 
     Raises:
         InputError: If an end is out of reach.

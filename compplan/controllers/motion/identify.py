@@ -63,13 +63,7 @@ class Identified:
 
 
 def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
-    """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all.
-
-    Args:
-        windows: Windows of all logs.
-        folder: The folder's own values.
-        arm: The robot.
-    """
+    """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all."""
     logs = sorted({window.log for window in windows})
     by_log = len(logs) > 1
     count = min(GROUPS, len(logs) if by_log else len(windows))
@@ -168,14 +162,8 @@ def fit_motion(
 ) -> ServoMotion:
     """Fit a model by damped Gauss-Newton steps with robust weights; blends stay.
 
-    A joint's parameters change its own column alone, so that one run gives the slopes of all joints.
-
-    Args:
-        windows: What to fit to.
-        motion: Where to begin.
-        free: What may change: speed, common or lag, acceleration, lost.
-        arm: The robot.
-        steps: Most steps.
+    A joint's parameters change its own column alone, so that one run gives the slopes of all joints. `free` names what
+    may change: speed, common or lag, acceleration, lost.
     """
     now, damping = _evaluate(windows, motion, free, arm), 1e-3
     for _ in range(steps):

@@ -51,10 +51,6 @@ class Instructions:
 def read_instructions(file: Path, robot: Robot) -> Instructions:
     """Read PROGRAM.csv.
 
-    Args:
-        file: The table.
-        robot: The robot that executes it.
-
     Raises:
         InputError: With file and line, if a row is no instruction that this robot can be given.
     """

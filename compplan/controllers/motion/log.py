@@ -55,10 +55,6 @@ class Log:
 def read_log(file: Path, robot: Robot) -> Log:
     """Read LOG.csv and put torn readings right.
 
-    Args:
-        file: The table.
-        robot: The robot that was logged.
-
     Raises:
         InputError: With file and line, if it is no log of this robot.
     """

@@ -38,13 +38,7 @@ class WindowRun:
 
 
 def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
-    """Execute a window and find its rows in the run: where the path's length is theirs, then where joints are nearest.
-
-    Args:
-        window: The window.
-        motion: The model.
-        arm: The robot.
-    """
+    """Execute a window and find its rows in the run: where the path's length is theirs, then nearest in the joints."""
     if window.latest.get("motion") is motion:  # a step that was taken is looked at again for its slopes
         return window.latest["run"]
     model = replace(motion, cycle=CYCLE)

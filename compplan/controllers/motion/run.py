@@ -37,12 +37,9 @@ class Executed:
 
 
 def execute_program(file: File, robot: Robot, start: Array | None = None) -> Executed:
-    """Execute the instructions of a file.
+    """Execute the instructions of PROGRAM.csv as the controller of the robot folder does.
 
-    Args:
-        file: PROGRAM.csv.
-        robot: The robot; [motion] of its controller.toml is the controller.
-        start: Joints near those in which it begins, where its first row gives a pose alone. Shape (nq,).
+    `start` are joints near those in which it begins, where its first row gives a pose alone. Shape (nq,).
 
     Raises:
         InputError: If the file or the folder is not what it has to be.

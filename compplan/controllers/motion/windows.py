@@ -108,15 +108,7 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
 
 
 def _suspect_unit(q: Array, robot: Robot, arm: Arm, programmed: Path, time: Array) -> str:
-    """Say that a log's angles have another unit than its columns state where they follow the program in that unit.
-
-    Args:
-        q: Joint positions as read. Shape (n, nq). [rad or m]
-        robot: The robot.
-        arm: Its arm.
-        programmed: The programmed path.
-        time: Shape (n,). [s]
-    """
+    """Say that a log's angles have another unit than its columns state where they follow the program in that unit."""
     for factor, said in ((180.0 / np.pi, "rad, not deg"), (np.pi / 180.0, "deg, not rad")):
         tip = locate_frames(arm.chain, np.where(robot.prismatic, q, factor * q)).tcp_position
         if np.median(place_rows(programmed, tip, measure_way(time, tip)).distance) <= OTHER_PROGRAM:

@@ -84,13 +84,7 @@ def find_rows(
 def _steps_back(rows: PlannedRows, found: list[int], before: Array, tip: Array) -> bool:
     """Tell whether a move ends at the row that the one before it was given, and that one a row earlier.
 
-    Rows that lie nearer to each other than a language rounds change places so.
-
-    Args:
-        rows: What was planned.
-        found: Rows of the moves up to that one.
-        before: Where the move before ends. Shape (3,). [mm]
-        tip: Where the move ends. Shape (3,). [mm]
+    Rows that lie nearer to each other than a language rounds change places so. Places have shape (3,). [mm]
     """
     if not found or found[-1] - 1 <= (found[-2] if len(found) > 1 else -1):
         return False
@@ -145,11 +139,7 @@ def _find_row(rows: PlannedRows, at: int, tip: Array, turn: Array) -> int | None
 def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]) -> list[str]:
     """Say where a line or arc first leaves the rows that it stands for, or takes another time.
 
-    Args:
-        rows: What was planned.
-        ends: The row at which each move ends. Shape (k,).
-        moves: The moves.
-        bases: Pose of the frame that the positions of each move count from, seen from the base. [mm]
+    `ends` is the row at which each move ends, `bases` the frame that its positions count from, seen from the base. [mm]
     """
     step = np.linalg.norm(np.diff(rows.position, axis=0, prepend=rows.position[:1]), axis=1)
     lasts, stops = np.diff(rows.time, prepend=rows.time[0] - 1.0), np.zeros(len(step), bool)
@@ -169,10 +159,8 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
 def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
     """Say where the rounding of a corner lies farther from the legs of it than zones may lead.
 
-    Args:
-        position: Commanded tip at all rows. Shape (m, 3). [mm]
-        corner: From a row to the corner that stands for it, nan at rows beside. Shape (m, 3). [mm]
-        beside: How far zones may lead beside each row. Shape (m,). [mm]
+    `corner` is the way from a row to the corner that stands for it, nan at rows beside, `beside` how far zones may
+    lead. Shapes (m, 3), (m, 3), (m,). [mm]
     """
     said, left_out = [], np.isnan(corner[:, 0])
     for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():

@@ -216,14 +216,8 @@ def format_program(
 ) -> str:  # fmt: skip
     """Return the file of a program: its head, its instructions with their numbers, its positions.
 
-    Args:
-        name: Name.
-        program: The program.
-        frame: User frame that positions count from, 0 for joint positions.
-        moves: Motion and what happens beside it.
-        positions: Positions of the moves.
-        main: Whether frames, header and footer belong to it.
-        parts: Programs that it calls.
+    `frame` is the user frame that positions count from, 0 for joint positions; a main program has frames, header and
+    footer, and calls its parts.
     """
     cell = check_cell(program.post, CELL, "FANUC")
     second = cell.positioner if program.moves_part else 0

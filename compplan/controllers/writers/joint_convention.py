@@ -168,11 +168,7 @@ def from_controller(controller: Counting, joints: Array) -> Array:
 
 
 def locate_link(robot: Robot, q: Array, link: str) -> Array:
-    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
-
-    Raises:
-        InputError: If the chain has no such link.
-    """
+    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m]."""
     return locate_links(robot, q, [link])[link]
 
 

@@ -12,11 +12,7 @@ from compplan.errors import InputError
 
 
 def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
-    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes.
-
-    Raises:
-        InputError: If the robot does not fit.
-    """
+    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes."""
     slides = int(program.outer.sum())
     if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
         rail = f" and up to {sliding} sliding" if sliding else ""

@@ -128,11 +128,7 @@ def _switch_all(outputs: Sequence[Signal | None], phrases: Phrases, *, on: bool)
 
 
 def check_signals(wiring: Wiring, phrases: Phrases, language: str) -> None:
-    """Refuse names of signals in a language that numbers them.
-
-    Raises:
-        InputError: If there is one.
-    """
+    """Refuse names of signals in a language that numbers them."""
     single = {name: getattr(wiring, name) for name in
               ("spindle", "spindle_reverse", "spindle_ready", "coolant", "mist", "optional_stop")}  # fmt: skip
     for key, signal in {**single, **wiring.signals}.items():

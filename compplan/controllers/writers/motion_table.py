@@ -65,11 +65,7 @@ def read_motion(
 ) -> ServoMotion:
     """Return the motion that a table [motion] states; without one, or without a key, the assumed values.
 
-    Args:
-        table: The table, or None.
-        prismatic: Which joints slide. Shape (nq,).
-        limits: Velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
-        file: controller.toml, for messages.
+    `limits` are velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
 
     Raises:
         InputError: If a list does not hold one number a joint, or a lag is out of range.

@@ -100,11 +100,6 @@ def name_kind(program: Program, ending: str) -> str:
 def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
     """Return the text that a language's template, or the user's own, makes of a program.
 
-    Args:
-        program: The program.
-        language: Language whose template it is.
-        words: What the template may use.
-
     Raises:
         InputError: If the template is not one, uses a word that there is not, or makes what no controller takes.
     """
@@ -131,11 +126,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
 
 
 def read_post(language: str) -> str:
-    """Return the package's template of a language.
-
-    Raises:
-        InputError: If it has none.
-    """
+    """Return the package's template of a language."""
     file = files(__package__) / "posts" / f"{language}.jinja"
     if not file.is_file():
         raise InputError(f"there is no template of {language}")
@@ -145,10 +136,8 @@ def read_post(language: str) -> str:
 def to_plain(value: Any) -> Any:
     """Return a value as tables, lists, text, numbers, truth values and None, all that a template may hold.
 
-    The cell's own template file is left out: its path is an object with methods that write files.
-
-    Raises:
-        TypeError: If a value is of any other type.
+    The cell's own template file is left out: its path is an object with methods that write files. Other types are
+    refused.
     """
     if value is None or type(value) in (str, int, float, bool):
         return value

@@ -164,11 +164,7 @@ class Program:
 
     @property
     def positions(self) -> Array:
-        """Commanded TCP poses seen from the part frame. Shape (n, 4, 4) [m].
-
-        Raises:
-            InputError: If the poses are not known.
-        """
+        """Commanded TCP poses seen from the part frame; a program without poses is refused. Shape (n, 4, 4) [m]."""
         if self.tcp is None:
             raise InputError("a program with positions needs the poses of the TCP")
         return np.asarray(np.linalg.inv(self.part) @ self.tcp)
@@ -293,11 +289,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
 
 
 def split_parts(count: int, most: int) -> list[slice]:
-    """Return the rows of each file, none longer than `most`, all about equally long.
-
-    Raises:
-        InputError: If `most` is less than 1.
-    """
+    """Return the rows of each file, none longer than `most`, which is at least 1, all about equally long."""
     if most < 1:
         raise InputError(f"max_points_per_file is {most}, expected at least 1")
     parts = max(1, -(-count // most))
@@ -321,11 +313,7 @@ def head_lines(program: Program) -> list[str]:
 
 
 def order_joints(program: Program, wanted: Sequence[str], language: str) -> list[int]:
-    """Return the columns of joints that a language calls by these names.
-
-    Raises:
-        InputError: If the controller has no such joint.
-    """
+    """Return the columns of joints that a language calls by these names; refuse a controller without one of them."""
     missing = [name for name in wanted if name not in program.joint_names]
     if missing:
         own = list(program.joint_names)
@@ -356,13 +344,7 @@ def joint_shares(program: Program) -> Array:
 
 
 def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:
-    """Return the share of the joint rates that each move asks for, up to 100; unknown ones 10. Shape (n,). [%]
-
-    Args:
-        program: The program.
-        rapid: Share that rapid moves have. [%]
-        least: Least share. [%]
-    """
+    """Return the share of the joint rates that each move asks for, of rapid ones `rapid`; unknown ones 10. (n,) [%]"""
     shares = joint_shares(program)
     return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)
 

@@ -79,10 +79,6 @@ def mark_moves(program: Program) -> NDArray[np.bool_]:
 def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     """Return the zones of a fitted program at the ends of its moves as a language has them, and where they are smaller.
 
-    Args:
-        program: The program at the ends of its moves, with lines and arcs of the tool.
-        zone: The language's zone.
-
     Returns:
         Zones, 0 at exact stops, shape (m,) [m]; those that the program has to state because the language's own would
         leave the path too far, infinite elsewhere, shape (m,) [m]; the language's own, shape (m,) [m].
@@ -120,12 +116,7 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
 
 
 def stop_at_corners(program: Program, language: str) -> Program:
-    """Return a fitted program that stops exactly where a language without smaller zones would leave the path too far.
-
-    Args:
-        program: The program at the ends of its moves.
-        language: Name of the language.
-    """
+    """Return a fitted program that stops where a language without smaller zones would leave the path too far."""
     _, stated, own = find_zones(program, ZONES[language])
     narrow = stated < own
     if not narrow.any():
