@@ -70,7 +70,8 @@ def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
         f"Path A after one part: at most {FLOORS} noise floors off across the path in {format_percent(near)} (asked:"
         f" 95 %), {plain[0]} if the force is left out of the floor, median {np.median(a):.2f}; in 3D in"
         f" {format_percent(float(solid))} (asked: 90 %), {worse[0]} worse than nominal. Noise floor: instrument,"
-        f" robot and clamping {format_length(floor)}, with force scatter {format_length(float(np.median(own['taught_A'])))}.",
+        f" robot and clamping {format_length(floor)},"
+        f" with force scatter {format_length(float(np.median(own['taught_A'])))}.",
         f"Path B after one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at most"
         f" {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at most"
         f" {SECOND} noise floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"
