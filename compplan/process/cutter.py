@@ -87,15 +87,7 @@ class Cutter:
         return np.asarray((self.slices.normal[:, 1] < -1e-9) & (self.point >= np.pi))
 
     def edge_point(self, number: NDArray[np.int_], share: Array) -> tuple[Array, Array]:
-        """Return where the edge stands within slices: distance from the axis and height above the tip.
-
-        Args:
-            number: Of the slice. Shape (s,).
-            share: Of the slice's length from its lower end. Shape (s,).
-
-        Returns:
-            Two arrays of shape (s,). [m]
-        """
+        """Return where the edge stands at shares of slices: distance from the axis, height above the tip. (s,) [m]"""
         knots = self.slices.knots
         rho = knots[number, 0] + share * (knots[number + 1, 0] - knots[number, 0])
         height = knots[number, 1] + share * (knots[number + 1, 1] - knots[number, 1])

@@ -168,13 +168,9 @@ class CuttingForce:
         return mesh
 
     def ripple(self, feed: Array) -> Array:
-        """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
+        """Return half of the range of the force through a turn at a feed [m/s], path axes. Shape (r,) -> (r, 3) [N]
 
-        Args:
-            feed: Shape (r,). [m/s]
-
-        Returns:
-            Shape (r, 3). [N]
+        The waypoints between those that are worked out take that of the nearest.
         """
         touches = np.flatnonzero(self.engagement.touches)
         ripple = np.zeros((len(self.arc), 3))

@@ -111,13 +111,7 @@ class _Prediction:
 
 
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
-    """Compare a log with the prediction, and find the numbers that fit it.
-
-    Args:
-        log: What was measured.
-        law: The prediction.
-        nominal: The path, base frame, with its predicted wrench.
-        file: The log's file, for messages.
+    """Compare a log with the prediction along the path in the base frame, and find the numbers that fit it.
 
     Raises:
         InputError: If too few rows lie in the cut, or the prediction does not explain the log.

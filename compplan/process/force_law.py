@@ -69,14 +69,9 @@ class ForceLaw:
         return isinstance(self.process, ConstantProcess) and self.process.during_rapid
 
     def predict(self, nominal: Toolpath, feed: Array | None = None) -> Array:
-        """Predict the wrench at every waypoint.
+        """Predict the wrench of the environment on the tool at its tip, base axes. Shape (n, 6). [N, N m]
 
-        Args:
-            nominal: The path in the base frame.
-            feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
-
-        Returns:
-            The wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
+        `feed` is that of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
 
         Raises:
             InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
@@ -96,11 +91,6 @@ class ForceLaw:
 def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
     """Tell where the stock's top is: as the job states it, or z = 0 of a CAM program that moves above and below it.
 
-    Args:
-        process: The model and its parameters.
-        toolpath: The toolpath in the part frame.
-        from_cam: Whether the toolpath comes from a CAM program, whose zero is by custom the top of the stock.
-
     Returns:
         Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
     """
@@ -114,12 +104,7 @@ def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> t
 
 
 def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
-    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere.
-
-    Args:
-        cutting: The engagement, with the stock.
-        toolpath: The toolpath of the CAM program, part frame.
-    """
+    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere."""
     bench = cutting.bench
     if bench.R_view[2, 2] < 1.0 - 1e-12 or not _crosses_zero(toolpath):
         return ""

@@ -156,11 +156,7 @@ def list_numbers(process: Any) -> dict[str, Any]:
 
 
 def read_learned_force(folder: Path | None, process: Any) -> LearnedForce | None:
-    """Read what parts said of the force of a process; None where no part of it was measured.
-
-    Args:
-        folder: The robot folder.
-        process: The [process] of the job.
+    """Read what parts said of the force of a [process] from a robot folder; None where no part of it was measured.
 
     Raises:
         InputError: With file and key, if process.toml is not what it has to be.
@@ -214,11 +210,7 @@ def add_part(force: LearnedForce, part: LearnedPartTable) -> LearnedForce:
 def write_learned_force(force: LearnedForce, process: Any, folder: Path, source: Path | None) -> None:
     """Write process.toml into a robot folder: this process as it is known now, others as `source` holds them.
 
-    Args:
-        force: What is known.
-        process: The [process] of the job.
-        folder: The robot folder to write to; its uncertainty.toml is the one that `force` goes with.
-        source: The robot folder before, or None.
+    The folder's uncertainty.toml is the one that `force` goes with.
     """
     numbers = list_numbers(process)
     file = None if source is None else source / FILE

@@ -63,15 +63,7 @@ class MillingShape:
     curved: Array  #: What both grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
 
     def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
-        """Return the mean wrench on the tool at its tip, path axes.
-
-        Args:
-            coefficients: Of the material.
-            feed_per_tooth: Shape (n,). [m]
-
-        Returns:
-            Shape (n, 6). [N, N m]
-        """
+        """Return the mean wrench on the tool's tip at a feed a tooth [m], path axes. (n,) -> (n, 6) [N, N m]"""
         size = np.array([*coefficients.cutting, *coefficients.edge])
         return np.asarray(np.einsum("c,ncw->nw", size, self.columns(coefficients.exponent, feed_per_tooth)))
 
@@ -85,13 +77,7 @@ class MillingShape:
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
-    """Work out what each coefficient of a cutter contributes to the mean wrench.
-
-    Args:
-        found: The engagement.
-        teeth: Number of teeth.
-        exponent: Kienzle's exponent of the tangential, radial and axial part.
-    """
+    """Work out what each coefficient of a cutter adds to the mean wrench; `exponent` is Kienzle's of each part."""
     edge, angle = found.cutter.slices, found.angles
     at_low, by_rise = (part.reshape(3, -1, 6) for part in edge_wrenches(edge, angle))
     straight, curved = np.zeros((len(found), 6, 6)), np.zeros((len(found), 6, 6))
@@ -133,8 +119,7 @@ def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
 def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
     """Return the wrench at the tip of a unit force (tangential, radial, axial) on slices at angles.
 
-    Returns:
-        At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
+    At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
     """
     k, m = len(edge), len(angle)
     out, up = edge.normal[:, 0], edge.normal[:, 1]
@@ -155,17 +140,9 @@ def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
 def ripple_force(
     found: Engagement, rows: NDArray[np.int_], coefficients: Coefficients, spindle: Spindle, feed_per_tooth: Array
 ) -> Array:
-    """Return the force through one turn of the spindle at some waypoints, path axes, run-out included.
+    """Return the force through one turn of the spindle at r waypoints, path axes, run-out included. (r, a, 3) [N]
 
-    Args:
-        found: The engagement.
-        rows: The waypoints. Shape (r,).
-        coefficients: Of the material.
-        spindle: How the cutter turns.
-        feed_per_tooth: At the waypoints. Shape (r,). [m]
-
-    Returns:
-        Shape (r, a, 3), a angles of a turn. [N]
+    `feed_per_tooth` has shape (r,) [m]; a are the angles of a turn.
     """
     edge = found.cutter.slices
     count = found.depth.shape[2] * FINE

@@ -229,13 +229,7 @@ def read_stock(
 ) -> tuple[StockColumns, list[str]]:
     """Return the stock as it is seen along the tool axis, and what was assumed of it.
 
-    Args:
-        table: What the job says of it, None where it says nothing.
-        cutter: The cutter.
-        toolpath: The path, part frame.
-        top: Height of the stock's top where the job gives no stock, part frame. [m]
-        R_view: Axes of the view as columns, part frame. Shape (3, 3).
-        job: The job file.
+    `top` is the height of the stock's top where the job gives no stock, part frame [m], `R_view` as in `build_block`.
 
     Raises:
         InputError: If there is neither stock nor its top, or the mesh is not what it has to be.
