@@ -19,7 +19,7 @@ from compplan.cli.commands.progress import show_progress
 from compplan.diagnosis import Diagnosis, Finding, diagnose_campaign
 from compplan.diagnosis.evidence.unmodelled import describe_unmodelled
 from compplan.diagnosis.results.accuracy import MORE, Assessment
-from compplan.diagnosis.results.change import state_change
+from compplan.diagnosis.results.calibration import state_change
 from compplan.diagnosis.results.delivery import NOMINAL
 from compplan.diagnosis.results.verdict import CALIBRATED
 from compplan.effects import EFFECTS
@@ -94,7 +94,7 @@ def describe_diagnosis(diagnosis: Diagnosis) -> str:
         place = " ".join(str(part) for part in finding.effect.place if part is not None)
         rivals = ", ".join(" ".join(str(p) for p in r.place if p is not None) for r in finding.rivals if r.alike)
         tie = f"; this campaign cannot tell it from {rivals}" if rivals else ""
-        change = describe_change(state_change(diagnosis.robot, finding.effect, diagnosis.deliveries[0].uncertainty))
+        change = describe_change(state_change(diagnosis.robot, finding.effect, diagnosis.sizes))
         lines.append(
             f"  {place}: {change + ' (95 %), ' if change else ''}probability {finding.probability:.2f}, "
             f"{_describe_motion(finding, gap.before)}{tie}"
