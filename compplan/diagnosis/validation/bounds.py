@@ -1,7 +1,7 @@
-"""Bounds: sizes of an effect that no robot of this kind can have, each with the reason that is said where it acts.
+"""Bounds: sizes of an effect that no robot of this kind can have, each with its reason.
 
-A campaign that cannot tell an effect from others leaves its size open, and a fit then runs far beyond what weight,
-gears and data sheet allow. Such a claim is not named: what it explains has another cause.
+Where a campaign cannot distinguish an effect from others, its fitted size may exceed what weight, gears and data sheet
+allow. Such a claim is not named: what it explains has another cause.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sparse Bayesian calibration: everything that a robot may be off by in one linear model, a variance for each column.
+"""Sparse Bayesian calibration: all errors of a robot in one linear model, with a prior variance for each column.
 
 With the means y of the stays, in units of their noise, and the columns Phi of zeros, lengths, compliances, bending,
 reversal, gear waves and claims,
@@ -9,7 +9,7 @@ d and v are those of largest marginal likelihood [MacKay1992; Tipping2001]: with
 
     g_j = 1 - S_jj / d_j,    d_j = m_j^2 / g_j,    v = sum w r^2 / (N - sum g),    w = (nu + 1) / (nu + r^2 / v)
 
-A column that the campaign does not show ends at d = 0. One stay is one observation, however many rows it has.
+A column without support in the campaign ends at d = 0. One stay is one observation, however many rows it has.
 """
 
 from __future__ import annotations
