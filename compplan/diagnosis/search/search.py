@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,7 +248,7 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
         if grown is not best and not explains_enough(search, best, grown):
             grown = best
         concerned = (*concerned, *entangled(search, grown, [c for c in grown.claims if c not in best.claims]))
-        settled = _merge(search, _exchange(search, _remove(search, grown), concerned), concerned)
+        settled = _exchange(search, _remove(search, grown), concerned)
         concerned = ()
         search.progress(f"{len(settled.claims)} effects")
         if settled.score < best.score + WORTHWHILE:
@@ -384,27 +383,6 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
             tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
             if tried.score > model.score + WORTHWHILE:
                 model = tried
-    return model
-
-
-def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
-    """Try to do without two claims that cancel each other, or with one that explains both."""
-    for first, second in combinations(model.claims, 2):
-        if first not in model.claims or second not in model.claims or not {first, second} & set(concerned):
-            continue
-        rest = search.without(model.claims, first, second)
-        reduced = search.model(rest, model.posterior.hyper, fit=False)
-        if reduced.score > model.score - SEARCH.close:
-            neither = search.model(rest, model.posterior.hyper)
-            if neither.score > model.score:
-                model = neither
-                continue
-        gain = search.gains(reduced)[0]
-        if reduced.score + gain.log_evidence < model.score - SEARCH.close:
-            continue
-        tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
-        if tried.score > model.score:
-            model = tried
     return model
 
 
