@@ -70,13 +70,7 @@ MOVES = MoveSettings()
 
 @dataclass(frozen=True)
 class MeasuringMove:
-    """Rows that are measured together.
-
-    Attributes:
-        kind: One of `KINDS`.
-        rows: Rows of the pool that are measured.
-        joint: The joint that it is about, or None.
-    """
+    """Rows of the pool that are measured together; `kind` is one of `KINDS`, `joint` the joint that it is about."""
 
     kind: str
     rows: tuple[int, ...]

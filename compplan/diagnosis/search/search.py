@@ -75,13 +75,7 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A set of claims with its posterior.
-
-    Attributes:
-        claims: The claims.
-        posterior: What the campaign says under them.
-        score: Log evidence plus log prior of the set.
-    """
+    """A set of claims with its posterior; the score is log evidence plus log prior of the set."""
 
     claims: tuple[Claim, ...]
     posterior: Posterior

@@ -26,13 +26,9 @@ BELOW_NOISE = 16.0
 
 @dataclass(frozen=True)
 class AlternativeEffect:
-    """Another effect that explains a claim.
+    """Another effect, of some parameters, that explains a share of the motion by a claim, frames fitted to both.
 
-    Attributes:
-        place: Name, joint and axis.
-        share: Share of the claim's trace that it explains, frames fitted to both.
-        difference: Sum of squares that it leaves of the claim's trace, in units of the noise variance.
-        parameters: Number of its parameters.
+    `difference` is the sum of squares that it leaves of that motion, in units of the noise variance.
     """
 
     place: Place

@@ -132,12 +132,7 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """A fit and its campaign dealt to folds.
-
-    Attributes:
-        fit: The fit.
-        fold: Fold of each row. Shape (n,).
-    """
+    """A fit and the fold of each row of its campaign, shape (n,)."""
 
     fit: Fit
     fold: NDArray[np.int_]
