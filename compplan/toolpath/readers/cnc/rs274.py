@@ -21,8 +21,7 @@ from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
 from compplan.toolpath.readers.cnc.rs274_frames import Layers
-from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, Lexer
-from compplan.toolpath.readers.cnc.rs274_words import PLACING, owns_words
+from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.options import CamTable

@@ -15,7 +15,7 @@ from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, MOVING, Code, Interpreter, ignore, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
-from compplan.toolpath.readers.cnc.rs274_words import HARMLESS, VALUES
+from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS, VALUES
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.sinumerik_lexer import (

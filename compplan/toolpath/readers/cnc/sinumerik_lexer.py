@@ -5,17 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from compplan.toolpath.readers.cnc.expressions import (
-    Grammar,
-    Lookup,
-    acos_deg,
-    asin_deg,
-    cos_deg,
-    evaluate,
-    evaluate_at,
-    sin_deg,
-    tan_deg,
-)
+from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, Lookup, evaluate, evaluate_at
 from compplan.toolpath.readers.cnc.state import CncBlock
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.lines import cut_comment as cut_after
@@ -37,12 +27,10 @@ QUOTED = re.compile(r'"[^"]*"')
 
 GRAMMAR = Grammar(
     functions={
-        "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
-        "ATAN2": (2, lambda y, x: math.degrees(math.atan2(y, x))),
-        "SQRT": (1, math.sqrt), "POT": (1, lambda x: x * x), "ABS": (1, abs),
+        **FUNCTIONS, "ATAN2": (2, lambda y, x: math.degrees(math.atan2(y, x))), "POT": (1, lambda x: x * x),
         "TRUNC": (1, lambda x: float(math.trunc(x))), "ROUND": (1, lambda x: math.floor(x + 0.5)),
-        "ROUNDUP": (1, lambda x: float(math.ceil(x))), "LN": (1, math.log), "EXP": (1, math.exp),
-        "MINVAL": (2, min), "MAXVAL": (2, max), "BOUND": (3, lambda low, high, x: min(max(x, low), high)),
+        "ROUNDUP": (1, lambda x: float(math.ceil(x))), "MINVAL": (2, min), "MAXVAL": (2, max),
+        "BOUND": (3, lambda low, high, x: min(max(x, low), high)),
     },
     operators={
         "OR": (1, lambda a, b: float(bool(a) or bool(b))), "XOR": (2, lambda a, b: float(bool(a) != bool(b))),
