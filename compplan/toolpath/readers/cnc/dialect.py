@@ -7,26 +7,19 @@ from typing import Protocol
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.flow import CncProgram
 from compplan.toolpath.readers.cnc.state import CncBlock
-from compplan.toolpath.readers.frames import Frame
 
 
 class Dialect(Protocol):
     """What a dialect gives its interpreter.
 
     `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else "";
-    `tilted` whether the tool stands along the axis of a tilted plane.
+    `frames` the names of its frames, the outermost first, that of a tilted plane is "plane".
     """
 
     tip_word: str
+    frames: tuple[str, ...]
     silent: frozenset[float]
     ends: frozenset[float]
-
-    @property
-    def tilted(self) -> bool: ...  # noqa: D102
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        ...
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""

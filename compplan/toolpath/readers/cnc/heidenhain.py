@@ -33,7 +33,7 @@ from compplan.toolpath.readers.cnc.heidenhain_lexer import (
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import Frame, stretch
+from compplan.toolpath.readers.frames import stretch
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.readers.start import refuse_unit
 
@@ -60,6 +60,7 @@ class Klartext:
     """Carry out a conversational program."""
 
     tip_word = "M128"
+    frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
     ends = frozenset({2.0, 30.0})
     silent = SILENT
 
@@ -104,15 +105,6 @@ class Klartext:
             raise flow.error(refuse_unit("BEGIN PGM .. MM or INCH").message)
 
     @property
-    def tilted(self) -> bool:
-        """Whether a tilted plane is in force."""
-        return self.datums.tilted
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        return self.datums.find_frame()
-
-    @property
     def normal(self) -> Point:
         """Tool axis in the coordinates of the program."""
         return PLANE_NORMALS[self.it.state.plane]
@@ -125,7 +117,7 @@ class Klartext:
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a tilted plane where rotary axes are positioned in it."""
-        if not self.tilted or (self.it.state.tip_control and "TILT" not in block.names):
+        if not self.it.tilted or (self.it.state.tip_control and "TILT" not in block.names):
             return False, None
         self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
@@ -240,8 +232,7 @@ class Klartext:
         self._set_unit()
 
     def _set_unit(self) -> None:
-        self.datums.unit = stretch(INCH, INCH, INCH) if self.inch else Frame()
-        self.it.set_frame()
+        self.it.put(unit=stretch(INCH, INCH, INCH) if self.inch else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:

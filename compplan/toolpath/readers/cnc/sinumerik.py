@@ -64,14 +64,13 @@ class Sinumerik:
     """Carry out a Sinumerik program."""
 
     tip_word = "TRAORI"
+    frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
     ends = frozenset({2.0, 17.0, 30.0})
     silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
 
     def __init__(self, file: Path, options: CamTable) -> None:
         scale = INCH if options.unit == "inch" else 1.0
-        #: Frames of TRANS and ROT, and of a swivelled plane.
-        self.program, self.swivel = Frame(), Frame()
-        self.swivelled = self.stated = False
+        self.stated = False
         self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
         self.origins = Origins(self.it)
         self.values = SinumerikVariables(self.it.unknown)
@@ -84,22 +83,17 @@ class Sinumerik:
         program = self.flow.find_programs(split_lines(text), self.it.file)
         self.it.run(program, self.origins.check_used)
 
-    @property
-    def tilted(self) -> bool:
-        """Whether a swivelled plane is in force."""
-        return self.swivelled
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        return self.swivel.then(self.program)
-
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
-        return self.swivel.turn(PLANE_NORMALS[17])
+        return self.point_square(17)
+
+    def point_square(self, plane: int) -> Point:
+        """Return the tool axis of G17 to G19 in the swivelled plane in force."""
+        return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a swivelled plane where rotary axes are positioned in it."""
-        if not self.swivelled or self.it.state.tip_control:
+        if not self.it.tilted or self.it.state.tip_control:
             return False, None
         self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
@@ -282,9 +276,8 @@ class Sinumerik:
             step = stretch(factors[0], factors[0], factors[0])
         else:
             step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
-        self.program = self.program.then(step) if word.startswith("A") else step
         self.it.contour.refuse_open()
-        self.it.set_frame()
+        self.it.put(program=self.it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
 
     def _find_rotation(self, values: dict[str, float], numbers: list[float]) -> Frame:
         """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
@@ -293,7 +286,7 @@ class Sinumerik:
             if len(values) > 1:
                 raise InputError("RPL beside rotations about axes is not read")
             return rotate(deep, values["RPL"])
-        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.swivelled:
+        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.it.tilted:
             self.it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
         return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
 
@@ -315,10 +308,9 @@ class Sinumerik:
             turn = turn.then(rotate(axis, angle)) if angle else turn
         k = self.it.state.scale
         step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
-        self.swivel = self.swivel.then(self.program).then(step) if status % 10 == 1 else step
-        self.swivelled, self.program = not self.swivel.plain, Frame()
-        self.it.set_frame()
-        self.it.course.aim(self.swivel.turn(PLANE_NORMALS[self.it.state.plane]))
+        step = self.it.find_frame().then(step) if status % 10 == 1 else step
+        self.it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)
+        self.it.course.aim(self.point_square(self.it.state.plane))
 
 
 def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:
