@@ -165,8 +165,7 @@ class KrlFlow:
                 self._find_programs(split_lines(read_bounded(beside)), beside)
         if called not in self.programs:
             self.called = self.called or f"{statement[:24]} in line {self.program.line}"
-            note = f"call of {called[:24]}() is not read: it is neither here nor beside the file"
-            self.program.note(note)
+            self.program.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
             self.program.ask(statement)
             return
         self.program.check_call(f"{called}()")

@@ -59,12 +59,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read a RAPID module: its procedure main, or the first one, with those of the module that it calls.
 
     The path stands in the work object of the first move. MoveJ moves are rapid.
-
-    Args:
-        text: The module.
-        file: Its file, for messages.
-        options: What the module does not say by itself.
-
     """
     reader = _RapidReader(file, options)
     reader.run(text)
@@ -288,8 +282,7 @@ class _RapidReader:
         if fields[0].strip() == "TRUE":
             raise InputError(f"work object {wobj} is held by the robot, which is not read")
         if fields[1].strip() == "FALSE":
-            note = f"work object {wobj} moves with another unit: the path is taken in it as it is written"
-            self.note(note)
+            self.note(f"work object {wobj} moves with another unit: the path is taken in it as it is written")
             return None
         user, thing = (self._pose(field, 2) for field in fields[3:])
         return user @ thing
@@ -297,21 +290,14 @@ class _RapidReader:
     def _target(self, field: str) -> Array:
         """Return the pose of a robtarget: written out, by name, or Offs(target, x, y, z)."""
         field = field.strip()
-        offset = re.fullmatch(r"OFFS\s*\((.*)\)", field)
-        if offset:
-            parts = split_fields(offset.group(1))
+        for word, pattern in (("Offs", r"OFFS\s*\((.*)\)"), ("RelTool", r"RELTOOL\s*\(([^\\]*)\)")):
+            if not (found := re.fullmatch(pattern, field)):
+                continue
+            parts = split_fields(found.group(1))
             if len(parts) != 4:
-                raise InputError(f"Offs with {len(parts)} arguments, expected target, x, y, z")
-            pose = self._target(parts[0])
-            pose[:3, 3] += [self._coordinate(part) for part in parts[1:]]
-            return pose
-        in_tool = re.fullmatch(r"RELTOOL\s*\(([^\\]*)\)", field)
-        if in_tool:
-            parts = split_fields(in_tool.group(1))
-            if len(parts) != 4:
-                raise InputError(f"RelTool with {len(parts)} arguments, expected target, x, y, z")
-            pose = self._target(parts[0])
-            pose[:3, 3] += pose[:3, :3] @ [self._coordinate(part) for part in parts[1:]]
+                raise InputError(f"{word} with {len(parts)} arguments, expected target, x, y, z")
+            pose, step = self._target(parts[0]), np.array([self._coordinate(part) for part in parts[1:]])
+            pose[:3, 3] += step if word == "Offs" else pose[:3, :3] @ step
             return pose
         if not field.startswith("["):
             if ("ROBTARGET", field) not in self.data:
@@ -321,8 +307,7 @@ class _RapidReader:
         if len(parts) == 4:
             external = [self._number(part) for part in split_fields(parts[3].strip()[1:-1])]
             if self.external and any(abs(a - b) > 1e-6 for a, b in zip(external, self.external, strict=False)):
-                note = "external axes move: the path is taken in the work object as it is written"
-                self.note(note)
+                self.note("external axes move: the path is taken in the work object as it is written")
             self.external = external
         return self._pose(field, 4)
 

@@ -15,8 +15,7 @@ from compplan.io.tables import Array
 from compplan.toolpath.readers.arcs import Arc, Point, find_arc, sample_arcs
 from compplan.toolpath.readers.lines import DECIMAL, MOST_LINES
 from compplan.toolpath.readers.moves import HasLine, MoveLog
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import find_start
+from compplan.toolpath.readers.options import CamTable, find_start
 
 #: A number in a robot program, capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"

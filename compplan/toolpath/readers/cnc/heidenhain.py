@@ -34,8 +34,7 @@ from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWo
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import stretch
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 MOST_JUMPS = 200_000
 DEEPEST = 19

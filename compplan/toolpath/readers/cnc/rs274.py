@@ -23,8 +23,7 @@ from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
 from compplan.toolpath.readers.cnc.rs274_frames import Layers
 from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Words that a move may have, and those of them that say where it goes.
 MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))

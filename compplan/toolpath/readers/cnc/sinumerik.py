@@ -40,8 +40,7 @@ from compplan.toolpath.readers.cnc.state import (
 )
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Lengths of a motion block; addresses that say nothing of the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
