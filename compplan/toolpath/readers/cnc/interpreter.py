@@ -102,18 +102,18 @@ class Interpreter:
         self.steady = False
         flow.run_line = dialect.run_line
 
-    def run(self, program: CncProgram, finish: Callable[[], None] = lambda: None) -> None:
-        """Carry out a program, refuse a corner that no move follows, and stop what still turns."""
+    def run(self, load: Callable[[], CncProgram], finish: Callable[[], None] = lambda: None) -> None:
+        """Load a program and carry it out, refuse a corner that no move follows, and stop what still turns."""
         try:
-            self.flow.run(program)
+            self.flow.run(load())
             self.contour.refuse_open()
             finish()
-        except ValueError as fault:
-            raise self.flow.error(str(fault)) from None
-        except InputError as fault:
-            raise (
-                fault if fault.file else type(fault)(fault.message, file=self.flow.file, where=self.flow.line)
-            ) from None
+        except (ValueError, InputError) as fault:
+            if isinstance(fault, InputError) and fault.file:
+                raise
+            kind = type(fault) if isinstance(fault, InputError) else InputError
+            message = fault.message if isinstance(fault, InputError) else str(fault)
+            raise kind(message, file=self.flow.file, where=self.flow.line) from None
         self.machine.end(self.flow.line)
 
     def finish(self, kind: str, unit: str, lines: int) -> CamFile:

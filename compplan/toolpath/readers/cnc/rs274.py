@@ -66,7 +66,7 @@ class Rs274:
 
     def run(self, lines: Sequence[str]) -> None:
         """Read every line of the first program of a file."""
-        self.it.run(self.macros.find_programs(lines, self.it.file), self.origins.check_used)
+        self.it.run(lambda: self.macros.find_programs(lines, self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""

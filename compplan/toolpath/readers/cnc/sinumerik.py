@@ -79,8 +79,7 @@ class Sinumerik:
 
     def run(self, text: str) -> None:
         """Read the first main program of a file."""
-        program = self.flow.find_programs(split_lines(text), self.it.file)
-        self.it.run(program, self.origins.check_used)
+        self.it.run(lambda: self.flow.find_programs(split_lines(text), self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
