@@ -26,7 +26,6 @@ from compplan.toolpath.readers.cnc.sinumerik_lexer import (
     cut_comment,
     read_brackets,
     split_block,
-    split_plain,
 )
 from compplan.toolpath.readers.cnc.state import (
     AXES,
@@ -124,12 +123,10 @@ class Sinumerik:
             text = text[label.end() :]
         if not text:
             return index + 1
-        block = split_plain(text)
-        if block is None:
-            if word := FLOW.match(text):
-                return self.flow.run_flow(word.group(1), text, raw, program, index)
-            values = self.values
-            block = split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
+        if word := FLOW.match(text):
+            return self.flow.run_flow(word.group(1), text, raw, program, index)
+        values = self.values
+        block = split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
         ended = self.run_block(block, raw)
         it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1

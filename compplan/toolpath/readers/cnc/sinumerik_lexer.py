@@ -11,9 +11,6 @@ from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.lines import cut_comment as cut_after
 
 NUMBER = rf"{DECIMAL}(?:EX[-+]?\d+)?"
-#: A block that holds nothing but letters with numbers; most blocks of CAM systems do.
-PLAIN = re.compile(rf"(?:[A-Z]\s*=?\s*{DECIMAL}(?![\d.]|\s*[=(\[])\s*)+")
-PLAIN_WORD = re.compile(rf"([A-Z])\s*=?\s*({DECIMAL})")
 LETTER = re.compile(rf"([A-Z])\s*({NUMBER})(?![\d.]|\s*[=(\[])")
 EXTENDED = re.compile(r"([A-Z])(\d{1,4})\s*=\s*")
 NAMED = re.compile(r"([$A-Z_][$\w]*)\s*", re.ASCII)
@@ -88,29 +85,6 @@ class SinumerikVariables:
     def evaluate(self, text: str) -> float:
         """Return the value of an expression."""
         return evaluate(text, GRAMMAR, self.look_up)
-
-
-def split_plain(text: str) -> CncBlock | None:
-    """Return the words of a block that holds letters with numbers alone, None of others.
-
-    Raises:
-        ValueError: If an address stands twice.
-
-    """
-    if not PLAIN.fullmatch(text):
-        return None
-    words = CncBlock()
-    values = words.values
-    for letter, number in PLAIN_WORD.findall(text):
-        if letter == "G":
-            words.codes.append(float(number))
-        elif letter == "M":
-            words.machine.append(float(number))
-        elif letter in values:
-            raise ValueError(f"word {letter} stands twice in this block, expected once")
-        else:
-            values[letter] = float(number)
-    return words
 
 
 def split_block(text: str, lookup: Lookup, variables: set[str]) -> CncBlock:
