@@ -21,7 +21,7 @@ from compplan.planning.strategies import STRATEGIES, command_path, iterated_mirr
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.elastic import loaded_compliance
-from compplan.statics.encoders import gear_compliance
+from compplan.statics.encoders import feedback_scale, gear_compliance
 from compplan.statics.sensitivity import attain_pose
 from compplan.uncertainty.touch_off import TouchedPart
 
@@ -40,22 +40,27 @@ ONLINE: Registry[OnlineStrategy] = names.ONLINE.held_by(str(__package__))
 _OFFLINE_KNOWLEDGE = {"none": "geometry"}
 
 
-def list_strategies() -> tuple[str, ...]:
-    """List every strategy of a study by name: those of a plan, and those that read sensors."""
-    return (*STRATEGIES, *ONLINE)
+def list_strategies(robot: Robot | None = None) -> tuple[str, ...]:
+    """List every strategy by name, those of a plan and those that read sensors; of a robot: that it can carry out."""
+    gears = robot is None or any(spring.actuator for spring in robot.springs)
+    return tuple(name for name in (*STRATEGIES, *ONLINE) if gears or "encoder" not in name)
+
+
+def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
+    """Return the robot whose springs yield what a feedback leaves of them (`Answer.spring_gain`)."""
+    gains = dict(zip(robot.joint_names, spring_gain, strict=True))
+    gain = np.array([gains.get(spring.joint, 1.0) if spring.actuator else 1.0 for spring in robot.springs])
+    scale = feedback_scale(gain, np.array([spring.link_share for spring in robot.springs]))
+    held = (replace(s, compliance=float(k) * s.compliance) for s, k in zip(robot.springs, scale, strict=True))
+    return replace(robot, springs=tuple(held))
 
 
 def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
-    """Let strategies prepare themselves for a task.
-
-    Args:
-        task: The task.
-        strategies: Names of the strategies; all if left out.
+    """Let strategies (all if left out) prepare themselves for a task.
 
     Raises:
         UnknownNameError: If there is no such strategy.
         InputError: If a strategy does not suit the robot.
-
     """
     maps, answers = PathMaps(task), {}
     for name in list_strategies() if strategies is None else strategies:
@@ -117,16 +122,7 @@ class Answer:
 
 
 def answer_reading(gain: Array, reading: Array) -> Array:
-    """Answer a reading: gain times reading, components first.
-
-    Args:
-        gain: Shape (nq, k, n).
-        reading: Reading less the expected one. Shape (k, b, n), b samples.
-
-    Returns:
-        Change of the command. Shape (nq, b, n). [rad or m]
-
-    """
+    """Return the change of the command (nq, b, n) [rad or m] for b samples: gain (nq, k, n) times reading (k, b, n)."""
     answer = np.zeros((len(gain), *reading.shape[1:]))
     for row, rates in zip(answer, gain, strict=True):
         for rate, part in zip(rates, reading, strict=True):
