@@ -182,10 +182,7 @@ class _KrlReader:
             return
         if known is None and self.base is None and value == self.base_name:
             return
-        if known is None or self.base is None:
-            before = self.base_name or "the one before"
-            raise InputError(f"base changes from {before} to {value}, and their places are not both known")
-        self.moves.frame = self.moves.frame @ np.linalg.inv(self.base) @ known
+        self.moves.change_frame(self.base, known, f"base changes from {self.base_name or 'the one before'} to {value}")
         self.base, self.base_name, self.last = known, value, {}
 
     def _frame(self, value: str) -> Array:

@@ -168,12 +168,12 @@ class KrlFlow:
             self.program.note(f"call of {called[:24]}() is not read: it is neither here nor beside the file")
             self.program.ask(statement)
             return
-        self.program.check_call(f"{called}()")
         lines, first, file = self.programs[called]
-        here, at, self.program.file = self.program.line, self.program.file, file
-        if file != at:
-            self._load_data(file)
-        self.program.depth += 1
-        self._run_lines(lines, first)
-        self.program.depth -= 1
-        self.program.line, self.program.file = here, at
+
+        def run() -> None:
+            if file != at:
+                self._load_data(file)
+            self._run_lines(lines, first)
+
+        at = self.program.file
+        self.program.call(f"{called}()", run, file)

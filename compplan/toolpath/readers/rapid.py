@@ -168,7 +168,8 @@ class _RapidReader:
         elif re.match(r"(RETURN|EXIT)\b", statement) and not self.program.blocks:
             return True
         elif statement in self.programs or statement.split()[0] in self.programs:
-            self._call(statement.split()[0])
+            called = statement.split()[0]
+            self.program.call(called, lambda: self._run(self.programs[called]))
         elif not SILENT.match(statement) and not statement.startswith("ELSE"):
             self.note(f"statement {statement.split()[0][:20]} is not read")
             self.program.ask(statement)
@@ -204,14 +205,6 @@ class _RapidReader:
         elif ("TOOLDATA", name) in self.data:
             self.moves.note_tool()
         return True
-
-    def _call(self, called: str) -> None:
-        program, here = self.program, self.program.line
-        program.check_call(called)
-        program.depth += 1
-        self._run(self.programs[called])
-        program.depth -= 1
-        program.line = here
 
     def _move(self, word: str, rest: str) -> None:
         if word in ("MOVEABSJ", "MOVEEXTJ"):
@@ -264,9 +257,7 @@ class _RapidReader:
             self._work_object(wobj)
             return
         one, other = self._work_object(self.wobj), self._work_object(wobj)
-        if one is None or other is None:
-            raise InputError(f"work object changes from {self.wobj} to {wobj}, and their places are not both known")
-        self.moves.frame = self.moves.frame @ np.linalg.inv(one) @ other
+        self.moves.change_frame(one, other, f"work object changes from {self.wobj} to {wobj}")
         self.wobj = wobj
 
     def _work_object(self, wobj: str) -> Array | None:

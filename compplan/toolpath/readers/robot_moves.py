@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Arc, Point, find_arc, sample_arcs
+from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
 from compplan.toolpath.readers.lines import DECIMAL, MOST_LINES
 from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CamTable, find_start
@@ -57,10 +58,14 @@ class RobotProgram:
         if self.blocks:
             raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
 
-    def check_call(self, called: str) -> None:
-        """Refuse a call in a loop or a branch, or too deep."""
+    def call(self, called: str, run: Callable[[], object], file: Path | None = None) -> None:
+        """Carry out a program that is called; refuse calls in a loop or a branch, or too deep."""
         if self.blocks or self.depth >= DEEPEST:
             raise self.error(f"call of {called} in a loop, a branch or too deep; write the moves out")
+        here, at = self.line, self.file
+        self.depth, self.file = self.depth + 1, file or at
+        run()
+        self.depth, self.line, self.file = self.depth - 1, here, at
 
     def ask(self, statement: str) -> None:
         """Let the operator do what no program of another language can repeat."""
@@ -119,6 +124,12 @@ class RobotMoves:
         self.pose = self.frame @ pose
         self.log.rapid(_point(self.pose), self._axis(self.pose))
 
+    def change_frame(self, before: Array | None, after: Array | None, change: str) -> None:
+        """Put another frame in force, whose place and that of the one before have to be known."""
+        if before is None or after is None:
+            raise InputError(f"{change}, and their places are not both known")
+        self.frame = self.frame @ np.linalg.inv(before) @ after
+
     def lose(self) -> None:
         """Forget the pose, where a joint move ends."""
         self.pose, self.moved = None, True
@@ -152,12 +163,15 @@ class RobotMoves:
             self.pose = end
             return
         shares, rotations = self._turn(before, end)
-        start, counts = before[:3, 3], dict(self.log.counts)
-        for share, rotation in zip(shares, rotations, strict=True):
-            point = start + share * (end[:3, 3] - start)
+        self._follow(before[:3, 3] + shares[:, None] * (end[:3, 3] - before[:3, 3]), rotations, feed)
+        self.pose = end
+
+    def _follow(self, points: Array, rotations: Array, feed: float) -> None:
+        """Cut from point to point while the tool turns: one move, in pieces."""
+        counts = dict(self.log.counts)
+        for point, rotation in zip(points, rotations, strict=True):
             self.log.line(_tuple(point), feed, self._axis(rotation))
         self.log.count_one(counts)
-        self.pose = end
 
     def circle(self, via: Array, pose: Array, feed: float, *, angle: float | None = None) -> None:
         """Move on the circle through a point to a pose; `angle` [rad]: go on about its axis for this angle instead.
@@ -181,7 +195,12 @@ class RobotMoves:
             self.log.arc(arc, last, feed)
             self.log.axis = self._axis(goal)
         else:
-            self._turning_arc(arc, before, goal, feed)
+            points, length = sample_arcs([arc], self.log.chord)[0], self.log.length
+            turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([before[:3, :3], goal[:3, :3]])))
+            self._follow(points, turn(np.arange(1, len(points) + 1) / len(points)).as_matrix(), feed)
+            self.log.counts["arcs"] += 1
+            self.log.length = length + arc.length
+            self.log.arc_length += arc.length
         self.pose = goal
 
     def spline(self, poses: list[Array], feed: float) -> None:
@@ -201,19 +220,6 @@ class RobotMoves:
         for point, rotation in zip(curve(places), turn(places).as_matrix(), strict=True):
             self.log.line(_tuple(point), feed, self._axis(rotation))
         self.pose = points[-1]
-
-    def _turning_arc(self, arc: Arc, start: Array, goal: Array, feed: float) -> None:
-        """Cut along an arc while the tool turns: one move, in pieces."""
-        counts, before = dict(self.log.counts), self.log.length
-        points = sample_arcs([arc], self.log.chord)[0]
-        shares = np.arange(1, len(points) + 1) / len(points)
-        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], goal[:3, :3]])))
-        for point, rotation in zip(points, turn(shares).as_matrix(), strict=True):
-            self.log.line(_tuple(point), feed, self._axis(rotation))
-        self.log.count_one(counts)
-        self.log.counts["arcs"] += 1
-        self.log.length = before + arc.length
-        self.log.arc_length += arc.length
 
     def _turn(self, start: Array, end: Array) -> tuple[Array, Array]:
         """Return shares of a move at which the tool has turned by a step, and its rotation there."""
