@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
+from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
@@ -107,7 +108,8 @@ class _RapidReader:
         self.program = RobotProgram(file, options)
         self.options, self.moves, self.note = options, self.program.moves, self.program.note
         self.data: dict[tuple[str, str], str] = {}
-        self.programs: dict[str, list[tuple[int, str]]] = {}
+        self.flow = self.program.flow
+        self.flow.run_line = self._run_line
         self.wobj = self.tool = ""
         self.first = np.eye(4)
         self.placed = False
@@ -117,39 +119,37 @@ class _RapidReader:
     def run(self, text: str) -> None:
         """Carry out main, or the first procedure."""
         loose: list[tuple[int, str]] = []
+        programs: dict[str, list[tuple[int, str]]] = {}
         current = loose
         try:
             for line, statement in split_statements(text):
                 head = PROC.match(statement)
                 if head:
-                    current = self.programs.setdefault(head.group(1), [])
+                    current = programs.setdefault(head.group(1), [])
                 elif statement.startswith("ENDPROC"):
                     current = loose
                 else:
                     current.append((line, statement))
-                    found = DATA.match(statement)
-                    if found:
+                    if found := DATA.match(statement):
                         self.data[found.group(1), found.group(2)] = found.group(3)
         except ValueError as fault:
-            raise InputError(str(fault), file=self.program.file) from None
-        self._run(self.programs.get("MAIN") or next(iter(self.programs.values()), loose))
+            raise InputError(str(fault), file=self.flow.file) from None
+        for called, lines in programs.items():
+            self.flow.programs[called] = CncProgram(lines, 0, len(lines), self.flow.file)
+        lines = programs.get("MAIN") or next(iter(programs.values()), loose)
+        with self.flow.guard():
+            self.flow.run(CncProgram(lines, 0, len(lines), self.flow.file))
 
-    def _run(self, statements: Sequence[tuple[int, str]]) -> None:
-        program = self.program
-        for program.line, statement in statements:
-            program.count()
-            if re.match(r"(ERROR|UNDO|BACKWARD)\b", statement):
-                return
-            try:
-                if self._carry_out(statement):
-                    return
-            except InputError as fault:
-                raise program.place(fault) from None
+    def _run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a statement; return the next one, or END."""
+        self.flow.line, statement = program.lines[index]
+        ends = re.match(r"(ERROR|UNDO|BACKWARD)\b", statement) or self._carry_out(statement)
+        return END if ends else index + 1
 
     def _carry_out(self, statement: str) -> bool:
         """Carry out a statement; return whether the procedure ends."""
         if statement.startswith("!"):
-            self.moves.log.happen("comment", self.program.line, text=statement[1:].strip())
+            self.moves.log.happen("comment", self.flow.line, text=statement[1:].strip())
         elif OPENS.match(statement):
             self.program.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
             if "MOVE" in statement:
@@ -167,9 +167,8 @@ class _RapidReader:
             pass
         elif re.match(r"(RETURN|EXIT)\b", statement) and not self.program.blocks:
             return True
-        elif statement in self.programs or statement.split()[0] in self.programs:
-            called = statement.split()[0]
-            self.program.call(called, lambda: self._run(self.programs[called]))
+        elif (called := statement.split()[0]) in self.flow.programs:
+            self.program.call(called, called)
         elif not SILENT.match(statement) and not statement.startswith("ELSE"):
             self.note(f"statement {statement.split()[0][:20]} is not read")
             self.program.ask(statement)
@@ -226,7 +225,7 @@ class _RapidReader:
             self.program.ask(f"{word} {','.join(fields[count + 1 :])}")
         elif word.endswith("DO") and len(fields) >= count + 5:
             state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.moves.log.happen("output", self.program.line, value=state, text=fields[-2].strip())
+            self.moves.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
         """Carry out the motion of a move."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from compplan.errors import InputError
 from compplan.io.tables import Array
 from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
-from compplan.toolpath.readers.lines import DECIMAL, MOST_LINES
+from compplan.toolpath.readers.cnc.flow import Flow
+from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CamTable, find_start
 
@@ -31,46 +31,29 @@ SPLINE_POINTS = 16
 
 
 class RobotProgram:
-    """Hold a robot program that is followed: its line, blocks that are open and not carried out, calls, its moves."""
+    """Hold a robot program that is followed: its flow, blocks that are open and not carried out, its moves."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.options, self.line = file, options, 0
-        self.moves = RobotMoves(options, self)
+        self.options, self.flow = options, Flow(file, deepest=DEEPEST)
+        self.moves = RobotMoves(options, self.flow)
         self.log, self.note = self.moves.log, self.moves.note
-        self.blocks = self.depth = self.executed = 0
-
-    def error(self, message: str) -> InputError:
-        """Return an error at the statement that is read."""
-        return InputError(message, file=self.file, where=self.line)
-
-    def place(self, fault: InputError) -> InputError:
-        """Return an error with its file and line."""
-        return fault if fault.file else self.error(fault.message)
-
-    def count(self) -> None:
-        """Count a statement; refuse more than any program has."""
-        self.executed += 1
-        if self.executed > MOST_LINES:
-            raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
+        self.blocks = 0
 
     def check_row(self, statement: str) -> None:
         """Refuse a move in a loop or a branch."""
         if self.blocks:
-            raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+            raise InputError(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
 
-    def call(self, called: str, run: Callable[[], object], file: Path | None = None) -> None:
-        """Carry out a program that is called; refuse calls in a loop or a branch, or too deep."""
-        if self.blocks or self.depth >= DEEPEST:
-            raise self.error(f"call of {called} in a loop, a branch or too deep; write the moves out")
-        here, at = self.line, self.file
-        self.depth, self.file = self.depth + 1, file or at
-        run()
-        self.depth, self.line, self.file = self.depth - 1, here, at
+    def call(self, name: str, called: str) -> None:
+        """Carry out a program by its name; refuse calls in a loop or a branch, or too deep."""
+        if self.blocks or self.flow.depth >= DEEPEST:
+            raise InputError(f"call of {called} in a loop, a branch or too deep; write the moves out")
+        self.flow.run_program(name, self.flow.programs[name], 1)
 
     def ask(self, statement: str) -> None:
         """Let the operator do what no program of another language can repeat."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.happen("call", self.line, text=f"{where}{statement}")
+        self.log.happen("call", self.flow.line, text=f"{where}{statement}")
 
     def switch(self, statement: str, *, output: tuple[str, bool] | None, wait: float | None, halts: bool,
                asked: bool) -> bool:  # fmt: skip
@@ -78,11 +61,11 @@ class RobotProgram:
         if self.blocks and (output or wait is not None or asked or halts):
             self.ask(statement)
         elif output:
-            self.log.happen("output", self.line, value=float(output[1]), text=output[0])
+            self.log.happen("output", self.flow.line, value=float(output[1]), text=output[0])
         elif wait is not None:
-            self.log.happen("dwell", self.line, value=max(wait, 0.0))
+            self.log.happen("dwell", self.flow.line, value=max(wait, 0.0))
         elif halts:
-            self.log.happen("stop", self.line)
+            self.log.happen("stop", self.flow.line)
         elif asked:
             self.ask(statement)
         return bool(output or wait is not None or halts or asked)

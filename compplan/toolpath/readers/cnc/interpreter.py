@@ -104,16 +104,10 @@ class Interpreter:
 
     def run(self, load: Callable[[], CncProgram], finish: Callable[[], None] = lambda: None) -> None:
         """Load a program and carry it out, refuse a corner that no move follows, and stop what still turns."""
-        try:
+        with self.flow.guard():
             self.flow.run(load())
             self.contour.refuse_open()
             finish()
-        except (ValueError, InputError) as fault:
-            if isinstance(fault, InputError) and fault.file:
-                raise
-            kind = type(fault) if isinstance(fault, InputError) else InputError
-            message = fault.message if isinstance(fault, InputError) else str(fault)
-            raise kind(message, file=self.flow.file, where=self.flow.line) from None
         self.machine.end(self.flow.line)
 
     def finish(self, kind: str, unit: str, lines: int) -> CamFile:
