@@ -68,7 +68,7 @@ def study_job(
         progress: Called with the name of a stage, samples done and samples wanted.
 
     Returns:
-        The study, as `compplan.reporting.writers.montecarlo` writes it.
+        The study, as `compplan.reporting.montecarlo` writes it.
 
     Raises:
         InputError: If the job is not what it has to be, or the folder cannot be written.
