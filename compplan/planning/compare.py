@@ -126,15 +126,13 @@ class Comparison(Shown):
         return summarise_comparison(self)
 
 
-def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> Comparison:
+def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None) -> Comparison:
     """Compare every strategy on a job; `announce` is called with what is done next."""
-    if announce:
-        announce("robot, toolpath and posture")
+    announce("robot, toolpath and posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
-    if announce:
-        announce("robots drawn from what is known")
+    announce("robots drawn from what is known")
     return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job)))
 
 
@@ -144,10 +142,8 @@ def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRA
     A strategy that only plans leaves what it leaves as modelled, and beside it what the robot does otherwise.
     """
     task = comparison.task
-    known, scene = (
-        robot_uncertainty(task.robot),
-        build_path_model(task.robot, task.q_start, task.wrench, task.step_time),
-    )
+    known = robot_uncertainty(task.robot)
+    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
     moved = draw_paths(slopes, known, draws)
     left = {name: run.deviation[slopes.rows, :, None] + moved for name, run in comparison.as_modelled.items()}
@@ -156,13 +152,9 @@ def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRA
 
 
 def compare_task(
-    task: PlanTask,
-    *,
-    name: str = "path",
-    strategies: Sequence[str] | None = None,
-    cells: Sequence[SimulatedRobot] | None = None,
-    announce: Callable[[str], None] | None = None,
-) -> Comparison:
+    task: PlanTask, *, name: str = "path", strategies: Sequence[str] | None = None,
+    cells: Sequence[SimulatedRobot] | None = None, announce: Callable[[str], None] = lambda text: None,
+) -> Comparison:  # fmt: skip
     """Let every strategy command a task, and run every command in every cell.
 
     Strategies and cells left out are all of them, and those as modelled and with compliances that differ.
@@ -170,14 +162,12 @@ def compare_task(
     cells = tuple(cells) if cells is not None else standard_variants(task.robot)
     commands = {}
     for strategy in STRATEGIES if strategies is None else strategies:
-        if announce:
-            announce(f"command: {strategy}")
+        announce(f"command: {strategy}")
         commands[strategy] = command_path(task, strategy)
     evaluations: dict[str, dict[str, Evaluation]] = {}
     for cell in cells:
         for strategy, command in commands.items():
-            if announce:
-                announce(f"cell {cell.name}: {strategy}")
+            announce(f"cell {cell.name}: {strategy}")
             evaluations.setdefault(cell.name, {})[strategy] = evaluate_run(task, command.q, cell)
     return Comparison(name, task, cells, commands, evaluations)
 

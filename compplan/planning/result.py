@@ -314,14 +314,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [
-            {
-                "cell": plan.mismatch.cell,
-                "rms_mm": plan.mismatch.rms_deviation * 1e3,
-                "max_mm": plan.mismatch.max_deviation * 1e3,
-                "waypoints": plan.mismatch.waypoints,
-            }
-        ],
+        "under_mismatch": [plan.mismatch.describe()],
         "between_waypoints_mm": _describe_between(plan),
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
         **_describe_force(plan),
@@ -376,7 +369,7 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
     """Return what plan.json says of the band; nothing where there is none."""
     if promise is None:
         return {}
-    widest, known = promise.widest, promise.known
+    widest, known, before = promise.widest, promise.known, promise.before
     return {
         "error_band_mm": {
             "p95_max": promise.greatest * 1e3,
@@ -386,26 +379,11 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
             "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
         },
-        **(
-            {}
-            if promise.before is None
-            else {
-                "error_band_before_mm": {
-                    "p95_max": promise.before[0] * 1e3,
-                    "whole_path_p95": promise.before[1] * 1e3,
-                }
-            }
-        ),
+        **({} if before is None else {
+            "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),
         "ladder": [
-            {
-                "step": rung.step,
-                "p95_max": rung.band * 1e3,
-                "alone_p95_max": rung.alone * 1e3,
-                "keeps": rung.keeps,
-                "minutes": rung.minutes,
-                "instrument": rung.instrument,
-                "cheapest": rung.step in promise.cheapest,
-            }
+            {"step": rung.step, "p95_max": rung.band * 1e3, "alone_p95_max": rung.alone * 1e3, "keeps": rung.keeps,
+             "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in promise.cheapest}
             for rung in promise.ladder
         ],
         "error_band_from": {
@@ -417,4 +395,4 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
             "assumed": list(promise.assumed),
         },
-    }
+    }  # fmt: skip

@@ -133,16 +133,13 @@ class ToleranceVerdict:
             "change": self.change,
             "basis": self.basis,
             "where": [
-                {
-                    "waypoints": [stretch.first, stretch.last],
-                    "s_mm": [1e3 * stretch.start, 1e3 * stretch.end],
-                    "band_mm": 1e3 * stretch.most,
-                }
-                for stretch in self.where[:LISTED]
+                {"waypoints": [one.first, one.last], "s_mm": [1e3 * one.start, 1e3 * one.end],
+                 "band_mm": 1e3 * one.most}
+                for one in self.where[:LISTED]
             ],
             "stretches": len(self.where),
             "left_out": list(self.left_out),
-        }
+        }  # fmt: skip
 
     @property
     def head(self) -> tuple[str, ...]:
