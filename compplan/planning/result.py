@@ -21,7 +21,7 @@ from compplan.planning.citations import list_citations
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath, evaluate_executed
-from compplan.planning.lost_motion import list_reversals
+from compplan.planning.lost_motion import Reversals, list_reversals
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.slow import group_waypoints
 from compplan.planning.task import Command, PlanTask
@@ -129,6 +129,11 @@ class Plan(Shown):
     def correction(self) -> Array:
         """Unloaded tip of the command minus nominal. Shape (n, 3). [m]."""
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
+
+    @cached_property
+    def reversals(self) -> tuple[Reversals, ...]:
+        """How often every joint, and the spin, turns back."""
+        return list_reversals(self.task, self.q)
 
     @cached_property
     def mismatch(self) -> Mismatch:
@@ -279,7 +284,7 @@ def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] |
     """Return a plan with other notes, and breaches; what has been worked out from the rest of it stays known."""
     breaches = plan.breaches if breaches is None else breaches
     said = replace(plan, notes=notes, breaches=breaches)
-    kept = ["promise", "mismatch", "executed", "command_feed", "correction"]
+    kept = ["promise", "mismatch", "executed", "command_feed", "correction", "reversals"]
     kept += ["verdict"] if breaches == plan.breaches else []
     said.__dict__.update({name: plan.__dict__[name] for name in kept if name in plan.__dict__})
     return said
@@ -325,7 +330,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "correction_mm": {"max": plan.margins.max_correction * 1e3},
         "margins": _describe_margins(plan),
         "duration_s": float(plan.timing.time[-1]),
-        "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
+        "reversals": [entry.describe() for entry in plan.reversals],
         "judge": plan.judge,
         "checks": [check.describe() for check in plan.checks],
         "notes": [*plan.reasons, *plan.notes],

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.planning.allowed import Allowed, find_allowed
-from compplan.planning.posture.motion import MotionFigures
+from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.planning.posture.start import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
@@ -286,12 +286,8 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     lever = np.einsum("nij,nij->j", columns, columns) / len(some)
     gear, periods, lost, *_ = MotionFigures()
-    width = np.full(robot.nq, lost)
-    for entry in robot.effects:
-        if entry.get("effect") == "backlash" and entry.get("joint") in robot.joint_names:
-            values = entry["parameters"]
-            stated = abs(float(values.get("width_rad", values.get("width_m", 0.0))))
-            width[robot.joint_names.index(entry["joint"])] = stated
+    stated = list_plays(robot)
+    width = np.where(stated > 0.0, stated, lost)
     cost = lever * (0.5 * (gear * periods) ** 2 + (width * periods / (4.0 * np.pi)) ** 2)
     return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)
 

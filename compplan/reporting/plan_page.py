@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compplan.io.notes import list_remarks
 from compplan.planning.deflection import describe_bending
-from compplan.planning.lost_motion import describe_reversals, list_reversals
+from compplan.planning.lost_motion import describe_reversals
 from compplan.planning.posture.start import compare_postures
 from compplan.planning.slow import describe_causes, mark_slow
 from compplan.process.force_models import name_force_model
@@ -109,7 +109,7 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
     if words:
         facts.append(("configuration", words))
-    facts.append(("axes turn back", describe_reversals(list_reversals(plan.task, plan.q))))
+    facts.append(("axes turn back", describe_reversals(plan.reversals)))
     facts.append(("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"))
     facts.append(("time in the solver", f"{plan.command.solve_time:.3g} s"))
     return facts

@@ -13,8 +13,9 @@ finished posture is measured as it is, turns and accelerations included.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,17 +150,33 @@ LEAST_STROKE, TIMES_LOST = 1e-3, 3.0
 LEAST_TURN = float(np.radians(1.0))
 
 
+#: Less lost motion is none (assumed). [rad or m]
+LEAST_PLAY = 1e-6
+
+
+def is_play(entry: Mapping[str, Any]) -> bool:
+    """Tell whether an effect of a folder is lost motion that a command can lead."""
+    return entry.get("effect") == "backlash" and width_of(entry) > LEAST_PLAY
+
+
+def width_of(entry: Mapping[str, Any]) -> float:
+    """Return the width of a backlash. [rad or m]"""
+    values = entry.get("parameters", {})
+    return float(values.get("width_rad", values.get("width_m", 0.0)))
+
+
+def list_plays(robot: Robot) -> Array:
+    """Return the width of the lost motion that a robot folder states of every joint. Shape (nq,). [rad or m]"""
+    widths = np.zeros(robot.nq)
+    for entry in filter(is_play, robot.effects):
+        widths[robot.joint_names.index(str(entry["joint"]))] += width_of(entry)
+    return widths
+
+
 def least_strokes(robot: Robot) -> Array:
     """Return the least stroke of every joint that slides or carries the part, 0 for the others. (nq,). [m or rad]."""
     stroke = np.where(robot.prismatic, LEAST_STROKE, np.where(robot.carriers, LEAST_TURN, 0.0))
-    for entry in robot.effects:
-        if entry.get("effect") != "backlash" or entry.get("joint") not in robot.joint_names:
-            continue
-        j = robot.joint_names.index(entry["joint"])
-        if stroke[j]:
-            width = entry["parameters"].get("width_m" if robot.prismatic[j] else "width_rad", 0.0)
-            stroke[j] = max(stroke[j], TIMES_LOST * abs(float(width)))
-    return stroke
+    return np.where(stroke > 0.0, np.maximum(stroke, TIMES_LOST * list_plays(robot)), 0.0)
 
 
 def steady_slide(positions: Array, stroke: float) -> Array:
