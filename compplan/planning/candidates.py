@@ -24,8 +24,8 @@ from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.start import Bettered, Easing, Start, find_plain, stand
-from compplan.planning.posture.summary import PostureSummary
+from compplan.planning.posture.start import find_plain, stand
+from compplan.planning.posture.summary import Bettered, Easing, PostureSummary, Start
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids

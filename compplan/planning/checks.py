@@ -23,8 +23,7 @@ from compplan.planning.between import Between, divide_times, insert_between, jud
 from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
 from compplan.planning.executed import ExecutedPath, bound_executed
-from compplan.planning.strategies.limits import AT_CORRECTION
-from compplan.planning.task import Command, PlanTask, attain_rows
+from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.strategies.limits import measure_correction
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, measure_correction
 from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (

@@ -31,7 +31,8 @@ from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
-from compplan.planning.posture.start import PostureRequest, Start, check_clearance, read_request
+from compplan.planning.posture.start import check_clearance, read_request
+from compplan.planning.posture.summary import PostureRequest, Start
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times

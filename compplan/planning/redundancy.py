@@ -37,8 +37,8 @@ from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.motion import find_torn
-from compplan.planning.posture.start import PostureRequest, Start, stand
-from compplan.planning.posture.summary import PostureSummary, summarise_costs
+from compplan.planning.posture.start import stand
+from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start, summarise_costs
 from compplan.planning.problem import PlanningProblem
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot

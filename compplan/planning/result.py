@@ -22,8 +22,8 @@ from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.lost_motion import Reversals, list_reversals
+from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.planning.slow import group_waypoints
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, check_tolerance, explain_width

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from compplan.io.notes import list_remarks
 from compplan.planning.deflection import describe_bending
 from compplan.planning.lost_motion import describe_reversals
+from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.posture.start import compare_postures
-from compplan.planning.slow import describe_causes, mark_slow
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (
     FLOOR,

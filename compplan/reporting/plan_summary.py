@@ -13,8 +13,7 @@ from compplan.controllers.writers.frames import flange_turn, place_numbers, rota
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import list_stops
-from compplan.planning.notes import describe_part_frame
-from compplan.planning.slow import mark_slow
+from compplan.planning.notes import describe_part_frame, mark_slow
 from compplan.process.cutting import CuttingTable
 from compplan.reporting.curve_chart import draw_curves
 from compplan.reporting.page import Block, Chart, Column, KeyFigure, PageTable, Row, Section, Summary, TableCell

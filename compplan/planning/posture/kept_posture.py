@@ -22,8 +22,8 @@ from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.planning.posture.configuration import Preference
 from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.motion import least_strokes, steady_slide
-from compplan.planning.posture.start import PostureRequest, Start, find_start, name_along
-from compplan.planning.posture.summary import summarise_costs
+from compplan.planning.posture.start import find_start, name_along
+from compplan.planning.posture.summary import PostureRequest, Start, summarise_costs
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.statics.chain import locate_frames
