@@ -8,7 +8,7 @@ from __future__ import annotations
 
 #: What can be run, by the question that it asks.
 QUESTIONS: dict[str, tuple[str, ...]] = {
-    "Does the tip go where the plan says?": ("coverage", "limits", "nlp", "planted"),
+    "Does the tip go where the plan says?": ("coverage", "coverage.touched", "limits", "nlp", "planted"),
     "Is a program read as the controller would read it?": ("reading",),
     "Is the force right?": ("engagement",),
     "Is the cause found?": ("outsider", "diagnosis", "rival", "ablation"),

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from compplan.learning.part import LearnedPart, learn_from_part
     from compplan.measurement.campaign import Campaign
     from compplan.measurement.reading import read_campaign
-    from compplan.planning.compare import Comparison, compare_job
+    from compplan.planning.compare import Comparison
     from compplan.planning.evaluate import Evaluation, evaluate_run
     from compplan.planning.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.planning.posture.place import place_part
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.simulation.predict import Prediction, predict_campaign
     from compplan.simulation.simulated_robot import SimulatedRobot, build_simulated_robot, run_simulated_robot
+    from compplan.studies.comparison import compare_job
     from compplan.studies.job_study import JobStudy, study_job
     from compplan.studies.runner import Settings
     from compplan.toolpath.reading import read_toolpath
@@ -95,13 +96,14 @@ _MODULES = {
     "toolpath.reading": ("read_toolpath",),
     "controllers.writers": ("Program", "Wiring", "build_program", "write_program"),
     "toolpath.toolpath": ("Toolpath", "place_toolpath", "write_toolpath"),
-    "planning.compare": ("Comparison", "compare_job", "compare_task"),
+    "planning.compare": ("Comparison", "compare_task"),
     "planning.evaluate": ("Evaluation", "evaluate_run"),
     "planning.problem": ("PlanningProblem",),
     "planning.plan": (
         "Plan", "PlanOptions", "build_task", "job_robot", "plan_compensation", "plan_job", "plan_task", "prepare_job",
     ),
     "robot": ("Robot", "load_robot", "write_robot_folder"),
+    "studies.comparison": ("compare_job",),
     "studies.job_study": ("JobStudy", "study_job"),
     "studies.runner": ("Run", "Settings", "run_study"),
     "studies.study": ("Study", "prepare_study"),
@@ -109,7 +111,8 @@ _MODULES = {
     "diagnosis.results.next_measurement": ("propose_measurements",),
     "diagnosis.results.where": ("split_diagnosis",),
     "job.force_prediction": ("ForcePrediction", "predict_forces"),
-    "learning.campaign": ("PoseCampaign", "Equipment", "design_campaign"),
+    "learning.campaign": ("PoseCampaign", "design_campaign"),
+    "uncertainty.ladder": ("Equipment",),
     "learning.part": ("LearnedPart", "learn_from_part"),
     "reporting.maps.survey": ("MapSettings", "RobotMaps", "map_robot"),
     "planning.posture.place": ("PlaceResult", "place_part"),

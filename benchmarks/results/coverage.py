@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from benchmarks.coverage.table import list_coverage, list_verdicts
+from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
 TITLE = 'Coverage: is a part that "keeps" its tolerance within it?'
@@ -14,6 +15,7 @@ METHOD = (
     "second engine: compliances, masses, frequencies and damping of each arm are drawn from what the folder says of "
     "them."
 )
+CHART = Chart("tips within the 95 % band, %", {"held": ("held, %", 0)})
 LIMITS = (
     "The controller of the moving arm is ideal: its servos follow joints.csv. A real one lags and blends.",
     "Damping and widths of the drawn arms are the assumed ones of the robot folders.",

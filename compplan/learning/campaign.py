@@ -17,7 +17,6 @@ from compplan.learning.contacts import (
     LENGTHS,
     PLACES,
     SOCKETS,
-    TRACKER,
     Fixture,
     find_touching,
     list_fixtures,
@@ -35,67 +34,18 @@ from compplan.planning.posture.collision_scene import CollisionScene, build_scen
 from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.simulation.predict import predict_campaign
-from compplan.uncertainty.assumed import LINK_ELASTICITY, list_assumed, robot_uncertainty, widen_uncertainty
+from compplan.uncertainty.assumed import list_assumed, robot_uncertainty, widen_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
+from compplan.uncertainty.ladder import CALIBRATION, COMPLIANCES, PATH, TRACKER, Equipment
 from compplan.uncertainty.perturbation import build_varied_model
 from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, read_force_spread, select_model_rows
 
 #: Random poses that the design is compared with, and how often they are drawn.
 MANY, DRAWS = 50, 5
-#: Effects that only a load shows.
-COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
-#: What poses may be for: the band on the job's path, or a calibration of an arm of which hardly anything is known, to
-#: hold wherever it can stand; and postures that stand for that (assumed).
-PATH, CALIBRATION = "path", "calibration"
+#: Postures that stand for wherever an arm can stand (assumed).
 REACH = 100
 #: A log lies beyond its widths where chance would do so once in a thousand.
 BY_CHANCE = 0.999
-
-
-@dataclass(frozen=True)
-class Equipment:
-    """What a shop has to measure with.
-
-    Attributes:
-        weights: Weights that can hang at the tool, 0 for none. [kg]
-        pull: Force with which the tool can be pulled sideways, 0 for none. [N]
-        sigma: Standard deviation of the instrument per axis. [m]
-        register: Frames that are unknown, of "base" and "tool"; None: both of a tracker, which stands anywhere, and
-            none of other instruments.
-        seed: Seed of the candidates.
-        purpose: What the poses are for: PATH or CALIBRATION.
-        instrument: What sees the tip, of `INSTRUMENTS`.
-        places: Unknown places at which it stands; None: as many as `PLACES` says.
-        length: Length of a ball bar, or distance of two sockets of a plate; None: as `LENGTHS`
-            says. [m]
-    """
-
-    weights: tuple[float, ...] = (0.0,)
-    pull: float = 0.0
-    sigma: float = 3e-5
-    register: tuple[str, ...] | None = None
-    seed: int = 0
-    purpose: str = PATH
-    instrument: str = TRACKER
-    places: int | None = None
-    length: float | None = None
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Return the frames that are unknown: the poses have to tell them from the arm."""
-        if self.register is None:
-            return ("base", "tool") if self.instrument == TRACKER else ()
-        return tuple(part for part in self.register if part != "base" or self.instrument == TRACKER)
-
-    @property
-    def loaded(self) -> bool:
-        """Tell whether loads can be changed."""
-        return self.pull > 0.0 or any(self.weights)
-
-    @property
-    def place(self) -> str:
-        """Say where the poses narrow the band."""
-        return "on this path" if self.purpose == PATH else "wherever the arm can stand"
 
 
 @dataclass(frozen=True, eq=False)

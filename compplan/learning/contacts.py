@@ -18,7 +18,7 @@ from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 
-TRACKER, SOCKETS, GAUGE, BALL_BAR = INSTRUMENTS = ("tracker", "sockets", "gauge", "ball_bar")
+SOCKETS, GAUGE, BALL_BAR = "sockets", "gauge", "ball_bar"
 #: Kind of a row, and places that are put up where nobody says how many.
 KINDS = {SOCKETS: CONTACT, GAUGE: READING, BALL_BAR: DISTANCE}
 PLACES = {SOCKETS: 3, GAUGE: 6, BALL_BAR: 3}
@@ -80,7 +80,7 @@ def find_touching(
         postures: Postures that the arm can take. Shape (m, nq). [rad or m]
         middle: Middle of the path. Shape (3,). [m]
         lowest: Lowest place of the path over the base plane. [m]
-        instrument: One of `INSTRUMENTS`, no tracker.
+        instrument: "sockets", "gauge" or "ball_bar".
         places: How many places.
         length: Length of the ball bar, or distance of two sockets of a plate, 0 for single ones. [m]
         scene: What may touch what, or None.
@@ -149,7 +149,7 @@ def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> t
     """Tell where the instrument of a campaign stands, label by label.
 
     Args:
-        instrument: One of `INSTRUMENTS`.
+        instrument: "tracker", "sockets", "gauge" or "ball_bar".
         sights: What it sees in every pose; None for a tracker.
         tip: Where the tip is in every pose, base frame. Shape (m, 3). [m]
     """

@@ -26,6 +26,7 @@ from compplan.measurement.poses.information import learn_rows, measure_gains, we
 from compplan.robot import Array
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
+from compplan.uncertainty.ladder import pose_variance
 
 #: Standard deviations of frames that are not known. [m, rad]
 LOOSE = (1.0, 0.5)
@@ -74,8 +75,8 @@ class Design:
 
     @property
     def noise(self) -> float:
-        """Variance of one measurement per axis: instrument, repeatability, what no parameter explains. [m^2]."""
-        return self.sigma**2 + (self.known.repeatability or 0.0) ** 2 + self.known.smooth**2
+        """Variance of one measurement per axis. [m^2]."""
+        return pose_variance(self.known, self.sigma)
 
     def rows(self, slopes: Array, tip: Array, rotation: Array, sights: Observations | None = None) -> Array:
         """Return what measurements see of parameters, frames and places. Shape (m, 3, p + f)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,32 +14,35 @@ from compplan.io.quantities import format_length
 from compplan.job.job import Job
 from compplan.measurement.distance import LEVEL
 from compplan.planning.evaluate import Evaluation, evaluate_run
-from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.strategies import STRATEGIES, command_path
+from compplan.planning.strategies import command_path
+from compplan.planning.strategies.online import ONLINE, hold_robot, list_strategies, prepare_answers
 from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
-from compplan.simulation.simulated_robot import AS_MODELLED, JUDGE, SimulatedRobot, standard_variants
-from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import draw_paths, linearise_path
-from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, read_force_spread
+from compplan.simulation.simulated_robot import (
+    AS_MODELLED,
+    JUDGE,
+    SimulatedRobot,
+    build_simulated_robot,
+    standard_variants,
+)
 
-#: Robots and forces that are drawn.
-DRAWS = 200
 #: Strategies that differ by less than this share leave the same (assumed).
 SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What strategies leave on robots drawn from what is known of the robot, and with forces drawn from the job's.
+    """What strategies leave on the drawn robots, forces and sensors of a Monte Carlo study.
 
     Attributes:
         source: Where the widths come from.
         rms: By strategy, rms deviation over the cut of every drawn robot. Shape (draws,). [m]
+        interval: By strategy, 95 % interval of the median. [m]
     """
 
     source: str
     rms: Mapping[str, Array]
+    interval: Mapping[str, tuple[float, float]]
 
     def median(self, strategy: str) -> float:
         """Return what every second robot stays below. [m]."""
@@ -82,10 +85,10 @@ class Comparison(Shown):
 
     @property
     def least(self) -> tuple[str, ...]:
-        """The strategies that leave least, on drawn robots where there are any, else as modelled."""
+        """The strategies without sensors that leave least, on drawn robots where there are any, else as modelled."""
         drawn = self.drawn
         left = {name: run.rms_deviation if drawn is None else drawn.median(name)
-                for name, run in self.as_modelled.items()}  # fmt: skip
+                for name, run in self.as_modelled.items() if name not in ONLINE}  # fmt: skip
         bound = (1.0 + SAME) * min(left.values())
         return tuple(name for name, value in left.items() if value <= bound)
 
@@ -126,49 +129,30 @@ class Comparison(Shown):
         return summarise_comparison(self)
 
 
-def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None) -> Comparison:
-    """Compare every strategy on a job; `announce` is called with what is done next."""
-    announce("robot, toolpath and posture")
-    robot, nominal, options = prepare_job(job)
-    task = build_task(robot, nominal, options, file=job.file)
-    comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
-    announce("robots drawn from what is known")
-    return replace(comparison, job=job, drawn=draw_strategies(comparison, read_force_spread(job)))
-
-
-def draw_strategies(comparison: Comparison, force: ForceSpread, draws: int = DRAWS) -> Drawn:
-    """Draw robots from what is known, to first order about the posture of the task; every strategy meets the same ones.
-
-    A strategy that only plans leaves what it leaves as modelled, and beside it what the robot does otherwise.
-    """
-    task = comparison.task
-    known = robot_uncertainty(task.robot)
-    scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
-    slopes = linearise_path(scene, known, force, task.cut, touched=task.touched)
-    moved = draw_paths(slopes, known, draws)
-    left = {name: run.deviation[slopes.rows, :, None] + moved for name, run in comparison.as_modelled.items()}
-    rms = {name: np.sqrt(np.mean(np.sum(tips**2, axis=1), axis=0)) for name, tips in left.items()}
-    return Drawn(f"{known.source}; force {force.source}", rms)
-
-
 def compare_task(
     task: PlanTask, *, name: str = "path", strategies: Sequence[str] | None = None,
     cells: Sequence[SimulatedRobot] | None = None, announce: Callable[[str], None] = lambda text: None,
 ) -> Comparison:  # fmt: skip
     """Let every strategy command a task, and run every command in every cell.
 
-    Strategies and cells left out are all of them, and those as modelled and with compliances that differ.
+    Strategies left out are all that the robot can carry out; cells left out are as modelled, and with compliances that
+    differ. Strategies that read sensors read them without error here.
     """
     cells = tuple(cells) if cells is not None else standard_variants(task.robot)
+    names = list_strategies(task.robot) if strategies is None else strategies
+    online = prepare_answers(task, [strategy for strategy in names if strategy in ONLINE])
     commands = {}
-    for strategy in STRATEGIES if strategies is None else strategies:
+    for strategy in names:
         announce(f"command: {strategy}")
-        commands[strategy] = command_path(task, strategy)
+        commands[strategy] = Command(online[strategy].q) if strategy in online else command_path(task, strategy)
     evaluations: dict[str, dict[str, Evaluation]] = {}
     for cell in cells:
         for strategy, command in commands.items():
             announce(f"cell {cell.name}: {strategy}")
-            evaluations.setdefault(cell.name, {})[strategy] = evaluate_run(task, command.q, cell)
+            held = cell
+            if strategy in online and online[strategy].feedback != "motor":
+                held = build_simulated_robot(hold_robot(cell.robot, online[strategy].spring_gain), cell.name)
+            evaluations.setdefault(cell.name, {})[strategy] = evaluate_run(task, command.q, held)
     return Comparison(name, task, cells, commands, evaluations)
 
 
@@ -186,7 +170,8 @@ def summarise_comparison(comparison: Comparison) -> dict[str, Any]:
         strategies[strategy] = {**figures, "status": status, "under_mismatch": mismatch}
         if (drawn := comparison.drawn) is not None:
             median, most = drawn.median(strategy), drawn.most(strategy)
-            strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "p95": most * 1e3}
+            ends = [1e3 * end for end in drawn.interval[strategy]]
+            strategies[strategy]["drawn_rms_mm"] = {"median": median * 1e3, "median_ci95": ends, "p95": most * 1e3}
     return {
         "schema": 1,
         "name": comparison.name,

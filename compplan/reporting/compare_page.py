@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.job.names import ONLINE
 from compplan.reporting import figure as go
 from compplan.reporting.along_path import FLOOR, place_stations
 from compplan.reporting.page import Block, Chart, Column, Fold, PageTable, Row, Section, TableCell, write_page
@@ -44,6 +45,7 @@ def write_compare_page(comparison: Comparison, file: Path) -> None:
         InputError: If the folder cannot be written.
     """
     left, task = find_left(comparison), comparison.task
+    planned = {name: pair for name, pair in left.items() if name not in ONLINE}
     job = [] if comparison.job is None else [("job", str(comparison.job.file))]
     facts = [("deviation computed by", comparison.judge), *job,
              ("toolpath", task.nominal.source or "given in memory")]  # fmt: skip
@@ -62,7 +64,7 @@ def write_compare_page(comparison: Comparison, file: Path) -> None:
         [_figures(comparison), _along(comparison)],
         kind=f"Strategies compared, {task.robot.name}",
         opening=open_comparison(
-            {name: pair[0] for name, pair in left.items()}, {name: pair[1] for name, pair in left.items()},
+            {name: pair[0] for name, pair in planned.items()}, {name: pair[1] for name, pair in planned.items()},
             task.tolerance, drawn=comparison.drawn is not None,
             picture=Chart(_draw_left(comparison), DRAWN_CAPTION, 90 + 46 * len(left)),
         ),
@@ -151,7 +153,8 @@ def _matrix(comparison: Comparison) -> PageTable:
         row: Row = [TableCell(name_strategy(name), "strong")]
         if drawn is not None:
             close = drawn.median(name) <= 1.02 * min(drawn.median(other) for other in drawn.rms)
-            text = f"{format_length(drawn.median(name))}  ({format_length(drawn.most(name))})"
+            ends = " to ".join(f"{1e3 * end:.3g}" for end in drawn.interval[name])
+            text = f"{format_length(drawn.median(name))}, {ends}  ({format_length(drawn.most(name))})"
             row.append(TableCell(text, "good" if close else ""))
         for cell in cells:
             run = comparison.evaluations[cell][name]
@@ -163,7 +166,7 @@ def _matrix(comparison: Comparison) -> PageTable:
     columns = [Column("strategy"), *first, *(Column(cell) for cell in cells)]
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
     if drawn is not None:
-        caption += f" Drawn robots: rms, median (what 95 % stay below); {drawn.source}."
+        caption += f" Drawn robots: rms, median and its 95 % interval (what 95 % stay below); {drawn.source}."
     return PageTable(columns, rows, caption)
 
 

@@ -132,8 +132,7 @@ def prepare_study(
     noise = settle_force(noise or NoiseTable(), force)
     if not task.compensated.any():
         raise InputError("nothing of the path is cut, there is nothing to compare")
-    gears = bool(task.chain.actuator.any())
-    chosen = tuple(strategies) if strategies else tuple(s for s in list_strategies() if gears or "encoder" not in s)
+    chosen = tuple(strategies) if strategies else list_strategies(task.robot)
     thin = thin_task(task, most_waypoints)
     if announce:
         announce(f"prepare {len(chosen)} strategies")

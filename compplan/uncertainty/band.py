@@ -25,7 +25,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
-from compplan.uncertainty.ladder import Rung, Shop, climb_ladder, condition, pick_places
+from compplan.uncertainty.ladder import USUAL, Rung, climb_ladder, condition, pick_places, pose_variance, weigh_poses
 from compplan.uncertainty.motion import Motion
 from compplan.uncertainty.perturbation import sample_alternatives
 from compplan.uncertainty.sensitivities import (
@@ -75,6 +75,7 @@ class Slopes:
         moved: Where the motion of drawn arms puts the tip, none where it is not counted. Shape (d, k, 3). [m]
         tie: How level and turns go with the robot and what of them is apart, as `tie_force` says; none: all is apart.
         touched: The part as the robot found it by touching, or None where its frame is absolute.
+        alone: `model` of the tip itself, where that of a touched part is relative to the part; None: the same.
     """
 
     rows: NDArray[np.int_]
@@ -85,6 +86,7 @@ class Slopes:
     moved: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
     tie: tuple[Array, Array] | None = None
     touched: TouchedPart | None = None
+    alone: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
         """Return the tip by one standard deviation of each component of what no parameter explains. (k, 3, c). [m]
@@ -200,9 +202,9 @@ def linearise_path(
         shared = np.concatenate([shared, part[rows]], axis=2)
     moved = np.zeros((0, len(rows), 3)) if motion is None else motion.error[:, rows]
     tie = tie_force(known, force) if len(force.robot) else None
-    model = measure_slopes(scene, known.unknowns, rows, rest)
-    model = subtract_touch(model, rest.position, touched, known.unknowns)
-    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched)
+    alone = measure_slopes(scene, known.unknowns, rows, rest)
+    model = subtract_touch(alone, rest.position, touched, known.unknowns)
+    return Slopes(rows, rest.position, model, shared, local, moved, tie, touched, alone)
 
 
 def split_covariance(slopes: Slopes, known: Uncertainty) -> dict[str, Array]:
@@ -268,7 +270,9 @@ def estimate_band(
         widest = float(band_radius(total, mean=off)[cut].max(initial=0.0))
         farthest = np.linalg.norm(drawn + uncorrected[slopes.rows][:, :, None], axis=1).max(axis=0, initial=0.0)
         before = (widest + between, max(widest, float(np.quantile(farthest, LEVEL))) + between)
-    ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance)
+    load = float(np.linalg.norm(scene.wrench[cut, :3], axis=1).max(initial=0.0))
+    weight = weigh_poses(robot, known.unknowns, load)
+    ladder, cheapest = _climb(slopes, known, force, parts, left, whole, between, touchable, tolerance, weight)
     return ErrorBand(
         radius=radius + left,
         parts={name: band_radius(value, mean=mean if name == "motion" else None) for name, value in spread.items()},
@@ -295,18 +299,25 @@ def estimate_band(
 
 def _climb(
     slopes: Slopes, known: Uncertainty, force: ForceSpread, parts: Mapping[str, Array], left: Array, whole: float,
-    between: float, touchable: TouchedPart | None, tolerance: float,
+    between: float, touchable: TouchedPart | None, tolerance: float, weight: Array,
 ) -> tuple[tuple[Rung, ...], tuple[str, ...]]:  # fmt: skip
-    """Predict the band of the whole cut after further measurements; nothing where nothing was differentiated."""
+    """Predict the band of the whole cut after further measurements; nothing where nothing was differentiated.
+
+    weight: What poses see of each parameter, of what it moves on the path (`weigh_poses`). Shape (p,).
+    """
     if not len(slopes.rows):
         return (), ()
-    equipment, k, touched = Shop(), len(slopes.rows), slopes
+    equipment, k, touched = USUAL, len(slopes.rows), slopes
     if touchable is not None:
         model = subtract_touch(slopes.model, slopes.tip, touchable, known.unknowns)
         shared = np.concatenate([slopes.shared[:, :, :4], touchable.spread_part(slopes.tip)], axis=2)
         touched = replace(slopes, model=model, shared=shared, touched=touchable)
     poses, points = pick_places(k, equipment.poses), pick_places(k, equipment.points)
-    repeats, near = known.repeatability or 0.0, left[slopes.rows]
+    seen = ((slopes.model if slopes.alone is None else slopes.alone) * weight @ known.spread)[poses]
+    near, along = left[slopes.rows], np.gradient(slopes.tip, axis=0)[points] if k > 1 else np.zeros((1, 3))
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]  # a point says nothing of its place along the path
+    repeats = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (k, 3, 3))
     mean = slopes.moved.mean(axis=0) if len(slopes.moved) else np.zeros((k, 3))
 
     def greatest(steps: Sequence[str]) -> float:
@@ -315,10 +326,10 @@ def _climb(
         pushed, placed = shared[:, :, :4].copy(), shared[:, :, 4:]
         scatter = pushed[:, :, :1] * force.scatter / max(force.level, 1e-12)
         pushed[:, :, 0] *= force.common / max(force.level, 1e-12)
-        of_robot = np.concatenate([robot, smooth, 0.0 * pushed, 0.0 * placed], axis=2)
-        # the frame of a measured part is another one than that of the next
-        of_part = np.concatenate([robot, smooth, pushed, placed], axis=2)
-        columns = np.concatenate([robot, smooth, pushed, 0.0 * placed], axis=2)
+        # frame, force and run of a measured part are other ones than those of the next
+        own = np.concatenate([placed, scatter, repeats], axis=2)
+        of_part = np.concatenate([robot, smooth, pushed, own], axis=2)
+        columns = np.concatenate([robot, smooth, pushed, 0.0 * own], axis=2)
         rows, sigmas = [np.zeros((0, columns.shape[2]))], [1.0]
         if "force_log" in steps:
             first = robot.shape[2] + smooth.shape[2]
@@ -326,11 +337,11 @@ def _climb(
             rows += [np.eye(columns.shape[2])[[first + axis]] for axis in range(4)]
             sigmas += [equipment.force_level / max(force.common, 1e-12), turn, turn, turn]
         if "poses" in steps:
-            rows.append(of_robot[poses].reshape(-1, columns.shape[2]))
-            sigmas.append(float(np.hypot(equipment.tracker, repeats)))
+            rows.append(np.pad(seen.reshape(3 * len(poses), -1), ((0, 0), (0, columns.shape[2] - seen.shape[2]))))
+            sigmas.append(float(np.sqrt(pose_variance(known, equipment.sigma))))
         if "first_part" in steps:
-            rows.append(of_part[points].reshape(-1, columns.shape[2]))
-            sigmas.append(float(np.hypot(equipment.probe, repeats)))
+            rows.append((across @ of_part[points]).reshape(-1, columns.shape[2]))
+            sigmas.append(equipment.probe)
         local = slopes.local
         if {"force_log", "first_part"} & set(steps):
             local = local * min(1.0, equipment.force_level / max(force.path, 1e-12))

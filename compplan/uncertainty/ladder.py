@@ -5,7 +5,8 @@ level and direction of the force. A measurement y = H z + noise of covariance di
 
     P = (1 + H^T diag(s^-2) H)^-1,    and the tip the covariance L P L^T + rest.
 
-Each row of H is one measured coordinate at a place of the path.
+Each row of H is one measured coordinate at a place of the path. Poses tell of parameters alone: what no parameter
+explains is noise to them (`pose_variance`), here as where a campaign chooses poses.
 """
 
 from __future__ import annotations
@@ -17,28 +18,75 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.robot import Array
+from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty, Unknown
+from compplan.uncertainty.assumed import LINK_ELASTICITY, moves_base
+
+#: Instrument that sees positions, standing anywhere.
+TRACKER = "tracker"
+#: What poses may be for: the band on the job's path, or a calibration of an arm of which hardly anything is known, to
+#: hold wherever it can stand.
+PATH, CALIBRATION = "path", "calibration"
 
 
 @dataclass(frozen=True)
-class Shop:
-    """What a shop measures with; assumed where no other source is given.
+class Equipment:
+    """What a shop has to measure with; defaults are assumed.
 
     Attributes:
+        weights: Weights that can hang at the tool, 0 for none. [kg]
+        pull: Force with which the tool can be pulled sideways, 0 for none. [N]
+        sigma: Standard deviation of the instrument per axis. [m]
+        register: Frames that are unknown, of "base" and "tool"; None: both of a tracker, none of other instruments.
+        seed: Seed of the candidates.
+        purpose: What the poses are for: PATH or CALIBRATION.
+        instrument: What sees the tip, "tracker", "sockets", "gauge" or "ball_bar".
+        places: Unknown places at which it stands; None: the usual number.
+        length: Length of a ball bar, or distance of two sockets of a plate; None: the usual one. [m]
+        poses: Poses of a campaign that a plan's ladder counts with, under the process force.
         force_level: Relative standard deviation of the force after a log of a force sensor (gain 1 %, drift).
         force_direction: Standard deviation of its direction then. [rad]
-        poses: Poses of a campaign (`compplan campaign --poses`), each measured without load and with the process force.
-        tracker: Standard deviation of a measured pose per axis (default of `compplan campaign --sigma-mm`). [m]
         probe: Standard deviation of a measured point of a part per axis (default of `compplan learn`). [m]
         points: Points of a part that count as independent.
     """
 
+    weights: tuple[float, ...] = (0.0,)
+    pull: float = 0.0
+    sigma: float = 3e-5
+    register: tuple[str, ...] | None = None
+    seed: int = 0
+    purpose: str = PATH
+    instrument: str = TRACKER
+    places: int | None = None
+    length: float | None = None
+    poses: int = 12
     force_level: float = 0.02
     force_direction: float = 0.01
-    poses: int = 12
-    tracker: float = 3e-5
     probe: float = 2e-5
     points: int = 60
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Return the frames that are unknown: the poses have to tell them from the arm."""
+        if self.register is None:
+            return ("base", "tool") if self.instrument == TRACKER else ()
+        return tuple(part for part in self.register if part != "base" or self.instrument == TRACKER)
+
+    @property
+    def loaded(self) -> bool:
+        """Tell whether loads can be changed."""
+        return self.pull > 0.0 or any(self.weights)
+
+    @property
+    def place(self) -> str:
+        """Say where the poses narrow the band."""
+        return "on this path" if self.purpose == PATH else "wherever the arm can stand"
+
+
+#: What the ladder of a plan counts with.
+USUAL = Equipment(pull=400.0)
+#: Effects that only a load shows.
+COMPLIANCES = ("joint_stiffness", "link_compliance", "base_compliance", LINK_ELASTICITY)
 
 
 @dataclass(frozen=True)
@@ -73,7 +121,7 @@ COSTS = {
 DO = {
     "touch_off": "touch the part off ([part] touched_off = true)",
     "force_log": "log the force of a cut (compplan forces JOB --log LOG)",
-    "poses": "measure 12 poses (compplan campaign JOB)",
+    "poses": "measure 12 poses (compplan campaign JOB --pull-N 400)",
     "first_part": "measure a first part (compplan learn JOB MEASURED)",
 }
 
@@ -99,6 +147,28 @@ def climb_ladder(
     sets = [chosen for size in range(1, len(steps) + 1) for chosen in combinations(steps, size)]
     sets.sort(key=lambda chosen: sum(COSTS[step][0] for step in chosen))
     return tuple(rungs), next((chosen for chosen in sets if band_after(chosen) <= tolerance), ())
+
+
+def weigh_poses(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
+    """Return what poses of `USUAL` equipment see of each parameter, of what it moves on the path. Shape (p,).
+
+    A tracker stands anywhere: it sees nothing of what moves base and arm alike. Compliances show by the pull.
+
+    Args:
+        robot: The robot.
+        unknowns: The parameters; p in all.
+        load: Greatest force of the process. [N]
+    """
+    share = min(1.0, USUAL.pull / max(load, 1e-9))
+    weight = [
+        0.0 if moves_base(robot, unknown) else share if unknown.effect in COMPLIANCES else 1.0 for unknown in unknowns
+    ]
+    return np.repeat(weight, [len(unknown.keys) for unknown in unknowns])
+
+
+def pose_variance(known: Uncertainty, sigma: float) -> float:
+    """Return the variance of a measured pose per axis: instrument, repeatability, what no parameter explains. [m^2]"""
+    return sigma**2 + (known.repeatability or 0.0) ** 2 + known.smooth**2
 
 
 def condition(columns: Array, rows: Sequence[Array], sigmas: Sequence[float]) -> Array:

@@ -45,7 +45,7 @@ def test_a_verb_stays_a_verb_whichever_room_of_its_name_is_imported_and_when() -
             "assert cp.plan is plan and callable(plan) and callable(cp.diagnose)\n"
             "assert c.compare_task and w.split_diagnosis and strategies.STRATEGIES\n"
             "from unittest import mock\n"
-            "with mock.patch('compplan.planning.compare.DRAWS', 3):\n    assert c.DRAWS == 3\n"
+            "with mock.patch('compplan.planning.compare.SAME', 3):\n    assert c.SAME == 3\n"
             "print(cp.plan.__doc__[:4])"
         )  # fmt: skip
         assert said == "Plan\n"

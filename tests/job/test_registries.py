@@ -167,7 +167,7 @@ def test_every_language_is_read_back_by_a_reader_of_the_tests_own_and_every_modu
     ("command", "names"),
     [("post", WRITERS), ("forces", FORCE_MODELS),
      ("convert", READERS), ("montecarlo", (*STRATEGIES, *ONLINE)), ("diagnose", EFFECTS),
-     ("compare", STRATEGIES), ("identify", EFFECTS)],
+     ("compare", (*STRATEGIES, *ONLINE)), ("identify", EFFECTS)],
 )  # fmt: skip
 def test_help_lists_what_can_be_named(command: str, names: Iterable[str]) -> None:
     said = CliRunner().invoke(group, [command, "--help"]).output

@@ -11,9 +11,11 @@ from montecarlo_cases import cone_study, cone_task, small_study
 
 from compplan.cli import group
 from compplan.errors import InputError, UnknownNameError
+from compplan.job.names import ONLINE, STRATEGIES
 from compplan.job.noise import NoiseTable
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.statics.sensitivity import attain_pose
+from compplan.studies.comparison import DRAWS, SEED
 from compplan.studies.runner import Settings, run_study
 from compplan.studies.sensitivity import measure_sensitivity
 from compplan.studies.statistics import estimate_mean
@@ -200,7 +202,7 @@ def test_the_command_refuses_in_one_sentence_and_writes_nothing(
 
 
 def test_compare_and_montecarlo_draw_from_one_statement_of_the_robot(tmp_path: Path) -> None:
-    """On an assumed robot both give the median rms of the mirrored program within the error of their samples."""
+    """Samples of the same seed leave the same with every strategy."""
     file = tmp_path / "job.toml"
     file.write_text(
         'schema = 1\nname = "circle"\nrobot = "kuka_kr270"\n'
@@ -211,10 +213,16 @@ def test_compare_and_montecarlo_draw_from_one_statement_of_the_robot(tmp_path: P
     )
     common = [str(file), "--out", str(tmp_path / "compare")]
     assert CliRunner().invoke(group, ["compare", *common], catch_exceptions=False).exit_code == 0
-    common = [str(file), "--samples", "256", "--workers", "1", "--no-sensitivity", "--strategies", "mirror",
+    common = [str(file), "--samples", str(DRAWS), "--seed", str(SEED), "--workers", "1", "--no-sensitivity",
               "--out", str(tmp_path / "study")]  # fmt: skip
     assert CliRunner().invoke(group, ["montecarlo", *common], catch_exceptions=False).exit_code == 0
-    one = json.loads((tmp_path / "compare" / "compare.json").read_text())["strategies"]["mirror"]["drawn_rms_mm"]
-    two = json.loads((tmp_path / "study" / "montecarlo.json").read_text())["strategies"]["mirror"]["rms_mm"]
-    assert one["median"] == pytest.approx(two["p50"], rel=0.15)
-    assert one["p95"] == pytest.approx(two["p95"], rel=0.2)
+    one = json.loads((tmp_path / "compare" / "compare.json").read_text())["strategies"]
+    two = json.loads((tmp_path / "study" / "montecarlo.json").read_text())["strategies"]
+    assert list(one) == list(two) == [*STRATEGIES, *ONLINE]
+    for name, left in one.items():
+        drawn, study = left["drawn_rms_mm"], two[name]["rms_mm"]
+        assert [drawn["median"], *drawn["median_ci95"], drawn["p95"]] == pytest.approx(
+            [study["p50"], *study["p50_ci95"], study["p95"]], rel=1e-9
+        )
+    # one spring stands for gear and link: link-side encoders leave its link share of .4
+    assert one["secondary_encoder"]["rms_mm"] == pytest.approx(0.4 * one["none"]["rms_mm"], rel=0.01)

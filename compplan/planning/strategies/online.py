@@ -17,7 +17,8 @@ from compplan.io.plugins import Registry
 from compplan.job import names
 from compplan.planning.strategies import STRATEGIES, command_path
 from compplan.planning.task import PlanTask
-from compplan.robot import Array
+from compplan.robot import Array, Robot
+from compplan.statics.encoders import feedback_scale
 from compplan.uncertainty.touch_off import TouchedPart
 
 
@@ -32,9 +33,19 @@ class OnlineStrategy(Protocol):
 ONLINE: Registry[OnlineStrategy] = names.ONLINE.held_by(str(__package__))
 
 
-def list_strategies() -> tuple[str, ...]:
-    """List every strategy of a study by name: those of a plan, and those that read sensors."""
-    return (*STRATEGIES, *ONLINE)
+def list_strategies(robot: Robot | None = None) -> tuple[str, ...]:
+    """List every strategy by name, those of a plan and those that read sensors; of a robot: that it can carry out."""
+    gears = robot is None or any(spring.actuator for spring in robot.springs)
+    return tuple(name for name in (*STRATEGIES, *ONLINE) if gears or "encoder" not in name)
+
+
+def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
+    """Return the robot whose springs yield what a feedback leaves of them (`Answer.spring_gain`)."""
+    gains = dict(zip(robot.joint_names, spring_gain, strict=True))
+    gain = np.array([gains.get(spring.joint, 1.0) if spring.actuator else 1.0 for spring in robot.springs])
+    scale = feedback_scale(gain, np.array([spring.link_share for spring in robot.springs]))
+    held = (replace(s, compliance=float(k) * s.compliance) for s, k in zip(robot.springs, scale, strict=True))
+    return replace(robot, springs=tuple(held))
 
 
 def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
