@@ -26,7 +26,7 @@ from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
-from compplan.planning.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, check_tolerance, explain_width
+from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
 from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import JUDGE
 from compplan.statics.chain import locate_frames
@@ -177,12 +177,7 @@ class Plan(Shown):
     @cached_property
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
-        case = Case(
-            self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
-            self.promise, self.job is None or self.job.plan.inertia,
-            self.executed is not None and self.executed.known,
-        )  # fmt: skip
-        found = check_tolerance(case)
+        found = check_tolerance(self)
         return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
 
     @property
