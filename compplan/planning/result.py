@@ -15,7 +15,6 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_number, format_set_length
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
-from compplan.planning.between import Between
 from compplan.planning.checks import Check
 from compplan.planning.citations import list_citations
 from compplan.planning.deflection import Bending
@@ -24,6 +23,7 @@ from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.lost_motion import Reversals, list_reversals
 from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
+from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
