@@ -27,9 +27,9 @@ JOBS = (
 #: First lines of the page.
 HEAD = (
     "# The nonlinear program: exact, and at what cost?", "",
-    "**Question.** What do the shipped jobs come to, and what do they cost, beside an earlier state of the project?", "",
-    "Written by `python -m benchmarks nlp --beside CHECKOUT --out docs/results/nlp.md`. CPU is that of the whole command",
-    "in a process of its own, both checkouts in one run, one BLAS thread.", "",
+    "**Question.** What do shipped jobs come to, and what do they cost, beside an earlier state of the project?", "",
+    "Written by `python -m benchmarks nlp --beside CHECKOUT --out docs/results/nlp.md`. CPU is that of the whole",
+    "command in a process of its own, both checkouts in one run, one BLAS thread.", "",
 )  # fmt: skip
 
 
