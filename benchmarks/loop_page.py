@@ -46,7 +46,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Equipment:
+class ShopResult:
     """What happened in one virtual shop: its seed, robot and hidden causes, and its programs by folder."""
 
     seed: int
@@ -55,7 +55,7 @@ class Equipment:
     programs: Mapping[str, Program]
 
 
-def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
+def describe_shops(shops: Sequence[ShopResult], floor: float) -> list[str]:
     """Say how the shops stand beside what is asked; `floor` is the noise floor without a part's own force. [m]"""
     true = {name: np.array([shop.programs[name].true for shop in shops]) for name in ROUNDS}
     own = {name: np.array([shop.programs[name].floor for shop in shops]) for name in ROUNDS}
@@ -88,7 +88,7 @@ def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
     return lines
 
 
-def write_loop_page(shops: Sequence[Equipment], floor: float, file: Path) -> None:
+def write_loop_page(shops: Sequence[ShopResult], floor: float, file: Path) -> None:
     """Write the page; `floor` is the noise floor. [m]"""
     each: list[Block] = [
         Chart(_draw(shops, "poses", "taught"), "Below the line one part of A helped.", 420), _table(shops)
@@ -100,7 +100,7 @@ def write_loop_page(shops: Sequence[Equipment], floor: float, file: Path) -> Non
     )  # fmt: skip
 
 
-def _draw(shops: Sequence[Equipment], before: str, after: str) -> Any:
+def _draw(shops: Sequence[ShopResult], before: str, after: str) -> Any:
     figure = go.Figure()
     ends = []
     for number, path in enumerate("AB"):
@@ -115,7 +115,7 @@ def _draw(shops: Sequence[Equipment], before: str, after: str) -> Any:
     return figure
 
 
-def _table(shops: Sequence[Equipment]) -> PageTable:
+def _table(shops: Sequence[ShopResult]) -> PageTable:
     rows: list[Row] = []
     for shop in shops:
         row: Row = [shop.seed, shop.robot]

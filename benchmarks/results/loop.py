@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop import FLOOR
-from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, WORSE, Equipment, Program, describe_shops
+from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, WORSE, Program, ShopResult, describe_shops
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
 TITLE = "The loop: what do poses and a first part bring?"
@@ -45,15 +45,15 @@ def measure(settings: Settings) -> Findings:
     return Findings((said, *describe_shops(shops, FLOOR)), (table,), losses)
 
 
-def read_rounds(file: Path) -> list[Equipment]:
+def read_rounds(file: Path) -> list[ShopResult]:
     """Read the shops that `benchmarks.loop` wrote."""
     return [
-        Equipment(t["seed"], t["robot"], tuple(t["hidden"]), {k: Program(**p) for k, p in t["programs"].items()})
+        ShopResult(t["seed"], t["robot"], tuple(t["hidden"]), {k: Program(**p) for k, p in t["programs"].items()})
         for t in json.loads(file.read_text("utf-8"))
     ]
 
 
-def _fall_short(shops: list[Equipment]) -> list[str]:
+def _fall_short(shops: list[ShopResult]) -> list[str]:
     """Say which shops fall short after one part: A above its noise floors, bands that hold too few or are too wide."""
     said = []
     for shop in shops:
@@ -76,7 +76,7 @@ def _fall_short(shops: list[Equipment]) -> list[str]:
     return [*said, *_lose_by_poses(shops)]
 
 
-def _lose_by_poses(shops: list[Equipment]) -> list[str]:
+def _lose_by_poses(shops: list[ShopResult]) -> list[str]:
     """Say where poses alone left a path farther off than the shipped folder, and where the force alone is why."""
     said = []
     for path in "AB":

@@ -48,7 +48,7 @@ def write_montecarlo_report(result: JobStudy, folder: Path) -> Path:
     sections.append(_convergence(result))
     facts = [
         ("job", str(result.job.file)),
-        ("samples", f"{summary['samples']} in {summary['replicates']} replicates, {summary['sequence']}"),
+        ("samples", f"{summary['samples']} in {summary['replicates']} replicates of a Sobol sequence"),
         ("seed", str(summary["seed"])),
         ("waypoints", f"{summary['waypoints']} of {summary['waypoints_of_path']}"),
         ("tip computed by", "exact loaded equilibrium of every sample and waypoint to 1 nm, geometry to first order"),
@@ -90,8 +90,6 @@ def _notes(result: JobStudy) -> list[str]:
             f"The path has {summary['waypoints_of_path']} waypoints; the study looks at {summary['waypoints']}, "
             "spread evenly."
         )
-    if result.run.stopped:
-        notes.append(f"Stopped after {summary['samples']} samples: all intervals were narrow enough.")
     notes.append(
         "The uncertainties are assumed unless the job sets them: the ranking holds for cells like these, "
         "and only as far as they are like yours."

@@ -77,7 +77,7 @@ def measure_sensitivity(
     size = chunk_size(thin)
     chunks = [range(a, min(a + size, len(points))) for a in range(0, len(points), size)]
     about: dict[str, object] = {"sensitivity": base, "design": "A, B, AB by group", "seed": seed, "chunk": size}
-    done, _, _ = evaluate_chunks(
+    done, _ = evaluate_chunks(
         thin, chunks, lambda n: points[chunks[n].start : chunks[n].stop],
         about=about, folder=folder, workforce=workforce, progress=progress,
     )  # fmt: skip

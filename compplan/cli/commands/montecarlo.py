@@ -6,7 +6,6 @@ import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +30,6 @@ LOG = logging.getLogger(__name__)
               f"{', '.join((*STRATEGIES, *ONLINE))}.")  # fmt: skip
 @click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
               help="Independent replicates.")  # fmt: skip
-@click.option(
-    "--sequence", type=click.Choice(["sobol", "latin_hypercube"]), default="sobol", show_default=True,
-    help="How the samples are spread.",
-)  # fmt: skip
-@click.option("--stop-below", type=click.FloatRange(min=0, min_open=True), metavar="MM",
-              help="Stop when the 95 % interval of every mean rms is within this many mm.")  # fmt: skip
 @click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
               help="A longer path is thinned evenly to this many waypoints.")  # fmt: skip
 @click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis.")
@@ -63,16 +56,7 @@ def command(job: Path, folder: Path, workers: int | None, scheduler: str | None,
     names = [name.strip() for name in (choices["strategies"] or "").split(",") if name.strip()]
     if choices["strategies"] is not None and (not names or len(set(names)) < len(names)):
         raise InputError(f"--strategies is {choices['strategies']!r}, expected names with commas, each once")
-    stop = choices["stop_below"]
-    if stop is not None and not isfinite(stop):
-        raise InputError("--stop-below is a finite number of mm")
-    settings = Settings(
-        samples=choices["samples"],
-        seed=choices["seed"],
-        replicates=choices["replicates"],
-        sequence=choices["sequence"],
-        stop_below=None if stop is None else stop * 1e-3,
-    )
+    settings = Settings(choices["samples"], choices["seed"], choices["replicates"])
     with lock_folder(folder), show_bars() as (announce, progress):
         study = study_job(
             checked,
