@@ -38,7 +38,7 @@ from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import Slopes, linearise_path
+from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.perturbation import vary_model
 from compplan.uncertainty.sensitivities import (
@@ -401,5 +401,7 @@ def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertaint
     parts["force"] = np.interp(np.arange(n), rows, force)
     better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
                      ladder=(), cheapest=())  # fmt: skip
-    whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
+    run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
+    drawn = draw_columns(np.concatenate([lesson.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)
+    whole = (better.greatest - better.between) * widen_to_path(drawn) + better.between
     return replace(plan, learned=replace(better, whole=whole))

@@ -381,18 +381,18 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     # of rivals there are none where the force goes with the robot
     robot, shared = slopes.columns(known)
     columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
-    moved = _draw_columns(columns, random, count)
+    moved = draw_columns(columns, random, count)
     if known.rivals:
         moved += slopes.model @ sample_alternatives(known, shifts, count, random).T
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    moved += _draw_columns(slopes.smooth_columns(known), random, count)
+    moved += draw_columns(slopes.smooth_columns(known), random, count)
     return np.asarray(moved)
 
 
-def _draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
+def draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
     """Draw normal tips of covariance C = S S^T. Shape (k, 3, count). [m]
 
     With C^(1/2) z = S (S^T S)^(-1/2) S^T z a draw depends on C alone, not on the signs that a decomposition gave S.
