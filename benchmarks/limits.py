@@ -65,7 +65,6 @@ def main() -> None:
     """Plan jobs and print which share of their limits they use."""
     from compplan.job.job import load_job
     from compplan.planning.plan import plan_job
-    from compplan.planning.run_timing import cutting_runs
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("jobs", type=Path, nargs="+")
@@ -77,7 +76,7 @@ def main() -> None:
         if plan.job is not None and plan.job.feed.torque_limits and task.robot.folder is not None:
             table = None if plan.job.tool is None else plan.job.tool.model_dump(exclude_unset=True)
             arm = mount_tool(read_arm(task.robot.folder), table)
-        runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+        runs = task.runs
         use = sample_use(
             plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits, task.jerk_limits,
             arm=arm, effort=task.robot.effort_limits, wrench=task.wrench,

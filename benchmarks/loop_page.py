@@ -65,27 +65,18 @@ def describe_shops(shops: Sequence[ShopResult], floor: float) -> list[str]:
     solid = np.mean([s.programs["taught_A"].whole <= FLOORS * s.programs["taught_A"].floor for s in shops])
     ratio = true["taught_B"] / true["poses_B"]
     near, second = float(np.mean(a <= FLOORS)), float(np.mean(b <= SECOND))
+    scatter = format_length(float(np.median(own["taught_A"])))
     worse = [int((true[f"taught_{path}"] > 1.001 * true[f"nominal_{path}"]).sum()) for path in "AB"]
-    lines = [
-        f"{len(shops)} shops; a noise floor is {format_length(floor)} of instrument, robot and clamping, with what a"
-        f" part's own force moves {format_length(float(np.median(own['taught_A'])))} in the median. Path A after one"
-        f" part: at most {FLOORS} floors across in {format_percent(near)} (asked: 95 %), {plain[0]} if the force is"
-        f" left out of the floor, median {np.median(a):.2f}; in 3D, along the path too, in"
-        f" {format_percent(float(solid))} (asked: 90 %); {worse[0]} worse than nominal.",
-        f"Path B after poses and one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at"
-        f" most {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at"
-        f" most {SECOND} floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"
+    return [
+        f"Path A after one part: at most {FLOORS} noise floors off across the path in {format_percent(near)} (asked:"
+        f" 95 %), {plain[0]} if the force is left out of the floor, median {np.median(a):.2f}; in 3D in"
+        f" {format_percent(float(solid))} (asked: 90 %), {worse[0]} worse than nominal. Noise floor: instrument,"
+        f" robot and clamping {format_length(floor)}, with force scatter {scatter}.",
+        f"Path B after one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at most"
+        f" {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at most"
+        f" {SECOND} noise floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"
         f" {worse[1]} worse than nominal.",
     ]
-    for name, words in ROUNDS.items():
-        programs = [shop.programs[name] for shop in shops]
-        held, wide = np.mean([p.held for p in programs]), np.median([p.band / p.point for p in programs])
-        low = min(p.held for p in programs)
-        lines.append(
-            f"{words}: {held:.1%} of tips in the band (asked: {HELD[0]:.0%} to {HELD[1]:.0%}), {low:.0%} in the worst"
-            f" shop; widest band over true 95 % point {wide:.2f} in the median (asked: {WIDE})."
-        )
-    return lines
 
 
 def write_loop_page(shops: Sequence[ShopResult], floor: float, file: Path) -> None:

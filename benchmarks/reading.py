@@ -1,14 +1,15 @@
-"""What is read of public programs and of those in the form of common posts, by dialect; docs/what_is_read.md.
+"""Read public programs and programs in the form of common posts; write the table of docs/cam_files.md.
 
 python -m benchmarks reading [FOLDER ..] [--unit mm] [--check]
 
 Programs of tests/public_programs, tests/posts, tests/truth, paths, examples, and of folders that are named. Those of
-tests/truth have the moves that the standards ask for: a reading is right where every move is the one expected.
+tests/truth have the moves that the standards ask for: a program is read right where every move is the expected one.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -18,38 +19,36 @@ from compplan.errors import InputError
 from compplan.toolpath.readers import CamTable, find_reader, read_cam, refuse_idle
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs" / "what_is_read.md"
+PAGE = ROOT / "docs" / "cam_files.md"
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from truth_cases import Case, find_difference_from, list_cases  # noqa: E402
 
 FOLDERS = ("tests/public_programs", "tests/posts", "tests/truth", "paths", "examples")
 NO_PROGRAMS = {".csv", ".json", ".md", ".moves", ".ply", ".py", ".stl", ".toml", ".txt"}
-HEAD = """# What is read
-
-Programs in the exact form of common posts, heads and ends included (`tests/truth`). Every move, rapid end and arc is
-compared with the moves that the standards ask for, worked out by hand. Written by `python -m benchmarks reading`.
-
-"""
 
 
-def judge(case: Case) -> str:
-    """Return what the reader makes of a program, in a word."""
-    difference = find_difference_from(case)
-    return "as it is" if not difference else "refused" if difference.startswith("refused") else "otherwise"
+def list_rows() -> list[str]:
+    """Return the rows of the table, one a dialect."""
+    by_dialect: dict[str, list[Case]] = defaultdict(list)
+    for case in list_cases():
+        reader = find_reader(case.file, case.file.read_text(encoding="latin-1"))
+        by_dialect["none" if reader is None else reader.name].append(case)
+    rows = []
+    for dialect, cases in sorted(by_dialect.items()):
+        faults = [find_difference_from(case) for case in cases]
+        refused = sum(fault.startswith("refused") for fault in faults)
+        posts = sorted({re.split("[,:]", case.form)[0].strip() for case in cases if ":" in case.form})
+        counts = (len(cases), sum(len(case.moves) for case in cases), faults.count(""), refused)
+        cells = [dialect, ", ".join(posts), *map(str, counts), str(len(cases) - counts[2] - refused)]
+        rows.append(f"| {' | '.join(cells)} |\n")
+    return rows
 
 
-def write_page() -> str:
-    """Return the text of the page."""
-    rows = [(case, judge(case)) for case in list_cases()]
-    count = {word: sum(said == word for _, said in rows) for word in ("as it is", "refused", "otherwise")}
-    told = (
-        f"{len(rows)} programs, {sum(len(case.moves) for case, _ in rows)} moves: {count['as it is']} are read as they "
-        f"are, {count['refused']} are refused, {count['otherwise']} are read otherwise.\n\n"
-    )
-    table = ["| program | form | moves | read |\n", "|---|---|---|---|\n"]
-    table += [f"| {case.file.name} | {case.form} | {len(case.moves)} | {said} |\n" for case, said in rows]
-    return "".join([HEAD, told, *table])
+def fill_page(text: str) -> str:
+    """Return the text of the page with its table replaced."""
+    head, rule, _ = text.rpartition("|---|---|---|---|---|---|---|\n")
+    return "".join([head, rule, *list_rows()])
 
 
 def list_programs(folders: list[Path]) -> Iterator[tuple[Path, str]]:
@@ -87,15 +86,15 @@ def print_table(folders: list[Path], unit: str | None) -> None:
 
 
 def main() -> int:
-    """Print the table and write the page, or tell whether the page is as it would be written."""
+    """Print the table and fill the page, or check that the page holds it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folders", nargs="*", type=Path, help="Further folders of programs.")
     parser.add_argument("--unit", choices=("mm", "inch"), help="Unit of programs that state none.")
     parser.add_argument("--check", action="store_true", help="Write nothing; 1 if the page is not as it would be.")
     asked = parser.parse_args()
     if asked.check:
-        return int(PAGE.read_text(encoding="utf-8") != write_page())
-    PAGE.write_text(write_page(), encoding="utf-8")
+        return int(PAGE.read_text(encoding="utf-8") != fill_page(PAGE.read_text(encoding="utf-8")))
+    PAGE.write_text(fill_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     print_table([*(ROOT / name for name in FOLDERS), *asked.folders], asked.unit)
     return 0
 

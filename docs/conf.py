@@ -12,7 +12,14 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent / "_ext")]
 
 project = "compplan"
 author = copyright = "The compplan developers"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "public_names", "command_help"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "public_names",
+    "command_help",
+    "reference_tables",
+]
 exclude_patterns = ["_ext", "notebooks/diagnose_campaign", "**.ipynb_checkpoints"]
 html_theme = "furo"
 html_title = "compplan"

@@ -2,8 +2,9 @@
 
     python -m benchmarks results [NAME ...] [--out docs/results] [--real DIR]
 
-A page is one file here and one line in `PAGES`: `TITLE`, `QUESTION`, `METHOD`, `LIMITS` and
-`measure(settings) -> Findings`. README and manual quote figures from the pages' "In short" alone.
+A page is one file here and one line in `PAGES`: `TITLE`, `QUESTION`, `METHOD`, `LIMITS`,
+`measure(settings) -> Findings`, and `CHART`, drawn from the page's first table. README and manual quote figures from
+"In short" alone.
 """
 
 from __future__ import annotations

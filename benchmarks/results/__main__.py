@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import platform
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from types import ModuleType
 import click
 
 from benchmarks.results import PAGES
+from benchmarks.results.chart import draw_chart, read_table
 from benchmarks.results.findings import ROOT, Findings, MissingError, Settings
 
 #: Packages whose versions a page names.
@@ -60,6 +62,14 @@ def write_page(name: str, page: ModuleType, found: Findings, seconds: float, fol
     ]
     file = folder / f"{name}.md"
     file.parent.mkdir(parents=True, exist_ok=True)
+    if found.data:
+        titles, cells = read_table(found.data)
+        with (folder / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([titles, *cells])
+    if hasattr(page, "CHART"):
+        place = f"charts/{name}.png"
+        draw_chart(found.data or "\n\n".join(blocks), page.CHART, folder / place)
+        blocks.insert(2, f"![{page.CHART.label}]({place})")
     file.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
     return file
 

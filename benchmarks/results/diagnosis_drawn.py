@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from benchmarks.diagnosis import write_table
+from benchmarks.results.chart import Chart
 from benchmarks.results.findings import ROOT, Findings, Settings, run_benchmark
 
 TITLE = "Diagnosis: does it name the hidden effect?"
@@ -16,6 +17,7 @@ METHOD = (
     "zeros and compliances) and FIGAROH's geometric calibration, which name no effect. Shares stand with 95 % Wilson "
     "intervals."
 )
+CHART = Chart("share of campaigns, %", {"compplan": ("compplan", 2), "plain rival": ("rival", 2)}, rows=8)
 LIMITS = (
     "Drawn robots. What measured robots show stands in [diagnosis_real](diagnosis_real.md).",
     "Generator and vocabulary share the list of effects of the file format.",
@@ -23,6 +25,22 @@ LIMITS = (
     "FIGAROH fits geometry to 400 rows at rest at most, without what the nominal springs bend; it has no compliances.",
 )
 SEEDS = "200:236"
+#: Rows of the page, and what they are called.
+ROWS = {
+    "singles placed": "single effects named at their place", "doubles complete": "pairs named completely",
+    "effects of triples and quadruples placed": "effects of triples and quadruples named",
+    "known beside unknown placed": "known effects beside an unknown named",
+    "unknown called so": "unknown called unknown",
+    "unknown: nothing false": "unknown: no false name",
+    "nothing there or everyday errors: no false name": "nothing wrong: nothing named",
+    "precision of claims": "claims that are right", "ties honest": "inseparable causes listed as such",
+    "wrong among claims stated .8 and more": "wrong among claims of .8 and more",
+    "later campaign predicted worse than by the nominal robot": "later campaign predicted worse than nominal",
+    "stated error below .8 of the true one": "stated error below .8 of the true one",
+    "stated_over_true_median": "stated over true error, median",
+    "fresh_over_floor_median": "error of a later campaign over noise floor, median",
+    "seconds_median": "CPU, median, s",
+}  # fmt: skip
 #: What the contestants are called on the page.
 WORDS = {"product": "compplan", "rival": "plain rival", "geometry": "plain calibration", "figaroh": "FIGAROH"}
 SINGLES, DOUBLES = "singles placed", "doubles complete"
@@ -37,6 +55,9 @@ def measure(settings: Settings) -> Findings:
                   "--out", settings.work / "scores")  # fmt: skip
     scores = json.loads((settings.work / "scores" / "scores.json").read_text("utf-8"))
     table = write_table({"compplan" if name == "product" else name: found for name, found in scores.items()}).strip()
+    lines = [line.split(" | ", 1) for line in table.splitlines()]
+    named = [f"| {ROWS[name[2:]]} | {cells}" for name, cells in lines[2:] if name[2:] in ROWS]
+    table = "\n".join([*table.splitlines()[:2], *named])
     ours, rival = scores["product"]["shares"], scores["rival"]["shares"]
 
     def beside(key: str) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.contestants import ask_calibration, ask_figaroh, frames_of, miss_figaroh, read_truth
+from benchmarks.results.chart import Chart
 from benchmarks.results.findings import ROOT, Findings, MissingError, Settings, draw_table, run_benchmark
 
 TITLE = "Diagnosis of measured robots"
@@ -20,6 +21,9 @@ METHOD = (
     "(`--figaroh-python`) see `measurements.csv`, whole and thinned by a fixed draw; `fresh.csv` chose nothing. Frames "
     "are fitted to the fresh rows, the same for all."
 )
+CHART = Chart("error of fresh poses, mm", {
+    name: (f"{name}, mm", 0) for name in ("nominal", "compplan", "plain rival", "plain calibration", "FIGAROH")
+}, log=True)  # fmt: skip
 LIMITS = (
     "The campaigns are published ones and are no part of this project (their licences ask for their notices).",
     "Two robots of one brand, unloaded. Load effects cannot be seen in them.",

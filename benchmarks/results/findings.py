@@ -38,11 +38,13 @@ class Findings:
         short: Sentences that README and manual may quote.
         tables: Markdown, one block each.
         losses: Where the product is worse than a rival, than an aim or than before.
+        data: Table in markdown of every case, for the chart and NAME.csv; "": the chart shows the first table.
     """
 
     short: tuple[str, ...]
     tables: tuple[str, ...]
     losses: tuple[str, ...]
+    data: str = ""
 
 
 class MissingError(Exception):

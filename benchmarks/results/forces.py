@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks import engagement
+from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table
 
 TITLE = "Forces: is the engagement of a cutter right?"
@@ -13,6 +14,9 @@ METHOD = (
     "`python -m benchmarks engagement` moves a cutter through a block of cubes; it shares no code with the product. "
     "Mean force and ripple are compared with a simulation tooth by tooth in `tests/process/test_milling.py`."
 )
+CHART = Chart("difference to the sweep of cubes, %", {
+    name: (name, 0) for name in ("volume", "axial depth", "radial width")
+})  # fmt: skip
 LIMITS = (
     "The sweep shares the shape of the cutter with the product: it checks geometry, not the material.",
     "Force coefficients of a material are the user's; nobody has compared a measured cut.",

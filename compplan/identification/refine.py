@@ -100,13 +100,7 @@ def refine_structure(structure: FreeRobot, start: Sequence[str], rows: Rows) -> 
 
 
 def probe_model(structure: FreeRobot, present: Estimate, rows: Rows) -> RefinementRound:
-    """Test a fitted model against every parameter of a structure that it leaves out.
-
-    Args:
-        structure: Robot with every parameter that may be free.
-        present: Fit of some of them.
-        rows: The measured rows.
-    """
+    """Test a fitted model against every parameter of a structure that it leaves out."""
     values, names = structure.nominal, list(structure.names)
     places = [names.index(name) for name in present.structure.names]
     values[places] = present.model_values

@@ -23,11 +23,6 @@ def update_robot(robot: Robot, estimate: Estimate, *, source: str) -> tuple[Robo
     A compliance below zero cannot be built: it is written as zero (a link's 6x6 as the nearest one without a negative
     eigenvalue), and said so.
 
-    Args:
-        robot: The nominal robot.
-        estimate: The fit.
-        source: Where the numbers come from, for `sources`.
-
     Returns:
         The robot, and a sentence for each value that could not be written as identified.
     """
@@ -145,13 +140,7 @@ class IdentifiedGap:
 
 
 def measure_gap(rows: Rows, structure: FreeRobot, kept: Estimate) -> IdentifiedGap:
-    """Measure the gap of the nominal and the identified robot, in absolute poses whatever the rows' reference.
-
-    Args:
-        rows: The rows, under the reference of the fit, with all frames to be fitted.
-        structure: Structure that holds the nominal robot.
-        kept: Fit that the updated robot holds.
-    """
+    """Measure the gap of the nominal and the identified robot, in absolute poses whatever the rows' reference."""
     absolute, compared = replace(rows, reference="absolute"), replace(rows, reference="difference")
     everywhere, group = np.ones(len(rows), bool), rows.alike
     bare = fit_rows(structure.select([]), absolute)

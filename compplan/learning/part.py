@@ -26,8 +26,8 @@ from compplan.learning.surface import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
+from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.kept_posture import read_lock, turn_about_axis
-from compplan.planning.posture.trace import reach_tip_and_axis
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force

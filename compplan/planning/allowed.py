@@ -41,13 +41,9 @@ class Allowed(NamedTuple):
         return np.where(self.apart, np.maximum(across / self.normal, along / self.tangential), whole / self.normal)
 
     def use_of_band(self, radius: Array, covariance: Array, mean: Array | None) -> Array:
-        """Return the share of its tolerance that a 95 % band uses; what it is across and along is in its covariance.
+        """Return the share of its tolerance that a 95 % band (n,) [m] uses, across and along as its covariance has it.
 
-        Args:
-            radius: The band. Shape (n,). [m]
-            covariance: Covariance of the tip; only its shape counts. Shape (n, 3, 3). [m^2]
-            mean: Mean of the deviation, zero if left out. Shape (n, 3). [m]
-
+        Only the shape of the covariance (n, 3, 3) counts; mean: of the deviation, zero if left out (n, 3). [m]
         """
         found, rows = radius / self.normal, np.flatnonzero(self.apart)
         if not len(rows):

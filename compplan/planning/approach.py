@@ -40,7 +40,6 @@ class Passage:
         position: Wanted tip. Shape (k, 3). [m]
         wrench: Wrench that acts. Shape (k, 6). [N, N m]
         gap: Time from each row to the next, the waypoint's own included. Shape (k,). [s]
-
     """
 
     key_q: Array

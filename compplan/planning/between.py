@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from compplan.effects.attained import attain_with_effects
-from compplan.planning.run_timing import cutting_runs
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.sensitivity import attain_pose
@@ -64,15 +63,10 @@ def judged_moves(task: PlanTask) -> NDArray[np.int_]:
 
 
 def measure_between(task: PlanTask, q: Array, time: Array | None = None, *, bow: bool = False) -> Between:
-    """Measure how far the loaded tip strays between waypoints, by the planner's own model.
+    """Measure how far the loaded tip strays between waypoints of a command (n, nq), by the planner's own model.
 
-    Args:
-        task: The task; its wrench acts.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        time: Time at each waypoint, or None. Shape (n,). [s]
-        bow: Whether to measure against the straight line between the attained ends, so that what is missed at the
-            waypoints themselves does not count; otherwise against the wanted path.
-
+    `time` (n,) [s] gives the spline. With `bow` the straight line between the attained ends is measured against, so
+    that what is missed at the waypoints themselves does not count; otherwise the wanted path is.
     """
     moves, n = judged_moves(task), len(task)
     joint, cartesian, spline = (np.zeros(n - 1) for _ in range(3))

@@ -24,12 +24,11 @@ from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.initial_branches import Bettered, Easing, Start, find_plain, stand, state_margin
+from compplan.planning.posture.start import Bettered, Easing, Start, find_plain, stand
 from compplan.planning.posture.summary import PostureSummary
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
-from compplan.planning.run_timing import cutting_runs, parameter_steps, time_rapids
 from compplan.planning.task import PlanTask
-from compplan.planning.timing import INERTIA_WINDOWS
+from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids
 from compplan.robot import Array
 from compplan.simulation.vibration import Dynamics, build_dynamics
 from compplan.uncertainty.band import band_radius
@@ -99,13 +98,8 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     """Better a start; the start itself where the feed sets the time, or nothing wins.
 
     A preset that was asked for by name gets better by what it is for: `fast` by the time, `accurate` and
-    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider.
-
-    Args:
-        start: The start of the posture search.
-        asked: What is asked of the path.
-        shape: Whether the program shapes posture and speed; otherwise finished postures are compared alone.
-
+    `error_band` by the band at no more time. Without a name the run gets shorter, and no band wider. Without `shape`
+    finished postures are compared alone, and the program shapes none.
     """
     posture_choice = start.posture_choice
     if posture_choice is None or start.request is None or posture_choice.settings.weights:
@@ -153,12 +147,12 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
     posture_choice, request = start.posture_choice, start.request
     assert posture_choice is not None and request is not None
-    settings, margin = posture_choice.settings, state_margin(request)
+    settings = posture_choice.settings
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in BESIDE[settings.preset]:
         try:
-            given = asked.robot, asked.nominal, asked.tool_x, replace(settings, preset=other)
-            found[other] = choose_posture_path(*given, axes=request.axes, margin=margin)
+            other_request = replace(request, settings=replace(settings, preset=other))
+            found[other] = choose_posture_path(other_request.state(asked.robot, asked.nominal, asked.tool_x))
         except InfeasibleError:
             continue
     cost = LEAST[settings.preset]
@@ -180,10 +174,9 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
 
 def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
     """Tell whether a run keeps the programmed feed so calmly that neither time nor vibration can be gained."""
-    rapid, rate, push = np.r_[False, task.nominal.rapid[1:]], 0.0, 0.0
-    runs = cutting_runs(rapid, task.rests)
-    if len(task) > MANY * len(runs):  # few starts and stops: rates at the programmed feed tell it without a run
-        for first, last in runs:
+    rate, push = 0.0, 0.0
+    if len(task) > MANY * len(task.runs):  # few starts and stops: rates at the programmed feed tell it without a run
+        for first, last in task.runs:
             time = np.r_[0.0, np.cumsum(parameter_steps(task, task.q_start, first, last))]
             mean, change = difference_motion(task.q_start[first : last + 1], time)
             rate = max(rate, float((np.abs(mean) / task.velocity_limits).max()))
@@ -208,10 +201,6 @@ def measure_runs(
         window: Windows of smoothing, share of those that plans have.
         beside: A run whose time is not to be passed, or None.
         quiet: Covariance of the tip without vibration, where it has been measured.
-
-    Returns:
-        The runs; none where no run keeps the limits.
-
     """
     plain = Easing(window, np.zeros(1), np.ones(1))
     task, found = asked.state(start if window == 1.0 else replace(start, pace=plain)), list[TimedStart]()
@@ -321,14 +310,9 @@ def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: A
 
 
 def judge_gain(preset: str, time: float, band: float, still: float) -> float:
-    """Return what a preset makes less, as a share of the start's; infinite where that is bought with what it may not.
+    """Return what a preset ("" for none) makes less; infinite where that is bought with what it may not.
 
-    Args:
-        preset: The preset by name, "" for none.
-        time: Time as a share of the start's.
-        band: Widest band as a share of the start's.
-        still: The same, vibration left out.
-
+    Time, widest band, and the same with vibration left out (`still`) are shares of the start's.
     """
     if preset == "fast":
         return time
@@ -344,5 +328,4 @@ def least_time(task: PlanTask) -> float:
     rapid, smooth = task.nominal.rapid[1:], task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
     moves = np.abs(np.diff(task.q_start, axis=0))[rapid]
     between = time_rapids(moves, task.velocity_limits, task.acceleration_limits).sum()
-    runs = len(cutting_runs(np.r_[False, rapid], task.rests))
-    return float(task.step_time[~rapid].sum() + between + runs * smooth)
+    return float(task.step_time[~rapid].sum() + between + len(task.runs) * smooth)

@@ -20,12 +20,12 @@ from scipy.interpolate import CubicSpline
 from compplan.controllers.readback.robot import JointTable, read_joints
 from compplan.job.job import Job
 from compplan.planning.between import Between, divide_times, insert_between, judged_moves
-from compplan.planning.deflection import FOLLOWED, Bending, find_runs
+from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
 from compplan.planning.executed import ExecutedPath, bound_executed
-from compplan.planning.run_timing import Timing, find_slowdown
 from compplan.planning.strategies.limits import AT_CORRECTION
 from compplan.planning.task import Command, PlanTask, attain_rows
+from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot
 from compplan.simulation.exact_model import read_exact_robot
@@ -133,29 +133,18 @@ def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:
 
 def _load_springs(task: PlanTask, moving: ExactRobot, time: Array) -> Array:
     """Return what the inertia of the motion puts on the springs, as far as the arm follows it: shape (n, s)."""
-    rests = np.zeros(len(task), bool) if task.rests is None else task.rests
-    loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], rests)
-    return average_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
+    loads = load_springs(moving, task.q_links, time, np.r_[False, ~task.nominal.rapid[1:]], task.rests)
+    return average_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def run_checks(
     task: PlanTask, command: Command, timing: Timing, between: Between, after: Evaluation, margins: Margins,
     bench: Bench, *, job: Job | None = None, bending: Bending | None = None, executed: ExecutedPath | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
-    """Run all checks.
+    """Run all checks of a command with its run and what was measured of it.
 
-    Args:
-        task: The task.
-        command: The command.
-        timing: Its run.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        after: The command in the cell of the bench.
-        margins: Distance of the command from its limits.
-        bench: What the plan is checked with.
-        job: The job, None without.
-        bending: What the plan says bends the arm.
-        executed: Where the controller takes the tip.
-
+    `bench` is the second reading of robot and tool; checks of files need the job, that of inertia `bending`, that of
+    the executed path `executed`.
     """
     q, time = command.q, timing.time
     checks = [
@@ -319,7 +308,7 @@ def _check_joints(task: PlanTask, q: Array, time: Array, joints: JointTable, job
 def _find_moving(task: PlanTask, time: Array) -> NDArray[np.int_]:
     """Return waypoints in motion, rests left out."""
     rows = find_inside(time, np.r_[False, ~task.nominal.rapid[1:]])
-    return rows if task.rests is None else rows[~task.rests[rows]]
+    return rows[~task.rests[rows]]
 
 
 def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable, job: Job) -> list[Check]:
@@ -330,8 +319,7 @@ def _check_jerk(task: PlanTask, q: Array, time: Array, joints: JointTable, job: 
     allowed = joints.jerk if np.isfinite(joints.jerk).any() else assumed
     if not np.isfinite(allowed).any():
         return []
-    rests = np.zeros(len(q), bool) if task.rests is None else task.rests
-    ends = np.flatnonzero(rests | ~cutting | np.r_[~cutting[1:], True])
+    ends = np.flatnonzero(task.rests | ~cutting | np.r_[~cutting[1:], True])
     use = np.zeros(len(allowed))
     for first, last in pairwise(ends):
         rows = np.arange(first, last + 1)
@@ -365,8 +353,7 @@ def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactR
         q, cutting = task.q_links, np.r_[False, ~task.nominal.rapid[1:]]
         push = np.linalg.norm(fit_parabolas(q, time, rows)[1], axis=1)
         rows = np.sort(rows[np.argsort(push)[-LOOKED_AT // 2 :]])
-        rests = np.zeros(len(q), bool) if task.rests is None else task.rests
-        loads = load_springs(moving, q, time, cutting, rests, rows)
+        loads = load_springs(moving, q, time, cutting, task.rests, rows)
         most = float(np.linalg.norm(shift_tip(moving, q[rows], loads[rows]), axis=1).max())
     own = bending.at_once if known else 0.0
     sentence = (f"inertia moves the tip by {1e3 * own:.3g} mm in the plan, by {1e3 * most:.3g} mm in Pinocchio's "
@@ -378,9 +365,7 @@ def _check_inertia(task: PlanTask, time: Array, bending: Bending, moving: ExactR
 def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -> tuple[float, int]:
     """Bring the tool to rest halfway between waypoints, joint positions and wrench gone over linearly.
 
-    Returns:
-        Greatest distance from the moves [m], against the tolerance of each, and the waypoint that the move starts at.
-
+    Returns the greatest distance from the moves [m], against the tolerance of each, and where that move starts.
     """
     moves = judged_moves(task)
     if len(moves) > WORST + EVEN:

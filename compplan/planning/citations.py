@@ -30,16 +30,7 @@ WITH_DERIVATIVES = ("nlp",)
 def list_citations(
     version: str, strategy: str, *, bends: bool, chosen_posture: bool, force_model: str | None, sources: Iterable[str]
 ) -> tuple[str, ...]:
-    """List what to cite for a plan: the program, the methods that it used, the sources of the robot's numbers.
-
-    Args:
-        version: Version of the program.
-        strategy: Strategy of the plan.
-        bends: Whether the robot has springs.
-        chosen_posture: Whether the posture was searched for.
-        force_model: Name of the force model of the job, or None.
-        sources: What the robot folder says of the sources of its numbers.
-    """
+    """List what to cite for a plan: the program, the methods that it used, the sources of the robot's numbers."""
     used = ["timing", "independent check"]
     used += ["joint springs", "stiffness under load"] if bends else []
     used += ["derivatives"] if strategy in WITH_DERIVATIVES else []

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.initial_branches import PostureRequest
-from compplan.planning.run_timing import Timing, cutting_runs
+from compplan.planning.posture.start import PostureRequest
 from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
+from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
 from compplan.simulation.vibration import Dynamics, build_dynamics, natural_frequencies
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
@@ -80,15 +80,7 @@ def describe_bending(bending: Bending) -> str:
 
 
 def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = DAMPING) -> Bending:
-    """Measure what bends the arm along a command.
-
-    Args:
-        task: The task; its wrench acts.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        timing: Its run.
-        damping: Share of critical damping of the modes.
-
-    """
+    """Measure what bends the arm along a command (n, nq); `damping` of its modes is a share of the critical one."""
     rows = np.flatnonzero(task.compensated)
     if len(rows) > LOOKED_AT:
         push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
@@ -112,12 +104,7 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = D
 def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: float) -> Motion | None:
     """Let the arm answer to the load of its motion with its own modes; None without masses on springs.
 
-    Args:
-        task: The task.
-        time: Time at each waypoint. Shape (n,). [s]
-        dynamics: The robot with its masses.
-        damping: Share of critical damping of its modes.
-
+    `time` (n,) [s] is that of each waypoint, `damping` of the modes a share of the critical one.
     """
     if not dynamics.known:
         return None
@@ -138,15 +125,10 @@ def measure_motion(task: PlanTask, time: Array, dynamics: Dynamics, damping: flo
     )  # fmt: skip
 
 
-def find_runs(task: PlanTask) -> list[tuple[int, int]]:
-    """Return first and last waypoint of every run of the cut that begins and ends at rest."""
-    return cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
-
-
 def find_inside(task: PlanTask) -> NDArray[np.bool_]:
     """Tell which waypoints are in motion, within a run from rest to rest. Shape (n,)."""
     inside = np.zeros(len(task), bool)
-    for first, last in find_runs(task):
+    for first, last in task.runs:
         inside[first + 1 : last] = True
     return inside
 
@@ -154,29 +136,19 @@ def find_inside(task: PlanTask) -> NDArray[np.bool_]:
 def plan_loads(task: PlanTask, time: Array, masses: Chain) -> Array:
     """Return the load of inertia that a plan compensates: as far as the arm can follow it. Shape (n, s). [N m or N]
 
-    It is that of an arm whose tool follows the path, turned as the command turns it.
-
-    Args:
-        task: The task, its links where a command has them.
-        time: Time at each waypoint. Shape (n,). [s]
-        masses: The chain with its masses.
-
+    It is that of an arm whose tool follows the path, turned as the command turns it; `time`: at each waypoint (n,) [s],
+    `masses`: the chain with its masses.
     """
     loads = load_motion(masses, task.q_links, time, find_inside(task))
-    return smooth_loads(loads, time, find_runs(task), FOLLOWED * task.smoothing)
+    return smooth_loads(loads, time, task.runs, FOLLOWED * task.smoothing)
 
 
 def follow_links(task: PlanTask, q: Array) -> Array:
     """Return where the links of an arm go whose loaded tool follows the path. Shape (n, nq). [rad or m]
 
-    They are those of a stiff arm with its tool on the path, turned about its axis as the command turns it: a command
-    may use the free rotation, and then that moves masses which q_start leaves where they are. Newton steps from the
-    command that move the joints least.
-
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
+    They are those of a stiff arm with its tool on the path, turned about its axis as the command q (n, nq) turns it: a
+    command may use the free rotation, and then that moves masses which q_start leaves where they are. Newton steps from
+    the command that move the joints least.
     """
     links = task.q_start.copy()
     if not task.redundant:
@@ -199,11 +171,7 @@ def follow_links(task: PlanTask, q: Array) -> Array:
 def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     """Return the time over which motion is smoothed: a period of the lowest natural frequency, which it leaves at rest.
 
-    Args:
-        robot: The robot.
-        q: Some postures along the path. Shape (k, nq). [rad or m]
-        default: The time where no frequency is known. [s]
-
+    q: some postures along the path, shape (k, nq); default: the time where no frequency is known. [s]
     """
     lowest = natural_frequencies(build_dynamics(robot), q, 1)
     if not np.isfinite(lowest).all():

@@ -23,7 +23,6 @@ from compplan.planning.costs import Cost, Departure, MissedPose, Time
 from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, explain_conflict, solve_problem
 from compplan.planning.problem import PlanningProblem
-from compplan.planning.run_timing import cutting_runs
 from compplan.planning.strategies.limits import AT_CORRECTION, measure_correction
 from compplan.planning.task import PlanTask, attain_rows, differentiate_equations, pose_equations
 from compplan.robot import Array
@@ -76,12 +75,9 @@ class PathSolution:
 
 
 def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
-    """Solve the program of a path and take its solution to every waypoint.
+    """Solve the program of a path without lost motion and take its solution to every waypoint.
 
-    Args:
-        task: The task, without lost motion.
-        near: Joint positions to begin at, those of the task if left out. Shape (n, nq). [rad or m]
-
+    It begins at joint positions `near` (n, nq), those of the task if left out.
     """
     most = REDUNDANT_STATIONS if task.redundant else STATIONS
     stations, released = pick_stations(task, most), task.missed.copy()
@@ -117,7 +113,6 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
         stations: Waypoints that are stations. Shape (k,).
         q: Joint positions to begin at. Shape (n, nq). [rad or m]
         released: Waypoints whose pose may be missed. Shape (n,).
-
     """
     robot, k = task.robot, len(stations)
     attained = attain_rows(task, q, stations, slope=False)
@@ -157,12 +152,7 @@ def state_problem(task: PlanTask, stations: NDArray[np.int_], q: Array, released
 def place_pose(task: PlanTask, rows: NDArray[np.int_], position: Array, rotation: Array) -> tuple[Array, Array]:
     """Return poses relative to the found part frame where the model has them: displaced where the tool is loaded.
 
-    Args:
-        task: The task; its part may have been found by touching.
-        rows: Waypoints. Shape (k,).
-        position: Tips. Shape (k, 3). [m]
-        rotation: Orientations. Shape (k, 3, 3).
-
+    rows: waypoints (k,); position: tips (k, 3) [m]; rotation: orientations (k, 3, 3).
     """
     if task.touched is None or task.touched.displacement is None:
         return position, rotation
@@ -187,14 +177,7 @@ def pick_stations(task: PlanTask, most: int) -> NDArray[np.int_]:
 
 
 def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
-    """Solve the loaded pose at every waypoint, with the choice of the program at its stations.
-
-    Args:
-        task: The task.
-        solution: The program's solution.
-        near: Joint positions to begin at. Shape (n, nq). [rad or m]
-
-    """
+    """Solve the loaded pose at every waypoint from `near` (n, nq), with the choice of the program at its stations."""
     rows, missing = solution.problem.waypoint, np.abs(solution.slack).max(axis=1) > CAN_KEEP
     held = rows[missing]
     q = np.array(near)
@@ -213,11 +196,7 @@ def fill_waypoints(task: PlanTask, solution: Solution, near: Array) -> Array:
 def correct_pose(task: PlanTask, q: Array, held: NDArray[np.int_]) -> Array:
     """Bring the pose equations to nothing by least-norm Newton steps of the joints that are off their limits.
 
-    Args:
-        task: The task.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        held: Waypoints that keep theirs.
-
+    q: joint positions (n, nq) [rad or m]; held: waypoints that keep theirs.
     """
     robot, busy, ease = task.robot, np.setdiff1d(np.arange(len(q)), held), 1.0 / task.worth
     missed = miss_pose(task, q, busy)
@@ -265,8 +244,8 @@ def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple
     cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)
     if not (rate[cut] > task.velocity_limits).any():
         return ()
-    ends = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
-    places = [tuple(np.searchsorted(stations, [a, b]).tolist()) for a, b in ends if np.isin([a, b], stations).all()]
+    ends = [run for run in task.runs if np.isin(run, stations).all()]
+    places = [tuple(np.searchsorted(stations, run).tolist()) for run in ends]
     return tuple((a, b) for a, b in places if b - a >= 2 and task.cut[stations[a : b + 1]].all())
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.run_timing import Timing
 from compplan.planning.strategies.limits import measure_correction
 from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
     MISMATCHES,
@@ -144,14 +144,9 @@ class Mismatch:
 
 
 def evaluate_mismatch(task: PlanTask, q: Array) -> Mismatch:
-    """Run a command in a cell whose compliances are all wrong by the same factor, which is assumed, not measured.
+    """Run a command (n, nq) in a cell whose compliances are all wrong by one factor, which is assumed, not measured.
 
     At most MOST_JUDGED waypoints are judged; all of them where effects of the robot depend on the motion.
-
-    Args:
-        task: The task; its predicted wrench acts.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
     """
     cell = build_simulated_robot(task.robot.scale_compliance(MISMATCHES[0]), f"compliance x {MISMATCHES[0]:g}")
     cell = find_part(task, cell)
@@ -174,15 +169,9 @@ def find_part(task: PlanTask, cell: SimulatedRobot) -> SimulatedRobot:
 def evaluate_run(
     task: PlanTask, q: Array, cell: SimulatedRobot, wrench: Array | None = None, bias: Array | None = None
 ) -> Evaluation:
-    """Run a command in a cell and compare the loaded tool with the nominal path.
+    """Run a command (n, nq) in a cell and compare the loaded tool with the nominal path.
 
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        cell: The cell.
-        wrench: Wrench that acts, the task's if left out. Shape (n, 6). [N, N m]
-        bias: Load of inertia on each elastic coordinate, the task's if left out. Shape (n, s). [N m or N]
-
+    Wrench (n, 6) [N, N m] and load of inertia on each elastic coordinate (n, s) are the task's if left out.
     """
     load, more = task.wrench if wrench is None else wrench, task.bias if bias is None else bias
     cell = find_part(task, cell)
@@ -190,13 +179,7 @@ def evaluate_run(
 
 
 def evaluate_model(task: PlanTask, q: Array) -> Evaluation:
-    """Compare with the nominal path where the planner's own model sees the loaded tool: fast, and no judge.
-
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
-    """
+    """Compare a command (n, nq) with the nominal path as the planner's own model sees the loaded tool; no judge."""
     if task.robot.effects:
         found = attain_rows(task, q, np.arange(len(q)), slope=False)
     else:

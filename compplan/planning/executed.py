@@ -41,8 +41,8 @@ from compplan.controllers.writers.zones import BlendZone, find_zones, mark_moves
 from compplan.errors import InfeasibleError
 from compplan.job.job import ROUNDED
 from compplan.job.output import OutputTable
-from compplan.planning.run_timing import Timing, cutting_runs
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, cutting_runs
+from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
@@ -120,13 +120,7 @@ class ExecutedPath:
 
 
 def describe_floor(task: PlanTask, q: Array) -> str:
-    """Say where the whole correction is below what the robot can move (resolution_mm of controller.toml), else "".
-
-    Args:
-        task: The task.
-        q: Command at the waypoints. Shape (n, nq). [rad or m]
-
-    """
+    """Say where the whole correction of a command (n, nq) is below what the robot can move (resolution_mm), else ""."""
     floor = load_motion(task.robot)[0].resolution
     if not floor or not task.cut.any():
         return ""
@@ -188,7 +182,6 @@ def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: i
         use: Share of the tolerance that each waypoint uses. Shape (n,).
         slow: Factors so far. Shape (n,).
         turn: Which time the run is made slower, from 1.
-
     """
     slower, reach = np.ones(len(task)), REACH * FARTHER ** (turn - 1) * task.smoothing
     far = np.flatnonzero(use > 1.0)
@@ -199,18 +192,10 @@ def slow_around(task: PlanTask, timing: Timing, use: Array, slow: Array, turn: i
 
 
 def evaluate_executed(task: PlanTask, q: Array, time: Array, output: OutputTable | None = None) -> ExecutedPath | None:
-    """Follow a command as the controller of the robot folder does.
+    """Follow a command (n, nq) at its times (n,) [s] as the controller of the robot folder does.
 
-    Args:
-        task: The task.
-        q: Command at the waypoints. Shape (n, nq). [rad or m]
-        time: Time at each waypoint. Shape (n,). [s]
-        output: What programs the job asks for, if it is known.
-
-    Returns:
-        Where the tip goes; None where no moves of the tool are written and nobody states how the drives follow, or the
-        controller steers tip and part together.
-
+    Returns None where no moves of the tool are written and nobody states how the drives follow, or the controller
+    steers tip and part together. `output`: what programs the job asks for, if it is known.
     """
     motion = load_motion(task.robot)[0]
     drives = np.abs([motion.lag, motion.acceleration_lag, motion.lost_motion])
@@ -249,7 +234,7 @@ def lead_lag(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> Arra
     At rests and in rapid moves it is the command itself.
     """
     led = q.copy()
-    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+    for first, last in task.runs:
         run = slice(first, last + 1)
         if last - first < 3 or not task.nominal.steps[first:last].any():
             continue
@@ -298,7 +283,7 @@ def _write_follower(
 
     def follow(task: PlanTask, q: Array, time: Array, motion: ServoMotion) -> ReachedPath:
         believed, nominal = believed_robot(task.robot), task.nominal
-        exact = np.zeros(len(q), bool) if task.rests is None else task.rests.copy()
+        exact = task.rests.copy()
         exact[0] |= not nominal.rapid[0]  # an approach ends there
         program = build_program(task.robot, q, np.zeros(len(q)), nominal.rapid, name="executed", time=time,
                                 exact=exact, events=nominal.events)  # fmt: skip

@@ -12,17 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from compplan.planning.run_timing import Timing, cutting_runs, parameter_steps, time_command
-from compplan.planning.task import PlanTask
-from compplan.robot import Array, Robot
-from compplan.simulation.exact import build_exact_robot
-from compplan.statics.chain import build_chain, locate_frames
-
-#: Torque left to move with where the static load alone is beyond a limit, as a share of the load.
-STATIC_ROOM = 1.05
+from compplan.planning.motion_limits import TorqueRules
+from compplan.planning.task import PlanTask, cutting_runs
+from compplan.planning.timing import Timing, parameter_steps, time_command
+from compplan.robot import Array
 
 
 @dataclass(frozen=True)
@@ -62,17 +57,10 @@ class ConstantFeed:
 def time_run(
     task: PlanTask, q: Array, wish: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
-    """Time a command as the process asks.
-
-    Args:
-        task: The task that the command fulfils.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        wish: What the process asks of the feed.
-        slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
+    """Time a command (n, nq) as the process asks; `slow` (n,) are factors by which the run is to be slower, or None.
 
     Returns:
         The task with the feed that was programmed in the end, the run, and sentences for the user.
-
     """
     notes: list[str] = []
     if wish.constant:
@@ -91,13 +79,7 @@ def time_run(
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:
-    """Find the highest feed that every waypoint of the cut holds, the programmed one at most.
-
-    Args:
-        task: The task: programmed feed, limits, rapid moves.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
-    """
+    """Find the highest feed that every waypoint of a command (n, nq) holds, the programmed one at most."""
     cutting = ~task.nominal.rapid & (task.nominal.feed > 0)
     cutting[0] = False
     programmed = float(task.nominal.feed[cutting].min())
@@ -128,53 +110,3 @@ def program_feed(task: PlanTask, feed: float) -> PlanTask:
     cutting = ~task.nominal.rapid[1:]
     times = np.where(cutting, nominal.steps / feed, task.step_time)
     return replace(task, nominal=nominal, step_time=np.asarray(times))
-
-
-class TorqueRules:
-    """Joint torques along a path, as `compplan.planning.run_timing.TorqueRows` has them.
-
-    Masses, weights and the wrench on the tool count; friction does not. Where the static load alone is beyond an effort
-    limit, that limit is raised to it and a note says so.
-    """
-
-    def __init__(self, robot: Robot, q: Array, wrench: Array) -> None:
-        weighed = replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81]))
-        rigid = build_exact_robot(weighed, standing=True)
-        if robot.ground:
-            turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
-            wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])
-        self.model, self.tcp, self.commanded = rigid.model, rigid.tcp, rigid.commanded
-        self.positions = q @ rigid.commanded.T + rigid.shift
-        static = self.held = self._static(self.positions, wrench)
-        efforts = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 1e9)
-        greatest = np.abs(static).max(axis=0)
-        self.limits = np.maximum(efforts, STATIC_ROOM * greatest)
-        self.notes = [
-            f"The static load of {robot.joint_names[j]} ({greatest[j]:.0f} N m) is beyond its effort limit "
-            f"({efforts[j]:.0f} N m): the limit is left out."
-            for j in np.flatnonzero(greatest > efforts)
-        ]
-
-    def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
-        """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,) [N m]."""
-        data, still = self.model.createData(), np.zeros(self.model.nv)
-        place = self.positions[start : end + 1]
-        speed, bend = rate @ self.commanded.T, change @ self.commanded.T
-        a, b = np.empty((len(place), self.model.nv)), np.empty((len(place), self.model.nv))
-        for i in range(len(place)):
-            weight = pin.computeGeneralizedGravity(self.model, data, place[i])
-            a[i] = pin.rnea(self.model, data, place[i], still, speed[i]) - weight
-            b[i] = pin.rnea(self.model, data, place[i], speed[i], bend[i]) - weight
-        return a @ self.commanded, b @ self.commanded, self.held[start : end + 1], self.limits
-
-    def _static(self, place: Array, wrench: Array) -> Array:
-        """Return the torques that hold weight and wrench: shape (k, nq) [N m]."""
-        data = self.model.createData()
-        torque = np.empty((len(place), self.model.nv))
-        for i in range(len(place)):
-            columns = pin.computeFrameJacobian(
-                self.model, data, place[i], self.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-            )
-            weight = pin.computeGeneralizedGravity(self.model, data, place[i])
-            torque[i] = weight - columns.T @ wrench[i]
-        return torque @ self.commanded

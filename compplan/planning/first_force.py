@@ -22,12 +22,10 @@ LIGHT = 0.01
 def bearable_share(job: Job) -> float:
     """Return the share of the job's wrench that the arm bears along its path, 1 at most.
 
-    Args:
-        job: The job; its posture is chosen as for a plan, among fewer rotations about the tool axis.
+    Its posture is chosen as for a plan, among fewer rotations about the tool axis.
 
     Raises:
         InputError, InfeasibleError: If its path cannot be followed.
-
     """
     coarse = job.model_copy(update={"posture": job.posture.model_copy(update={"spin_step_deg": SPIN_STEP})})
     coarse._file = job.file

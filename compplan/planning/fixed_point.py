@@ -23,19 +23,13 @@ from compplan.job.output import OutputTable
 from compplan.planning.between import Between, measure_between, wanted_pieces
 from compplan.planning.deflection import follow_links, plan_loads
 from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
-from compplan.planning.feed import FeedRequest, TorqueRules, time_run
+from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
-from compplan.planning.run_timing import (
-    Timing,
-    cutting_runs,
-    find_slowdown,
-    state_timing,
-    time_between_cuts,
-    time_ends,
-)
+from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
 from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
+from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, inertial_loads
 from compplan.statics.chain import Chain
@@ -94,15 +88,7 @@ def compensate(
     """Let a strategy command a task, with the run and the loads that belong to the command.
 
     Inertia that keeps a plan from being one is left to the error band. A correction that lies below what the robot can
-    move is not made.
-
-    Args:
-        task: The task.
-        strategy: Name of the strategy.
-        wish: What the process asks of the feed.
-        output: What programs are asked for, if it is known.
-        progress: Told what is being done.
-
+    move is not made. `wish` is what the process asks of the feed, `output` what programs are asked for, if it is known.
     """
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
@@ -297,7 +283,7 @@ def _resolve_starts(task: PlanTask, wish: FeedRequest) -> PlanTask:
     A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it
     still rests; that falls with the cube root of the first step, and may bend the arm by half a chord.
     """
-    dynamics, runs = build_dynamics(task.robot), cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    dynamics, runs = build_dynamics(task.robot), task.runs
     if not dynamics.known or not runs:
         return task
     time = time_run(task, task.q_start, wish)[1].time if wish.constant or wish.torque else time_ends(task, task.q_start)

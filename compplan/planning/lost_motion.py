@@ -79,9 +79,7 @@ def cross_first(task: PlanTask) -> Array:
 def lead_play(task: PlanTask, links: Array) -> Array:
     """Return what a command adds to the links' positions to push them there. Shape (n, nq). [rad or m]
 
-    Args:
-        task: The task.
-        links: Where the links have to be, everything but lost motion compensated. Shape (n, nq). [rad or m]
+    links: where the links have to be, everything but lost motion compensated. Shape (n, nq). [rad or m]
     """
     lead = np.zeros_like(links)
     for entry in filter(is_play, task.robot.effects):
@@ -105,12 +103,8 @@ def find_crossings(q: Array, links: Array) -> NDArray[np.bool_]:
 def find_sides(position: Array, swing: float, first: float) -> Array:
     """Return on which side a joint is pushed at every row: 1 rising, -1 falling. Shape (n,).
 
-    A joint turns at the farthest row before it goes back by more than a swing; that row is still pushed from before.
-
-    Args:
-        position: Positions in order. Shape (n,). [rad or m]
-        swing: Way back that turns no side. [rad or m]
-        first: The side at the first row.
+    A joint turns at the farthest row before it goes back by more than a swing [rad or m]; that row is still pushed from
+    before. `first` is the side at the first row.
     """
     sides, side, far = np.empty(len(position)), first, 0
     values = position.tolist()
@@ -165,13 +159,7 @@ class Reversals(NamedTuple):
 
 
 def list_reversals(task: PlanTask, q: Array) -> tuple[Reversals, ...]:
-    """List how often every joint, and the spin, turns back along a command.
-
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
-    """
+    """List how often every joint, and the spin, turns back along a command (n, nq)."""
     robot, widths, figures = task.robot, list_plays(task.robot), MotionFigures()
     some = q[np.unique(np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int))]
     columns = joint_jacobian(task.chain, locate_frames(task.chain, some))[:, :3]

@@ -8,31 +8,30 @@ acceleration is linear and its jerk constant, so that their greatest values are 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from compplan.robot import Array, Robot
+from compplan.simulation.exact import build_exact_robot
+from compplan.statics.chain import build_chain, locate_frames
 
 #: Time in which an acceleration counts as come that a run begins or ends with. [s]
 CYCLE = 1e-3
 #: Steps of time below this are none. [s]
 AT_ONCE = 1e-9
+#: Torque left to move with where the static load alone is beyond a limit, as a share of the load.
+STATIC_ROOM = 1.05
 #: Joint velocity and acceleration (k, nq) to what inertia puts on the joints, what weight and force do, and the limits.
 Torques = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 
 
 def limit_jerk(robot: Robot, scale: float = 1.0, after: float | None = None) -> Array | None:
-    """Return the jerk limits of a robot: the folder's, else as assumed, None where neither says any.
+    """Return the jerk limits of a robot: the folder's, else as assumed, None where neither says any. Shape (nq,).
 
-    Args:
-        robot: The robot.
-        scale: Share of the acceleration limits that may be used.
-        after: Time in which a joint is assumed to reach that acceleration, or None. [s]
-
-    Returns:
-        Shape (nq,). [rad/s^3 or m/s^3]
-
+    As assumed, a joint reaches `scale` of its acceleration limits in the time `after`. [s], [rad/s^3 or m/s^3]
     """
     if robot.jerk_limits is not None:
         return robot.jerk_limits
@@ -53,7 +52,7 @@ def measure_smooth_use(
     q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array, jerk_limits: Array | None,
     torques: Torques | None = None,
 ) -> Array:  # fmt: skip
-    """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit.
+    """Tell by what factor a run from rest to rest is too fast, as a cubic spline over time: 1 at a limit. Shape (k,).
 
     Slower by a factor f, a run has 1/f of the velocity, 1/f^2 of the acceleration and of what inertia puts on the
     joints, 1/f^3 of the jerk: the greatest of |v|/v_max, (|a|/a_max)^(1/2), (|j|/j_max)^(1/3), of an
@@ -63,14 +62,10 @@ def measure_smooth_use(
     Args:
         q: Joint positions. Shape (k, nq). [rad or m]
         time: Shape (k,). [s]
-        velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
-        jerk_limits: Shape (nq,), or None. [rad/s^3 or m/s^3]
+        velocity_limits: Limits of each joint, as the next two. Shape (nq,).
+        acceleration_limits: Infinite where there is none.
+        jerk_limits: None where there are none.
         torques: The joint torques that a motion along the run needs, or None.
-
-    Returns:
-        Shape (k,).
-
     """
     rows = np.flatnonzero(np.r_[True, np.diff(time) > AT_ONCE])
     if len(rows) < 2:
@@ -98,12 +93,9 @@ def measure_smooth_use(
 
 
 def spline_motion(q: Array, step: Array) -> tuple[Array, Array, Array]:
-    """Return velocities and accelerations at k waypoints, and the jerks of the moves between, of a cubic spline.
+    """Return velocities and accelerations at k waypoints, and jerks of the moves between, of a cubic spline.
 
-    Args:
-        q: Joint positions, at rest at both ends. Shape (k, nq). [rad or m]
-        step: Times of the moves. Shape (k - 1,). [s]
-
+    It is at rest at both ends; q: shape (k, nq), step: times of the moves, shape (k - 1,) [s].
     """
     curve = CubicSpline(np.r_[0.0, np.cumsum(step)], q, bc_type="clamped")
     jerk, start = 6.0 * curve.c[0], 2.0 * curve.c[1]
@@ -112,17 +104,9 @@ def spline_motion(q: Array, step: Array) -> tuple[Array, Array, Array]:
 
 
 def measure_use(q: Array, time: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
-    """Tell by what factor a run from rest to rest is too fast, by differences of its joint positions: 1 at a limit.
+    """Return max(|v| / v_max, sqrt(|a| / a_max)) along a run from rest to rest, by differences. Shape (k,).
 
-    Args:
-        q: Joint positions. Shape (k, nq). [rad or m]
-        time: Shape (k,). [s]
-        velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
-
-    Returns:
-        max(|v| / v_max, sqrt(|a| / a_max)) at each waypoint. Shape (k,).
-
+    Above 1 the run is too fast by that factor; q: shape (k, nq), time: shape (k,) [s], limits: shapes (nq,).
     """
     mean, change = difference_motion(q, time)
     by_speed = np.abs(mean / velocity_limits).max(axis=1)
@@ -153,3 +137,53 @@ def spread_factors(use: Array, time: Array, reach: float) -> Array:
         last = int(np.searchsorted(time, time[group[-1]] + reach, side="right"))
         wide[first:last] = np.maximum(wide[first:last], use[group].max())
     return wide
+
+
+class TorqueRules:
+    """Joint torques of a cut: tau = a u + b x + c, x the square of the speed along it, u half its rate.
+
+    Masses, weights and the wrench on the tool count; friction does not. Where the static load alone is beyond an effort
+    limit, that limit is raised to it and a note says so.
+    """
+
+    def __init__(self, robot: Robot, q: Array, wrench: Array) -> None:
+        weighed = replace(robot, springs=(), link_elasticities=(), gravity=np.array([0.0, 0.0, -9.81]))
+        rigid = build_exact_robot(weighed, standing=True)
+        if robot.ground:
+            turn = np.swapaxes(locate_frames(build_chain(robot), q).ground, 1, 2)
+            wrench = np.hstack([(turn @ part[..., None])[..., 0] for part in (wrench[:, :3], wrench[:, 3:])])
+        self.model, self.tcp, self.commanded = rigid.model, rigid.tcp, rigid.commanded
+        self.positions = q @ rigid.commanded.T + rigid.shift
+        static = self.held = self._static(self.positions, wrench)
+        efforts = np.where(np.isfinite(robot.effort_limits), robot.effort_limits, 1e9)
+        greatest = np.abs(static).max(axis=0)
+        self.limits = np.maximum(efforts, STATIC_ROOM * greatest)
+        self.notes = [
+            f"The static load of {robot.joint_names[j]} ({greatest[j]:.0f} N m) is beyond its effort limit "
+            f"({efforts[j]:.0f} N m): the limit is left out."
+            for j in np.flatnonzero(greatest > efforts)
+        ]
+
+    def rows(self, start: int, end: int, rate: Array, change: Array) -> tuple[Array, Array, Array, Array]:
+        """Return a, b, c of the waypoints from `start` to `end`, shapes (k, nq), and the limits, shape (nq,). [N m]"""
+        data, still = self.model.createData(), np.zeros(self.model.nv)
+        place = self.positions[start : end + 1]
+        speed, bend = rate @ self.commanded.T, change @ self.commanded.T
+        a, b = np.empty((len(place), self.model.nv)), np.empty((len(place), self.model.nv))
+        for i in range(len(place)):
+            weight = pin.computeGeneralizedGravity(self.model, data, place[i])
+            a[i] = pin.rnea(self.model, data, place[i], still, speed[i]) - weight
+            b[i] = pin.rnea(self.model, data, place[i], speed[i], bend[i]) - weight
+        return a @ self.commanded, b @ self.commanded, self.held[start : end + 1], self.limits
+
+    def _static(self, place: Array, wrench: Array) -> Array:
+        """Return the torques that hold weight and wrench: shape (k, nq) [N m]."""
+        data = self.model.createData()
+        torque = np.empty((len(place), self.model.nv))
+        for i in range(len(place)):
+            columns = pin.computeFrameJacobian(
+                self.model, data, place[i], self.tcp, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+            )
+            weight = pin.computeGeneralizedGravity(self.model, data, place[i])
+            torque[i] = weight - columns.T @ wrench[i]
+        return torque @ self.commanded

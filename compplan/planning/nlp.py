@@ -198,13 +198,9 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
 
 
 def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | None = None) -> Solution:
-    """Solve a program for the numbers of a problem from its posture, or from an earlier solution.
+    """Solve a program for the numbers of a problem from its posture, or from an earlier solution at the same stations.
 
-    Args:
-        program: The program.
-        problem: The problem; it differs by numbers alone from what the program was built from.
-        guess: A solution at the same stations, None to begin at the posture that the search chose.
-
+    The problem differs by numbers alone from what the program was built from.
     """
     k, nq = problem.q_start.shape
     clock, offsets = time.process_time(), program.offsets

@@ -17,9 +17,9 @@ from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.planning.deflection import Bending
-from compplan.planning.run_timing import Timing
 from compplan.planning.slow import describe_causes
 from compplan.planning.task import PlanTask
+from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot, robot_folders
 from compplan.robot.description import find_mesh
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis

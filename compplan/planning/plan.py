@@ -30,8 +30,8 @@ from compplan.planning.lost_motion import state_sides
 from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
-from compplan.planning.posture.initial_branches import PostureRequest, Start, check_clearance, read_request
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
+from compplan.planning.posture.start import PostureRequest, Start, check_clearance, read_request
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
@@ -40,7 +40,7 @@ from compplan.planning.task import SMOOTHING, PlanTask, count_equations
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
-from compplan.toolpath.contact import check_tool_x, tool_axes
+from compplan.toolpath.contact import check_tool_x
 from compplan.toolpath.toolpath import Toolpath, check_toolpath
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
@@ -217,23 +217,15 @@ def plan_task(
 
 
 def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: Path | None = None) -> PlanTask:
-    """Prepare what a strategy is told: posture, orientation, wrench at contact, times and limits.
-
-    Args:
-        robot: The robot with its tool.
-        nominal: The path with its predicted wrench, base frame.
-        options: What the plan may do.
-        file: File to name in messages.
+    """Prepare what a strategy is told: posture, orientation, wrench, times and limits; `file` is for messages.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
-
     """
     nominal = check_toolpath(nominal, file=file)
     robot_effects(robot)  # refuses tables that are no effects of this robot
     if not options.spin_free:
         check_tool_x(nominal, np.asarray(options.tool_x, float), file)
-    rotation = tool_axes(nominal, np.asarray(options.tool_x, float))
     chain = build_chain(robot)
     equations = count_equations(chain, spin_free=options.spin_free)
     if chain.nq < equations:
@@ -242,9 +234,7 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
     request = options.posture
     try:
         check_start(robot, options.wish.start)
-        start = find_kept_start(
-            robot, nominal, np.asarray(options.tool_x, float), rotation, options.wish, request, options.lock
-        )
+        start = find_kept_start(robot, nominal, np.asarray(options.tool_x, float), options.wish, request, options.lock)
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
     if options.lock is None and request is not None:

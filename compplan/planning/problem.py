@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -182,51 +182,40 @@ class Station:
     numbers: Mapping[str, ca.SX]
 
 
-class Limit(Protocol):
-    """What the class of a limit offers; `str` says it in one line of mathematics."""
+class Limit:
+    """What has to hold at every station; a limit is a class derived from this one, `str` its line of mathematics.
 
-    @property
-    def name(self) -> str:
-        """What plan.json calls it."""
-        ...
+    Attributes:
+        name: What plan.json calls it.
+        timed: Whether it speaks of the speed along the path.
+        of_joints: Whether its rows are one a joint.
 
-    @property
-    def timed(self) -> bool:
-        """Whether it speaks of the speed along the path."""
-        ...
+    """
 
-    @property
-    def of_joints(self) -> bool:
-        """Whether its rows are one a joint."""
-        ...
+    name: ClassVar[str]
+    timed: ClassVar[bool] = False
+    of_joints: ClassVar[bool] = False
 
     @property
     def numbers(self) -> Array | None:
         """Its own numbers at every station, which its rows find in `Station.numbers`, or None. Shape (k, c)."""
-        ...
+        return None
 
     def rows(self, station: Station) -> ca.SX:
         """Return the rows of one station. Shape (r)."""
-        ...
+        raise NotImplementedError
 
     def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return lower and upper bounds of the rows. Shapes (k, r)."""
-        ...
+        raise NotImplementedError
 
 
-class Cost(Protocol):
-    """What the class of a cost offers; `str` says it in one term of mathematics."""
+class Cost:
+    """What is minimised; a cost is a class derived from this one, with `name`, `timed` and `str` as of a limit."""
 
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        ...
-
-    @property
-    def timed(self) -> bool:
-        """Whether it speaks of the speed along the path."""
-        ...
+    name: ClassVar[str]
+    timed: ClassVar[bool] = False
 
     def term(self, station: Station) -> ca.SX:
         """Return what one station costs."""
-        ...
+        raise NotImplementedError

@@ -35,11 +35,10 @@ from compplan.planning.limits import (
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.posture.initial_branches import PostureRequest, Start, stand
 from compplan.planning.posture.lattice import orient_tool
+from compplan.planning.posture.start import PostureRequest, Start, stand
 from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.planning.problem import PlanningProblem
-from compplan.planning.run_timing import cutting_runs
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -161,14 +160,12 @@ def state_problem(
         band: The band as a function of the posture, None where it does not count.
         time: Time of the start's run. [s]
         torque: Whether joint torques have to stay within the robot's efforts.
-
     """
     rows, robot = free.rows, task.robot
     k, request = len(rows), task.start.request if task.start is not None else None
     along = np.r_[0.0, np.cumsum(task.step_time)][rows]
-    rapid = np.r_[False, task.nominal.rapid[1:]]
     place = {row: number for number, row in enumerate(rows.tolist())}
-    runs = tuple((place[a], place[b]) for a, b in cutting_runs(rapid, task.rests)
+    runs = tuple((place[a], place[b]) for a, b in task.runs
                  if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
     room = np.minimum(
         0.0 if request is None else robot.room(request.settings.limit_margin),
@@ -206,15 +203,7 @@ def state_problem(
 
 
 def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
-    """Solve the program of posture and speed around a start; None where nothing is free or no solution follows.
-
-    Args:
-        task: The task that starts so.
-        start: The start, from a posture.
-        asked: What is asked of the path.
-        prices: What is weighed.
-
-    """
+    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
     posture_choice, request = start.posture_choice, start.request
     if (
         posture_choice is None
@@ -299,7 +288,7 @@ def _follow(
         chosen=turned["spin"][posture_choice.map.waypoint],
         held=q[posture_choice.map.waypoint][:, arm.held],
     )
-    costs = summarise_costs(task.chain, robot, nominal, q, posture_choice.settings, request.axes)
+    costs = summarise_costs(request.state(robot, nominal, asked.tool_x), q)
     better = replace(
         posture_choice,
         q=q,
@@ -342,7 +331,7 @@ def _read_angles(
 def _pick_rows(task: PlanTask, few: int) -> NDArray[np.int_]:
     """Pick waypoints of the runs of a cut: all of few, else evenly in time and in bends of the path; ends included."""
     time, chosen = np.r_[0.0, np.cumsum(task.step_time)], list[NDArray[np.int_]]()
-    runs = [run for run in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    runs = [run for run in task.runs
             if run[1] - run[0] >= 2 and time[run[1]] > time[run[0]]]  # fmt: skip
     if not runs:
         return np.zeros(0, int)
@@ -369,7 +358,7 @@ def _allow_tube(task: PlanTask, rows: NDArray[np.int_], share: float) -> dict[st
     if share <= 0.0 or not len(rows):
         return {name: np.zeros(len(rows)) for name in names}
     allowed, inside = task.allowed, task.cut.copy()
-    for first, last in cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests):
+    for first, last in task.runs:
         inside[[first, last]] = False
     across = share * inside * (task.tolerance if allowed is None else allowed.normal) / np.sqrt(2.0)
     along = np.zeros(len(task))

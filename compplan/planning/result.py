@@ -23,9 +23,9 @@ from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_m
 from compplan.planning.executed import ExecutedPath, evaluate_executed
 from compplan.planning.lost_motion import list_reversals
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.planning.run_timing import Timing
 from compplan.planning.slow import group_waypoints
 from compplan.planning.task import Command, PlanTask
+from compplan.planning.timing import Timing
 from compplan.planning.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, check_tolerance, explain_width
 from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import JUDGE

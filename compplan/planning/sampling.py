@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import reach_with_all
-from compplan.planning.posture.trace import reach_tip_and_axis
-from compplan.planning.run_timing import cutting_runs
+from compplan.planning.posture.follow import reach_tip_and_axis, reach_with_all
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -37,19 +35,12 @@ REACHED = 1e-6
 
 
 def predict_loads(task: PlanTask, feed: Array | None = None) -> Array:
-    """Predict the wrench to plan with at every waypoint.
+    """Predict the wrench to plan with at every waypoint. Shape (n, 6). [N, N m]
 
     A point of contact carries none (a dead weight excepted): the tool comes there in a rapid move, and touches nothing
     yet. The waypoints that lead in take the wrench of the cut that begins, share by share; those that lead out lose
-    that of the cut that has ended.
-
-    Args:
-        task: The task; its law, or else the wrench of its path.
-        feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
-
-    Returns:
-        Shape (n, 6). [N, N m]
-
+    that of the cut that has ended. `feed` is that of the move that ends at each waypoint, the programmed one if left
+    out. Shape (n,). [m/s]
     """
     nominal = task.nominal
     if task.law is not None:
@@ -103,8 +94,7 @@ def divide_task(task: PlanTask, places: Array, lead: NDArray[np.bool_] | None = 
     x = task.rotation[before, :, 0] * (1 - share) + task.rotation[before + 1, :, 0] * share
     rotation, missed, rests = _orient(nominal.axis, x), np.zeros(len(places), bool), np.zeros(len(places), bool)
     q[old], rotation[old], missed[old] = task.q_start[at], task.rotation[at], task.missed[at]
-    if task.rests is not None:
-        rests[old] = task.rests[at]
+    rests[old] = task.rests[at]
     fresh = np.ones(len(places), bool)
     fresh[old] = False
     fresh &= share[:, 0] > 0
@@ -146,13 +136,7 @@ def _reach_again(
 
 
 def prepare_sampling(task: PlanTask, *, rest_at_corners: bool) -> PlanTask:
-    """Bring in leads, rests and the first division of a task whose posture is chosen.
-
-    Args:
-        task: The task at the waypoints of its toolpath.
-        rest_at_corners: Whether the tool rests at sharp corners.
-
-    """
+    """Bring in leads, rests (at sharp corners where asked) and the first division of a task whose posture is chosen."""
     contacts, leaves = find_contacts(task.nominal.rapid), find_leaves(task.nominal.rapid)
     sudden, abrupt = (True, True) if task.law is None else (task.law.sudden, task.law.abrupt)
     contacts = contacts[sudden & (np.abs(task.wrench[contacts + 1]).max(axis=1) > 0)]
@@ -180,14 +164,7 @@ class Mending:
         self.places, self.stray, self.given_up = np.zeros(0), np.zeros(0), np.zeros(0, bool)
 
     def allow(self, task: PlanTask, pieces: NDArray[np.int_], stray: Array) -> NDArray[np.int_]:
-        """Return the pieces that moves may be divided into.
-
-        Args:
-            task: The task as it is divided now.
-            pieces: Pieces that are asked for. Shape (n - 1,).
-            stray: How far each move strays. Shape (n - 1,). [m]
-
-        """
+        """Return the pieces (n - 1,) that moves may be divided into, of those asked for; they stray by `stray`. [m]"""
         places, given_up = task.origin, np.zeros(len(stray), bool)
         if len(self.places):
             middle = 0.5 * (places[:-1] + places[1:])
@@ -245,10 +222,10 @@ def programmed_times(nominal: Toolpath) -> Array:
 
 def _grade(task: PlanTask) -> Array:
     """Return places beside every rest, at distances that grow away from it: there the force grows with the feed."""
-    runs, steps = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests), task.nominal.steps
+    steps = task.nominal.steps
     places = [
         grow_places(move, FIRST_STEP / max(float(steps[move]), 1e-12), forward)
-        for first, last in runs
+        for first, last in task.runs
         for move, forward in ((first, True), (last - 1, False))
     ]
     return np.concatenate([np.zeros(0), *places])

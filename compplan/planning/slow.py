@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.run_timing import Timing
 from compplan.planning.task import PlanTask
+from compplan.planning.timing import Timing
 from compplan.robot import Array
 
 #: Times of smoothing around a rest in which the tool gains its speed, and around a limit to which that reaches.
@@ -78,7 +78,7 @@ def list_causes(task: PlanTask, timing: Timing) -> list[tuple[str, NDArray[np.in
     where these follow the feed, and for the run's smoothness elsewhere.
     """
     slow = mark_slow(task, timing)
-    rests = np.zeros(len(task), bool) if task.rests is None else task.rests & ~task.nominal.rapid
+    rests = task.rests & ~task.nominal.rapid
     by_rest = slow & (_distance(timing.time, rests) <= FROM_REST * task.smoothing)
     curved = np.zeros(len(task), bool)
     if task.nominal.rounded is not None:

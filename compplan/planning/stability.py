@@ -44,16 +44,10 @@ def measure_buckling(chain: Chain, q: Array, wrench: Array) -> tuple[Array, Arra
     """Measure how near loads are to those under which the arm buckles, dead ones: they keep direction and point.
 
     With H = d(J^T w + tau_g)/dtheta the arm holds as long as C H has no eigenvalue of 1 and more; for one joint of
-    stiffness k under a force F along a lever l that is F l / k [Euler].
-
-    Args:
-        chain: The chain.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+    stiffness k under a force F along a lever l that is F l / k [Euler]. q: shape (n, nq); wrench: (n, 6), base axes.
 
     Returns:
         Greatest eigenvalue, shape (n,), and the spring that moves the most in its mode, shape (n,).
-
     """
     loaded = solve_equilibrium(chain, q, wrench, tolerance=1e-10)
     values, modes = np.linalg.eig(chain.compliance @ load_hessian(chain, q, loaded.theta, wrench))
@@ -135,16 +129,9 @@ class Modes:
 
 
 def compute_gains(found: Engagement, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
-    """Return the mean of A over a turn at every waypoint, path axes.
+    """Return the mean of A over a turn at every waypoint, path axes. Shape (n, 3, 3). [N/m]
 
-    Args:
-        found: The engagement.
-        coefficients: Of the material; a Kienzle exponent is taken at the chip that is cut.
-        feed_per_tooth: Shape (n,). [m]
-
-    Returns:
-        Shape (n, 3, 3). [N/m]
-
+    A Kienzle exponent of the material is taken at the chip that is cut, `feed_per_tooth` (n,) [m].
     """
     edge, angle = found.cutter.slices, found.angles
     force = edge_wrenches(edge, angle)[0][..., :3]
@@ -188,13 +175,7 @@ def compute_depth_limit(mean: Array, period: float, modes: Modes, scales: Array 
 
 
 def describe_depth_limit(task: PlanTask, q: Array) -> str:
-    """Return a sentence on the least limit of depth along a plan; "" where no end mill cuts or masses are unknown.
-
-    Args:
-        task: The task.
-        q: Joint positions of the plan. Shape (n, nq). [rad or m]
-
-    """
+    """Return a sentence on the least limit of depth along a plan; "" where no end mill cuts or masses are unknown."""
     cutting = None if task.law is None else task.law.cutting
     if cutting is None or not isinstance(cutting.process, EndMillProcess):
         return ""

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.planning.allowed import Allowed, find_allowed
-from compplan.planning.posture.initial_branches import Start
 from compplan.planning.posture.motion import MotionFigures
+from compplan.planning.posture.start import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
@@ -92,7 +92,7 @@ class PlanTask:
     start: Start | None = None
     law: ForceLaw | None = None
     lead: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
-    rests: NDArray[np.bool_] | None = None
+    rests: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     chord: float = np.inf
     smoothing: float = SMOOTHING
     inertia: bool = False
@@ -105,8 +105,9 @@ class PlanTask:
 
     def __post_init__(self) -> None:
         shape = (len(self.nominal), self.chain.n_springs)
-        if len(self.lead) != shape[0]:
-            object.__setattr__(self, "lead", np.zeros(shape[0], bool))
+        for name in ("lead", "rests"):
+            if len(getattr(self, name)) != shape[0]:
+                object.__setattr__(self, name, np.zeros(shape[0], bool))
         if self.theta.shape != shape:
             object.__setattr__(self, "theta", np.zeros(shape))
 
@@ -232,6 +233,11 @@ class PlanTask:
         """What motion of each joint is worth. Shape (nq,)."""
         return weigh_joints(self.chain, self.q_start, self.robot)
 
+    @cached_property
+    def runs(self) -> list[tuple[int, int]]:
+        """First and last waypoint of every run of the cut from rest to rest."""
+        return cutting_runs(np.r_[False, self.nominal.rapid[1:]], self.rests)
+
     @property
     def axis_free(self) -> bool:
         """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
@@ -241,6 +247,24 @@ class PlanTask:
     def redundant(self) -> bool:
         """Tell whether a waypoint leaves the joints any freedom."""
         return self.chain.nq - int(self.stays.sum()) > count_equations(self.chain, spin_free=self.spin_free)
+
+
+def cutting_runs(rapid: NDArray[np.bool_], rests: NDArray[np.bool_] | None = None) -> list[tuple[int, int]]:
+    """List first and last waypoint of every run from rest to rest; the first is where it is reached.
+
+    Args:
+        rapid: Whether the move that ends at a waypoint is rapid. Shape (n,).
+        rests: Waypoints within a cut at which the tool comes to rest, or None. Shape (n,).
+    """
+    moves = np.flatnonzero(~rapid[1:]) + 1
+    if not len(moves):
+        return []
+    new = np.diff(moves) > 1
+    if rests is not None:
+        new |= rests[moves[:-1]]
+    breaks = np.flatnonzero(new)
+    firsts, lasts = np.r_[moves[0], moves[breaks + 1]], np.r_[moves[breaks], moves[-1]]
+    return [(int(first) - 1, int(last)) for first, last in zip(firsts, lasts, strict=True)]
 
 
 def count_equations(chain: Chain, *, spin_free: bool) -> int:
@@ -293,13 +317,7 @@ class Command:
 
 
 def attain(task: PlanTask, q: Array) -> AttainedPose:
-    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints.
-
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-
-    """
+    """Predict with the planner's own model where the loaded tool goes, and how that answers to the joints q (n, nq)."""
     loaded = attain_pose(task.chain, q, task.wrench, torque_bias=task.bias, theta=task.theta)
     return task.see_pose(_add_effects(task, q, np.arange(len(q)), loaded) if task.robot.effects else loaded)
 
@@ -315,13 +333,10 @@ def _add_effects(task: PlanTask, q: Array, rows: NDArray[np.int_], loaded: Attai
 
 
 def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool = True) -> AttainedPose:
-    """Predict what the pose equations of some waypoints speak of: the loaded tool, in rapid moves the unloaded one.
+    """Predict what the pose equations of some waypoints (k,) hold: the loaded tool, in rapid moves the unloaded one.
 
-    Args:
-        task: The task.
-        q: Commanded joint positions of the whole path, on which effects with a memory depend. Shape (n, nq). [rad or m]
-        rows: The waypoints. Shape (k,).
-        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
+    q (n, nq) is the command of the whole path, on which effects with a memory depend; without `slope` the derivative is
+    zero, and cheaper.
     """
     bias = None if task.bias is None else task.bias[rows]
     loaded = attain_pose(task.chain, q[rows], task.wrench[rows], slope=slope, torque_bias=bias, theta=task.theta[rows])
@@ -341,14 +356,7 @@ def attain_rows(task: PlanTask, q: Array, rows: NDArray[np.int_], *, slope: bool
 
 
 def pose_equations(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -> Array:
-    """Return by how much some waypoints miss the pose equations: tip, tool axis (and spin). Shape (k, rows). [m, rad]
-
-    Args:
-        task: The task.
-        attained: The loaded tool, or the unloaded one in rapid moves; k poses.
-        rows: The waypoints. Shape (k,).
-
-    """
+    """Return by how much attained poses of waypoints miss tip, tool axis (and spin). Shape (k, equations). [m, rad]"""
     missed = [attained.position - task.position[rows]]
     missed += [np.einsum("ni,ni->n", a, b)[:, None] for a, b in _crossings(task, attained, rows)]
     return np.hstack(missed)

@@ -1,37 +1,59 @@
-"""Speed along a path: TOPP-RA within joint limits, torques and the programmed feed, and one filter that smooths it.
+"""When the robot is where: the fastest run along a commanded path, within programmed feed, joint rates and torques.
 
-TOPP-RA [Pham2018] finds the fastest run from rest to rest. With s the programmed time and x = (ds/dt)^2,
+A cut is timed by TOPP-RA [Pham2018], from rest to rest. With s the programmed time and x = (ds/dt)^2,
 
     |q'| sqrt(x) <= v_max,  sqrt(x) <= 1 (the programmed feed),  |q' u + q'' x| <= a_max,  u = x' / 2,
 
-and torques tau = a u + b x + c where they count. The filter averages the speed over a window of time,
+and torques tau = a u + b x + c where they count. Its speed is averaged over a window of time,
 
     s_T(t) = (S(t) - S(t - T)) / T,    S the integral of s,
 
 which starts and ends at rest later by T, has no more speed and acceleration than s has nearby, and changes its
 acceleration by no more than 2 max|s''| / T a second. A window of one period of a natural frequency leaves that
-frequency unexcited.
+frequency unexcited. Where the differences of joint positions are still beyond a limit, the run is slowed down. At a
+corner that is rounded within less than a run needs to come to rest, the run comes to rest in its middle and starts
+before that: both overlap. Rapid moves go from rest to rest: every joint takes the time of the slowest one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from compplan.errors import ConvergenceError
 from compplan.io.lazy_imports import put_off
+from compplan.planning.motion_limits import (
+    TorqueRules,
+    Torques,
+    difference_motion,
+    measure_smooth_use,
+    measure_use,
+    spread_factors,
+)
+from compplan.planning.task import PlanTask
 from compplan.robot import Array
+from compplan.statics.chain import locate_frames
+from compplan.toolpath.corners import find_roundings, find_shares
 from compplan.toolpath.toolpath import interpolate
 
+#: A feed below this share of the programmed one counts as lowered.
+LOWERED = 0.995
+#: Share of the limits that a run may use by finite differences, and rounds that slow it down where it uses more.
+FULL_USE, SLOW_ROUNDS = 0.999, 8
+#: What of a run counts as its end: rows, time, and spans of smoothing. [1, s, 1]
+END_ROWS, END_TIME, END_SPANS = 100, 6.0, 20.0
+#: Windows of smoothing that are tried where a limit of the jerk slows a run down, in those of the task.
+WINDOWS = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
+#: Acceleration of a joint whose folder states none, in rapid moves: full speed after this time. [s]
+FULL_SPEED_AFTER = 0.5
 #: Stands for an acceleration limit that the robot folder does not state. [rad/s^2 or m/s^2]
 NO_LIMIT = 1e4
-#: From joint motion per programmed time and its derivative to torques tau = a u + b x + c, and their limits.
-TorqueParts = Callable[[Array, Array], tuple[Array, Array, Array, Array]]
 #: Halvings that bring the time of a waypoint near enough for Newton's steps, and those steps.
 HALVINGS, NEWTON_STEPS = 18, 3
 #: Times of smoothing of a run whose inertia counts: the correction follows its acceleration, which has to be smooth.
@@ -40,8 +62,299 @@ INERTIA_WINDOWS = (1.0, 1.0, 0.5)
 ROUNDING = 1e-6
 
 
+@dataclass(frozen=True)
+class Timing:
+    """The run of a command; n waypoints, nq joints.
+
+    Attributes:
+        time: Time at each waypoint. Shape (n,). [s]
+        velocity: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
+        acceleration: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
+        feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
+        share: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
+        limiting: Joint whose limit is used the most, -1 where none is near. Shape (n,).
+        by_velocity: Whether that limit is the velocity's. Shape (n,).
+        velocity_ratio: Greatest joint velocity against its limit.
+        acceleration_ratio: Greatest joint acceleration against its limit; 0 where no limit is known.
+
+    """
+
+    time: Array
+    velocity: Array
+    acceleration: Array
+    feed: Array
+    share: Array
+    limiting: NDArray[np.int_]
+    by_velocity: NDArray[np.bool_]
+    velocity_ratio: float
+    acceleration_ratio: float
+
+    @property
+    def lowered(self) -> NDArray[np.bool_]:
+        """Waypoints whose feed had to be lowered. Shape (n,)."""
+        return self.share < LOWERED
+
+
+def time_command(
+    task: PlanTask, q: Array, *, rules: TorqueRules | None = None, slow: Array | None = None, keep: bool = False
+) -> Timing:
+    """Time a command.
+
+    Args:
+        task: The task that it fulfils: programmed feed, limits, rapid moves.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        rules: Joint torques to keep within limits, or None.
+        slow: Factor by which the run is to be slower than the limits ask for, or None. Shape (n,).
+        keep: Whether the feed is to be kept at rounded corners.
+
+    Raises:
+        ConvergenceError: If no run keeps the limits.
+
+    """
+    step, slow = np.zeros(len(q)), task.pace if slow is None else slow * task.pace
+    for start, end in task.runs:
+        run = slice(start, end + 1)
+        if not task.nominal.steps[start:end].any():
+            continue
+        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
+        own = slow[run]
+        spans = [] if keep else find_narrow(task, along, start, end)
+        edges, time = [0, *(middle for _, middle, _ in spans), end - start], np.zeros(end + 1 - start)
+        for first, last in pairwise(edges):
+            leg, rows = slice(first, last + 1), None
+            if rules is not None:
+                rows = partial(rules.rows, start + first, start + last)
+            time[leg] = time[first] + _time_run(task, along[leg] - along[first], q[run][leg], rows, own[leg])
+        if spans:
+            time = overlap_legs(time, task.position[run], task.nominal.feed[run], spans)
+            torques = None if rules is None else partial(rules.rows, start, end)
+            use = _use_of(task, q[run], time, torques)
+            time = time if use.max() <= 1.0 else _stretch_time(task, q[run], time, use, torques)
+        step[start + 1 : end + 1] = np.diff(time)
+    return state_timing(task, q, time_between_cuts(task, q, np.cumsum(step)))
+
+
+def time_ends(task: PlanTask, q: Array) -> Array:
+    """Return times (n,) [s] of which the first and last moves of every run of a command (n, nq) are right.
+
+    A run speeds up and slows down within END_TIME and some spans of smoothing; what lies farther away is not timed.
+    """
+    step, far, pace = np.zeros(len(q)), END_TIME + END_SPANS * task.smoothing, task.pace
+    for start, end in task.runs:
+        if not task.nominal.steps[start:end].any():
+            continue
+        along = np.r_[0.0, np.cumsum(parameter_steps(task, q, start, end))]
+        count = len(along)
+        last = max(int(np.searchsorted(along, far)) + 1, END_ROWS)
+        first = min(int(np.searchsorted(along, along[-1] - far)), count - END_ROWS)
+        parts = [slice(0, count)] if last >= first else [slice(0, last), slice(first, count)]
+        for part in parts:
+            own = along[part] - along[part.start]
+            time = _time_run(task, own, q[start : end + 1][part], None, pace[start : end + 1][part])
+            step[start + 1 + part.start : start + part.stop] = np.diff(time)
+    return np.cumsum(step)
+
+
+def time_between_cuts(task: PlanTask, q: Array, time: Array) -> Array:
+    """Return times (n,) [s] in which joint moves between cuts and at rest take as long as a command (n, nq) needs."""
+    step, rapid = np.r_[0.0, np.diff(time)], np.r_[False, task.nominal.rapid[1:]]
+    for start, end in task.runs:
+        if not task.nominal.steps[start:end].any():
+            step[start + 1 : end + 1] = np.diff(_turn_in_place(task, q[start : end + 1], start))
+    moves = np.flatnonzero(rapid)
+    step[moves] = time_rapids(np.abs(q[moves] - q[moves - 1]), task.velocity_limits, task.acceleration_limits)
+    return np.cumsum(step)
+
+
+def state_timing(task: PlanTask, q: Array, time: Array) -> Timing:
+    """Work out rates and feeds of a command (n, nq) at given times (n,) [s], by differences."""
+    velocity, acceleration = np.zeros(q.shape), np.zeros(q.shape)
+    rapid, step = np.r_[False, task.nominal.rapid[1:]], np.r_[0.0, np.diff(time)]
+    for start, end in task.runs:
+        run = slice(start, end + 1)
+        mean, acceleration[run] = difference_motion(q[run], time[run])
+        velocity[run] = 0.5 * (np.vstack([mean, mean[-1:]]) + np.vstack([mean[:1], mean]))
+    length = np.r_[0.0, task.nominal.steps]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        feed = np.where(step > 0, length / step, task.nominal.feed)
+        share = np.where(rapid | (task.nominal.feed <= 0) | (length <= 0), 1.0, feed / task.nominal.feed)
+    use_v = np.abs(velocity) / task.velocity_limits
+    use_a = np.abs(acceleration) / task.acceleration_limits
+    worst_v, worst_a = use_v.max(axis=1), use_a.max(axis=1)
+    by_velocity = worst_v >= worst_a
+    limiting = np.where(by_velocity, use_v.argmax(axis=1), use_a.argmax(axis=1))
+    limiting = np.where(np.maximum(worst_v, worst_a) > 0.9, limiting, -1)
+    share[0] = share[1] if len(q) > 1 and not rapid[1] else 1.0
+    ratios = float(worst_v.max()), float(worst_a.max())
+    return Timing(time, velocity, acceleration, feed, share, limiting, by_velocity, *ratios)
+
+
+def _time_run(task: PlanTask, along: Array, q: Array, rows: Torques | None, slow: Array) -> Array:
+    """Time one run from rest to rest, smoothly, and slow it down where differences of q are beyond a limit."""
+    time, rounds = _smooth_run(task, along, q, rows, slow, task.smoothing)
+    if rounds == 1 or (task.jerk_limits is None and rounds <= SLOW_ROUNDS):
+        return time
+    for factor in WINDOWS:  # a longer ramp may cost less than a slower run
+        other = _smooth_run(task, along, q, rows, slow, factor * task.smoothing)[0]
+        if other[-1] > 1.1 * time[-1]:
+            break
+        time = min(time, other, key=lambda each: float(each[-1]))
+    return time
+
+
+def _most_push(task: PlanTask, window: float) -> float:
+    """Return the greatest change of the share of the programmed feed. [1/s]."""
+    return 1.0 / window if window > 0 and task.follows_feed else NO_LIMIT
+
+
+def _smooth(task: PlanTask, along: Array, speed: Array, window: float) -> Profile:
+    """Return a run whose speed along the path is smoothed over a window, thrice where inertia counts."""
+    for share in INERTIA_WINDOWS if task.inertia else (1.0,):
+        profile = smooth_profile(along, speed, share * window)
+        speed = profile.speed
+    return profile
+
+
+def _smooth_run(
+    task: PlanTask, along: Array, q: Array, rows: Torques | None, slow: Array, window: float
+) -> tuple[Array, int]:
+    """Time one run with a window of smoothing; also tell after how many rounds it keeps its limits."""
+    if len(along) < 3:
+        fine, between = subdivide(along, q)
+        time, rounds = _smooth_run(task, fine, between, None, np.interp(fine, along, slow), window)
+        return time[[0, -1]], rounds
+    limits = FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits
+    for count in range(SLOW_ROUNDS):
+        speed = time_cut(along, q, *limits, rows, slow=slow, gentle=_most_push(task, window))[2]
+        time = _smooth(task, along, speed, window).time
+        use = _use_of(task, q, time, rows)
+        if use.max() <= 1.0:
+            return time, count + 1
+        slow = slow * np.minimum(spread_factors(use, time, window), 4.0) * 1.002
+    return _stretch_time(task, q, time, use, rows), SLOW_ROUNDS + 1
+
+
+def _use_of(task: PlanTask, q: Array, time: Array, rows: Torques | None) -> Array:
+    """Tell by what factor a run is too fast: by its differences, and as a spline where jerk or torque has a limit."""
+    use = measure_use(q, time, task.velocity_limits, task.acceleration_limits)
+    if task.jerk_limits is None and rows is None:
+        return use
+    limits = task.velocity_limits, task.acceleration_limits, task.jerk_limits
+    return np.maximum(use, measure_smooth_use(q, time, *limits, rows))
+
+
+def _stretch_time(task: PlanTask, q: Array, time: Array, use: Array, rows: Torques | None) -> Array:
+    """Stretch the time of a run near the places that are still too fast; all of it, of the shortest, where none do."""
+    reach, best = max(task.smoothing, 1e-3), time * float(use.max()) * 1.001
+    for _ in range(SLOW_ROUNDS):
+        factor = spread_factors(use, time, 1.5 * reach) * 1.002
+        total = np.r_[0.0, np.cumsum(0.5 * (factor[1:] + factor[:-1]) * np.diff(time))]
+        low, high = (np.clip(time + side * reach, time[0], time[-1]) for side in (-0.5, 0.5))
+        mean = (np.interp(high, time, total) - np.interp(low, time, total)) / (high - low)
+        time = np.r_[0.0, np.cumsum(np.diff(time) * 0.5 * (mean[1:] + mean[:-1]))]
+        use = _use_of(task, q, time, rows)
+        best = min(best, time * max(1.001 * float(use.max()), 1.0), key=lambda each: float(each[-1]))
+        if use.max() <= 1.0:
+            break
+    return best
+
+
+def find_slowdown(task: PlanTask, q: Array, time: Array, rules: TorqueRules | None = None) -> Array:
+    """Tell by what factor times (n,) are too short for joint positions (n, nq), nearby waypoints included. Shape (n,).
+
+    It is 1 where they are not; `rules` are joint torques to keep within limits.
+    """
+    slower = np.ones(len(q))
+    for start, end in task.runs:
+        run = slice(start, end + 1)
+        use = _use_of(task, q[run], time[run], None if rules is None else partial(rules.rows, start, end))
+        if use.max() > 1.0 and task.nominal.steps[start:end].any():
+            slower[run] = np.maximum(slower[run], spread_factors(use, time[run], task.smoothing))
+    return slower
+
+
+def _turn_in_place(task: PlanTask, q: Array, start: int) -> Array:
+    """Time joint moves during which the wanted tip stays: gently, and the commanded tip no faster than the feed."""
+    distance = np.abs(np.diff(q, axis=0)).sum(axis=0)
+    duration = ease_duration(distance, FULL_USE * task.velocity_limits, FULL_USE * task.acceleration_limits)
+    way = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))]
+    feed = task.nominal.feed[start + 1]
+    tip = locate_frames(task.chain, q[[0, -1]]).tcp_position
+    length = float(np.linalg.norm(tip[1] - tip[0]))
+    if task.jerk_limits is not None:  # its greatest jerk is 60 d / T^3, at its ends
+        duration = max(duration, float(np.cbrt(60.0 * distance / (FULL_USE * task.jerk_limits)).max()))
+    duration = max(1.1 * duration, 1.875 * length / feed if feed > 0 else 0.0, task.gentle_time)
+    return ease_times(way / max(way[-1], 1e-300), duration)
+
+
+def time_rapids(distance: Array, velocity_limits: Array, acceleration_limits: Array) -> Array:
+    """Time joint moves from rest to rest (k, nq) with trapezoidal speed; the slowest joint counts. Shape (k,). [s]"""
+    assumed = np.where(np.isfinite(velocity_limits), velocity_limits / FULL_SPEED_AFTER, NO_LIMIT)
+    push = np.where(np.isfinite(acceleration_limits), acceleration_limits, assumed)
+    triangle = 2 * np.sqrt(distance / push)
+    with np.errstate(invalid="ignore"):
+        trapezoid = distance / velocity_limits + velocity_limits / push
+    short = distance * push < velocity_limits**2
+    return np.asarray(np.where(short, triangle, trapezoid).max(axis=1, initial=0.0))
+
+
+def parameter_steps(task: PlanTask, q: Array, start: int, end: int) -> Array:
+    """Return programmed times of the moves of a cut; a move without length (a turn) takes what its joints need."""
+    steps = task.step_time[start:end]
+    need = (np.abs(np.diff(q[start : end + 1], axis=0)) / task.velocity_limits).max(axis=1)
+    still = task.nominal.steps[start:end] <= 0
+    return np.maximum(np.where(still, need, steps), 1e-7)
+
+
+def find_narrow(task: PlanTask, along: Array, start: int, end: int) -> list[tuple[int, int, int]]:
+    """List first, middle and last waypoint of the roundings of a run that are shorter than its way from feed to rest.
+
+    Waypoints count from the run's first; `along` is the programmed time at each of them. [s]
+    """
+    window = task.smoothing * (sum(INERTIA_WINDOWS) if task.inertia else 1.0)
+    found = []
+    for first, last in find_roundings(task.nominal):
+        first, last = first - start, last - start
+        if first > 0 and last < end - start and last - first > 1 and along[last] - along[first] < window:
+            middle = int(np.searchsorted(along, 0.5 * (along[first] + along[last])))
+            found.append((first, min(max(middle, first + 1), last - 1), last))
+    return found
+
+
+def overlap_legs(time: Array, position: Array, feed: Array, spans: list[tuple[int, int, int]]) -> Array:
+    """Let runs that end and begin in the middles of roundings overlap, u of the rounding even in time.
+
+    A run that is smoothed comes to rest as the fourth power of time: one that is r before it rests d later, and goes
+    on at 4 r / d, which is 4 a / g with g the rate dt/du of the rounding: g = a d / r. Where the run is slower or slows
+    down later than that, g = 4 a / v keeps the speed v of the move that leads to the rounding, or away from it. The
+    rounding takes longer by what keeps the programmed feed.
+
+    Args:
+        time: Time at each waypoint with rests in the middles. Shape (k,). [s]
+        position: Shape (k, 3). [m]
+        feed: Programmed feed to each waypoint. Shape (k,). [m/s]
+        spans: First, middle and last waypoint of each rounding.
+
+    """
+    step = np.diff(time)
+    for first, middle, last in spans:
+        u, share = find_shares(position[first : last + 1])
+        steps = np.linalg.norm(np.diff(position[first : last + 1], axis=0), axis=1)
+        reach, before = share * steps.sum(), steps[: middle - first].sum()
+        ways = np.linalg.norm(position[[first, last + 1]] - position[[first - 1, last]], axis=1)
+        slowness = 4.0 * (time[[first, last + 1]] - time[[first - 1, last]]) / np.maximum(ways, 1e-9)
+        rests = (time[middle] - time[first]) / before, (time[last] - time[middle]) / (steps.sum() - before)
+        rate, end = (reach * np.maximum(rests, slowness)).tolist()
+        change = end - rate
+        taken = np.diff(rate * u + 0.5 * change * u**2)
+        wanted = feed[first + 1 : last + 1]
+        least = np.divide(steps, wanted, out=np.zeros(len(steps)), where=wanted > 0.0)
+        step[first:last] = taken * max(float((least / taken).max()), 1.0)
+    return np.r_[0.0, np.cumsum(step)]
+
+
 def time_cut(
-    along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: TorqueParts | None = None, *,
+    along: Array, q: Array, velocity_limits: Array, acceleration_limits: Array, torques: Torques | None = None, *,
     slow: Array | None = None, gentle: float = NO_LIMIT,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Find the fastest run along one cut.
@@ -84,14 +397,13 @@ def fastest_squares(along: Array, fastest: Array, a: Array, b: Array, c: Array, 
     Args:
         along: Grid. Shape (k,). [s]
         fastest: Greatest square at each point of it. Shape (k,).
-        a: Factor of u. Shape (k, r).
-        b: Factor of x. Shape (k, r).
-        c: Constant. Shape (k, r).
+        a: Factor of u, as b and c. Shape (k, r).
+        b: Factor of x.
+        c: Constant.
         most: Limits. Shape (r,).
 
     Raises:
         ConvergenceError: If there is no run from rest to rest.
-
     """
     path, limit, algorithm = _toppra()
     rows = a / most, b / most, c / most
@@ -173,14 +485,12 @@ class Profile:
 
 
 def smooth_profile(along: Array, speed: Array, window: float) -> Profile:
-    """Smooth the speed along a path over a window of time.
+    """Smooth the speed along a path over a window of time [s], 0 for none.
 
     Args:
         along: Programmed time at each waypoint, from 0. Shape (k,). [s]
-        speed: Speed at each waypoint as a share of the programmed feed, its square linear between them, 0 at both ends.
-            Shape (k,).
-        window: Length of the window, 0 for none. [s]
-
+        speed: Share of the programmed feed, its square linear between waypoints, 0 at both ends. Shape (k,).
+        window: Length of the window. [s]
     """
     step = 2 * np.diff(along) / np.maximum(speed[1:] + speed[:-1], 1e-12)
     time = np.r_[0.0, np.cumsum(step)]
@@ -212,13 +522,7 @@ def ease(u: Array) -> Array:
 
 
 def ease_times(places: Array, duration: float) -> Array:
-    """Return when a move that starts and ends gently passes places: s = 10 u^3 - 15 u^4 + 6 u^5, u = t / duration.
-
-    Args:
-        places: Shares of the way, 0 to 1. Shape (k,).
-        duration: Time of the whole move. [s]
-
-    """
+    """Return when a move that starts and ends gently passes shares of its way (k,); it takes `duration` in all. [s]"""
     u = np.linspace(0.0, 1.0, 4001)
     return np.asarray(duration * np.interp(places, ease(u), u))
 

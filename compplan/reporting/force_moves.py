@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.run_timing import Timing
 from compplan.planning.task import PlanTask
+from compplan.planning.timing import Timing
 from compplan.reporting.along_path import find_spans
 from compplan.reporting.style import format_percent
 from compplan.robot import Array

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from compplan.io.notes import list_remarks
 from compplan.planning.deflection import describe_bending
 from compplan.planning.lost_motion import describe_reversals, list_reversals
-from compplan.planning.posture.initial_branches import compare_postures
+from compplan.planning.posture.start import compare_postures
 from compplan.planning.slow import describe_causes, mark_slow
 from compplan.process.force_models import name_force_model
 from compplan.reporting.along_path import (

@@ -49,9 +49,9 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
     nominal = replace(select_waypoints(task.nominal, np.zeros(k, int)), position=touched.shown, events=())
     there = replace(
         task, robot=robot, nominal=nominal, q_start=touched.q, wrench=np.zeros((k, 6)), rotation=task.rotation[:k],
-        compensated=np.ones(k, bool), missed=np.zeros(k, bool), lead=np.zeros(k, bool), rests=None, bias=None,
-        links=None, places=None, start=None, step_time=np.ones(k - 1), theta=np.zeros((k, task.chain.n_springs)),
-        touched=None,
+        compensated=np.ones(k, bool), missed=np.zeros(k, bool), lead=np.zeros(k, bool), rests=np.zeros(k, bool),
+        bias=None, links=None, places=None, start=None, step_time=np.ones(k - 1),
+        theta=np.zeros((k, task.chain.n_springs)), touched=None,
     )  # fmt: skip
     rates = differentiate_placements(there, noise)[0]
     first = GROWN

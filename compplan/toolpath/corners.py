@@ -162,13 +162,13 @@ def find_corner_shifts(toolpath: Toolpath, tip: Array, beside: Array) -> Array |
         cosine = (legs * steps).sum(axis=1) / np.maximum(reach * step, 1e-24)
         bulge = 0.25 * reach * np.arccos(np.clip(cosine, -1.0, 1.0))
         most = max(float(toolpath.rounded[middle]), float(beside[middle]))
-        off = _measure_beside(tip[first : last + 1], tip[middle] + away)
+        off = measure_beside(tip[first : last + 1], tip[middle] + away)
         if (bulge <= ON_LINE * most).all() and off <= STRAYS * most:
             shift[first + 1 : last], shift[middle], found = np.nan, away, True
     return shift if found else None
 
 
-def _measure_beside(x: Array, corner: Array) -> float:
+def measure_beside(x: Array, corner: Array) -> float:
     """Return how far places lie beside the lines from the first to a corner and on to the last. Shape (k, 3). [m]."""
     arms = x - corner
     off = []

@@ -11,8 +11,9 @@ from program_readers import read_krl, read_rapid
 
 from compplan.controllers.readback.fitted import PlannedRows, follow_moves
 from compplan.controllers.readback.poses import Move
+from compplan.controllers.shapes import find_circle
 from compplan.controllers.writers import Program, build_program, write_program
-from compplan.controllers.writers.fit import find_circle, fit_moves
+from compplan.controllers.writers.fit import fit_moves
 from compplan.robot import load_robot
 
 

@@ -51,7 +51,7 @@ def test_an_independent_drive_stays_ten_times_nearer_to_the_path_of_a_led_comman
     q = np.stack([0.1 * np.sin(2.0 * np.pi * share + j) for j in range(6)], axis=1)
     nominal = SimpleNamespace(rapid=np.zeros(len(q), bool), steps=np.ones(len(q) - 1))
     chain = build_chain(load_robot("ur10"))
-    led = lead_lag(SimpleNamespace(nominal=nominal, rests=None, chain=chain), q, time, motion)
+    led = lead_lag(SimpleNamespace(nominal=nominal, runs=[(0, len(q) - 1)], chain=chain), q, time, motion)
     cell = SimulatedRobot(lag=1e-3 * LAG)
     wanted, *reached = (locate_frames(chain, way).tcp_position for way in (q, drive(q, cell), drive(led, cell)))
     plain, better = (measure_beside(wanted, tip).max() for tip in reached)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.readback.posture import PostureWord, read_words
-from compplan.controllers.readback.reported import ReportedProgram
+from compplan.controllers.readback.reported import PostureWord, ReportedProgram, read_words
+from compplan.controllers.writers.joint_convention import load_controller
+from compplan.robot import load_robot
 
-ROOT = Path(__file__).parents[2]
 #: Joints of three rows, and the words that they stand in.
 ARM = np.array([[10.0, -95.0, 100.0, -20.0, 50.0, 200.0], [95.0, 5.0, -5.0, 100.0, -30.0, -200.0], [-1.0] * 6])
 ABOVE = {"shoulder": [True, False, True], "elbow": [True, True, False], "wrist": [False, True, True]}
@@ -21,7 +20,7 @@ STATUS = {"shoulder": {"front": 0, "back": 1}, "elbow": {"up": 2, "down": 0}, "w
 LETTERS = {"shoulder": {"front": "T", "back": "B"}, "elbow": {"up": "U", "down": "D"},
            "wrist": {"noflip": "N", "flip": "F"}}  # fmt: skip
 WORDS = {
-    key: PostureWord(np.array(ABOVE[key]), np.ones(3, bool), NAMES[key], STATUS[key], LETTERS[key]) for key in NAMES
+    key: PostureWord(np.where(ABOVE[key], *NAMES[key]), np.ones(3, bool), STATUS[key], LETTERS[key]) for key in NAMES
 }
 NONE = np.zeros(3, bool)
 WANTED = ReportedProgram(ARM, WORDS, NONE, NONE, np.full(3, np.nan), 12.0, np.array([1.0, 2.0, 3.0]))
@@ -76,11 +75,11 @@ def test_axis_rates_and_load_are_those_of_plan_and_job() -> None:
     assert said == "a tool of 24 kg, the job's has 12"
 
 
-def test_configuration_words_are_told_by_a_reading_of_its_own() -> None:
-    names = tuple(f"joint_{k}" for k in range(1, 7))
+def test_configuration_words_are_read_from_the_robot_folder() -> None:
+    robot = load_robot("kuka_kr240")
     # KR 240-2: the elbow is down above -87.138 deg, the wrist does not flip from 0 deg up
-    q = np.radians([[0.0, 20.0, -100.0, 0.0, 30.0, 0.0], [0.0, 20.0, -60.0, 0.0, -30.0, 0.0]])
-    words = read_words(ROOT / "robots" / "kuka_kr240", names, q)
-    assert words["elbow"].values == ["up", "down"]
-    assert words["wrist"].values == ["noflip", "flip"]
-    assert words["shoulder"].values == ["front", "front"]
+    q = np.radians([[0.0, 20.0, -100.0, 0.0, 30.0, 0.0], [0.0, 20.0, -60.0, 0.0, 5e-3, 0.0]])
+    words = read_words(load_controller(robot), robot, q)
+    assert words["elbow"].values.tolist() == ["up", "down"]
+    assert words["wrist"].values.tolist() == ["noflip", "noflip"] and words["wrist"].sure.tolist() == [True, False]
+    assert words["shoulder"].values.tolist() == ["front", "front"]

@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import chi2
 
 from compplan.diagnosis.data.noise import LEVEL, Noise, estimate_noise
-from compplan.diagnosis.evidence.evidence import Hyper, _hyperprior
+from compplan.diagnosis.evidence.evidence import _hyperprior
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.effects import command_campaign
 from compplan.measurement.campaign import Campaign
 

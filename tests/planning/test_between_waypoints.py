@@ -19,7 +19,6 @@ from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import _resolve_starts
 from compplan.planning.motion_limits import measure_use
 from compplan.planning.plan import build_task, prepare_job
-from compplan.planning.run_timing import cutting_runs
 from compplan.planning.timing import ease, ease_duration, ease_times, smooth_profile
 from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads
@@ -236,7 +235,7 @@ def test_rows_beside_a_rest_are_so_near_that_they_tell_how_gently_a_run_starts(t
     # whoever takes the acceleration at a rest from the rows beside it finds what bends the arm by less than a chord
     plan = cp.plan_job(three_points(tmp_path, MILLING, plan={"rotate_about_tool_axis": False, "inertia": True}))
     task, q, time = plan.task, plan.task.q_start, plan.timing.time
-    runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    runs = task.runs
     rests = np.array([row for first, last in runs for row in (first, last) if last > first + 1])
     beside = rests + np.tile([1, -1], len(rests) // 2)
     step = np.abs(time[beside] - time[rests])[:, None]

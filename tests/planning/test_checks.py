@@ -18,7 +18,7 @@ from compplan.job.job import Job, ToolTable, check_job, load_job
 from compplan.planning import plan as planning
 from compplan.planning.checks import hold_load
 from compplan.planning.plan import plan_job
-from compplan.planning.run_timing import Timing
+from compplan.planning.timing import Timing
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import Array, Robot, load_robot
 from compplan.simulation.exact import build_exact_robot

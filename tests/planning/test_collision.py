@@ -13,8 +13,8 @@ from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.clearance import measure_clearance, measure_margin, sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene, build_scene
 from compplan.planning.posture.contacts import describe_contact, find_contacts, find_near, locate_link_frames
-from compplan.planning.posture.initial_branches import read_request
-from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
+from compplan.planning.posture.start import read_request
 from compplan.reporting.robot_scene import locate_links
 from compplan.robot import load_robot
 from compplan.robot.solids import cut_tip
@@ -149,12 +149,16 @@ def test_the_graph_turns_the_tool_away_from_an_obstacle() -> None:
     axis, feed = np.tile([0, 0, 1.0], (n, 1)), np.full(n, 0.05)
     nominal = Toolpath(position, axis, feed, np.zeros(n, bool), wrench, frame="base")
     settings = PostureSettings(stations=15, spin_step=np.radians(10))
-    free = choose_posture_path(robot, nominal, np.array([1.0, 0, 0]), settings)
+
+    def choose(*given, **more):
+        return choose_posture_path(PostureProblem(*given, **more))
+
+    free = choose(robot, nominal, np.array([1.0, 0, 0]), settings)
     middle = locate_link_frames(robot, free.q[n // 2 : n // 2 + 1])[robot.flange][0]
     post = trimesh.creation.box((0.15, 0.15, 0.15)).apply_translation(middle[:3, 3])
     scene = build_scene(robot, tool=spindle, fixture=post)
     assert measure_margin(scene, free.q, 0.01).min() < 0
-    clear = choose_posture_path(
+    clear = choose(
         robot, nominal, np.array([1.0, 0, 0]), settings, margin=lambda q, rows: measure_margin(scene, q, 0.01)
     )
     assert measure_margin(scene, clear.q, 0.01).min() >= 0

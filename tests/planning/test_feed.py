@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from compplan.job.job import check_job
-from compplan.planning.feed import FeedRequest, TorqueRules, find_constant_feed, time_run
+from compplan.planning.feed import FeedRequest, find_constant_feed, time_run
+from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.plan import PlanOptions, build_task
 from compplan.robot import load_robot
 from compplan.toolpath.corners import SLOWED, find_corners, find_roundings, find_shares, round_corners

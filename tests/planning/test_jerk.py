@@ -13,10 +13,10 @@ from benchmarks.limits import sample_use
 from compplan.controllers.readback.robot import read_joints
 from compplan.job.job import LimitsTable
 from compplan.planning.checks import _check_jerk
-from compplan.planning.feed import FeedRequest, TorqueRules, time_run
-from compplan.planning.motion_limits import describe_jerk, limit_jerk, measure_smooth_use
-from compplan.planning.run_timing import cutting_runs, find_slowdown, time_command
-from compplan.planning.timing import ease, ease_times, time_cut
+from compplan.planning.feed import FeedRequest, time_run
+from compplan.planning.motion_limits import TorqueRules, describe_jerk, limit_jerk, measure_smooth_use
+from compplan.planning.task import cutting_runs
+from compplan.planning.timing import ease, ease_times, find_slowdown, time_command, time_cut
 from compplan.robot import Array
 from tests.planning.test_feed import ROBOT, arc_path, make_task, square_path
 
@@ -45,7 +45,7 @@ def test_an_acceleration_that_is_there_at_once_is_a_jerk() -> None:
 @pytest.mark.parametrize("after", [0.05, 0.4])
 def test_a_run_with_corners_holds_its_limits_at_every_millisecond(after: float) -> None:
     task = make_task(square_path(feed=0.4))
-    task = replace(task, rests=None, jerk_limits=limit_jerk(ROBOT, 1.0, after))
+    task = replace(task, rests=np.zeros(len(task), bool), jerk_limits=limit_jerk(ROBOT, 1.0, after))
     free = time_command(replace(task, jerk_limits=None), task.q_start)
     held = time_command(task, task.q_start)
     use = sample_use(task.q_start, held.time, cutting_runs(task.nominal.rapid), *_limits(task))
@@ -63,7 +63,7 @@ def test_a_run_that_has_to_stand_still_on_its_way_is_timed_within_its_jerk(monke
 
     task = make_task(arc_path(0.3, 1.2, 120))
     task = replace(task, jerk_limits=limit_jerk(ROBOT, 1.0, 0.1))
-    monkeypatch.setattr("compplan.planning.run_timing.time_cut", stop_halfway)
+    monkeypatch.setattr("compplan.planning.timing.time_cut", stop_halfway)
     held = time_command(task, task.q_start)
     assert np.isfinite(held.time).all() and (np.diff(held.time) >= 0.0).all()
     assert measure_smooth_use(task.q_start, held.time, *_limits(task)).max() < 1.001
@@ -106,7 +106,8 @@ def _limits(task) -> tuple[Array, Array, Array | None]:
 
 @pytest.mark.parametrize("wrong", [False, True])
 def test_the_check_of_a_plan_finds_a_jerk_beyond_the_limit(wrong: bool) -> None:
-    task = replace(make_task(square_path(feed=0.4)), rests=None)
+    task = make_task(square_path(feed=0.4))
+    task = replace(task, rests=np.zeros(len(task), bool))
     held = time_command(replace(task, jerk_limits=None if wrong else limit_jerk(ROBOT, 1.0, 0.4)), task.q_start)
     job = SimpleNamespace(limits=LimitsTable(full_acceleration_after_s=0.4))
     found = [

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from compplan.planning.dense import pick_stations, solve_path, state_problem
-from compplan.planning.feed import TorqueRules
 from compplan.planning.limits import read_torques
+from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
 from compplan.planning.strategies import command_path
 from compplan.planning.task import attain_rows

@@ -15,7 +15,7 @@ from compplan.planning.candidates import judge_gain
 from compplan.planning.lost_motion import describe_reversals, list_reversals
 from compplan.planning.plan import Plan, build_task, plan_job, prepare_job
 from compplan.planning.posture.motion import count_reversals
-from compplan.planning.run_timing import cutting_runs, time_command
+from compplan.planning.timing import time_command
 from compplan.reporting.writers.plan import write_plan
 
 PUSH = {"model": "constant", "force_N": [200.0, 100.0, 300.0], "frame": "base"}
@@ -69,7 +69,7 @@ def test_its_page_and_programs_are_written(plan: Plan, tmp_path: Path) -> None:
 
 def test_its_run_holds_velocity_and_acceleration_at_every_millisecond(plan: Plan) -> None:
     task = plan.task
-    runs = cutting_runs(np.r_[False, task.nominal.rapid[1:]], task.rests)
+    runs = task.runs
     use = sample_use(plan.q, plan.timing.time, runs, task.velocity_limits, task.acceleration_limits)
     assert use["velocity"] < 1.001 and plan.timing.acceleration_ratio < 1.001
     assert use["acceleration"] < 1.04  # a spline overshoots where acceleration, free of a limit of the jerk, jumps

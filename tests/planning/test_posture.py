@@ -14,12 +14,12 @@ from compplan.planning.plan import PlanOptions, plan_compensation
 from compplan.planning.posture.choose import choose_posture_path, sum_errors
 from compplan.planning.posture.configuration import choose_posture
 from compplan.planning.posture.costs import Weights
-from compplan.planning.posture.initial_branches import PostureRequest
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.motion import MotionFigures, MotionPrice, measure_inertia_error
 from compplan.planning.posture.search import Rungs, _Joints, _step
-from compplan.planning.posture.settings import PostureSettings
-from compplan.planning.posture.summary import summarise_costs
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
+from compplan.planning.posture.start import PostureRequest
+from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm
@@ -44,12 +44,16 @@ def check_on_path(robot, nominal: Toolpath, posture_choice) -> None:
     assert (posture_choice.q >= robot.lower).all() and (posture_choice.q <= robot.upper).all()
 
 
+def choose(*given, **more) -> PostureSummary:
+    return choose_posture_path(PostureProblem(*given, **more))
+
+
 @pytest.fixture(scope="module")
 def angled():
     case = make_case("kuka_kr240", "circle", 45.0)
     settings = PostureSettings(stations=160, weights={"travel": 0.0})  # what is left under load, alone
     axes = case.job.T_base_part[:3, :3]
-    return case, choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+    return case, choose(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
 
 
 def test_the_chosen_posture_is_within_two_percent_of_brute_force_that_shares_no_cost_code(angled) -> None:
@@ -64,9 +68,9 @@ def test_travel_is_priced_as_an_error_and_a_plain_posture_is_kept_that_is_as_acc
     case, greedy = angled
     axes = case.job.T_base_part[:3, :3]
     settings = PostureSettings(stations=160, motion=MotionFigures(stated=True))  # no assumed figure prices motion
-    posture_choice = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
+    posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes)
     plain = choose_posture(case.robot, case.nominal.position, tool_axes(case.nominal, case.job.tool_x_base))
-    costs = summarise_costs(build_chain(case.robot), case.robot, case.nominal, plain.q, PostureSettings(), axes)
+    costs = summarise_costs(PostureProblem(case.robot, case.nominal, FLAT, PostureSettings(), axes), plain.q)
     # some micrometres less under load, for six times the travel, and inertia bends more than all of that
     assert greedy.costs["sensitivity_rms_mm"] < costs["sensitivity_rms_mm"]
     assert greedy.costs["joint_travel_deg"] > 5 * costs["joint_travel_deg"]
@@ -78,7 +82,7 @@ def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
     case, _ = angled
     axes = case.job.T_base_part[:3, :3]
     found = {
-        preset: choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes).costs
+        preset: choose(case.robot, case.nominal, case.job.tool_x_base, settings, axes=axes).costs
         for preset in ("accurate", "smooth", "fast")
         if (settings := PostureSettings(stations=120, preset=preset))
     }
@@ -92,7 +96,7 @@ def test_each_preset_is_the_best_of_the_three_at_what_it_is_for(angled) -> None:
 def test_the_margin_that_is_asked_for_is_kept_where_some_way_keeps_it() -> None:
     case = make_case("kuka_kr270", "spiral", 45.0)  # the plain posture comes within 1.4 deg of a limit
     settings = PostureSettings(motion=MotionFigures(stated=True))
-    posture_choice = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
+    posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, settings)
     assert posture_choice.keeps_margin and posture_choice.costs["limit_distance_deg"] >= 10.0
     assert (
         posture_choice.costs["joint_travel_deg"] < 0.5 * 2577
@@ -136,8 +140,8 @@ def test_spin_turns_the_tool_about_its_own_axis(angled) -> None:
 
 def test_a_tool_along_axis_six_gains_nothing_from_rotation_and_the_stance_says_so() -> None:
     robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
-    free = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=20))
-    fixed = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=20, free_spin=False))
+    free = choose(robot, nominal, FLAT, PostureSettings(stations=20))
+    fixed = choose(robot, nominal, FLAT, PostureSettings(stations=20, free_spin=False))
     assert free.costs["sensitivity_rms_mm"] == pytest.approx(fixed.costs["sensitivity_rms_mm"], rel=1e-6)
 
 
@@ -146,7 +150,7 @@ def test_the_smooth_preset_moves_the_joints_no_more_than_the_accurate_one() -> N
     travel = {}
     for preset in ("accurate", "smooth"):
         settings = PostureSettings(stations=60, preset=preset)
-        posture_choice = choose_posture_path(case.robot, case.nominal, case.job.tool_x_base, settings)
+        posture_choice = choose(case.robot, case.nominal, case.job.tool_x_base, settings)
         travel[preset] = posture_choice.costs["joint_travel_deg"], posture_choice.costs["sensitivity_rms_mm"]
     assert travel["smooth"][0] < travel["accurate"][0]
     assert travel["smooth"][1] >= travel["accurate"][1]
@@ -160,7 +164,7 @@ def test_a_path_through_a_wrist_singularity_is_followed() -> None:
     axis = np.tile([-1.0, 0.0, 0.0], (n, 1))
     wrench = np.tile([-300.0, 0.0, 0.0, 0.0, 0.0, 0.0], (n, 1))
     nominal = Toolpath(position, axis, np.full(n, 0.05), np.zeros(n, bool), wrench, frame="base")
-    posture_choice = choose_posture_path(robot, nominal, np.array([0.0, 0.0, 1.0]), PostureSettings(stations=80))
+    posture_choice = choose(robot, nominal, np.array([0.0, 0.0, 1.0]), PostureSettings(stations=80))
     check_on_path(robot, nominal, posture_choice)
     assert np.abs(np.diff(posture_choice.q, axis=0)).max() < np.radians(20)
     assert np.abs(posture_choice.q[:, 4]).min() < np.radians(3) or posture_choice.costs["dexterity_min"] > 0.03
@@ -169,7 +173,7 @@ def test_a_path_through_a_wrist_singularity_is_followed() -> None:
 def test_a_path_that_no_posture_can_follow_is_refused_with_the_waypoint() -> None:
     robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, 0.0, 0.9], [3.6, 0.0, 0.9], 60)
     with pytest.raises(InfeasibleError, match=r"no posture at waypoint \d+: .*out of reach") as caught:
-        choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=60))
+        choose(robot, nominal, FLAT, PostureSettings(stations=60))
     reach = caught.value.waypoints[0]
     assert nominal.position[reach, 0] > 2.2
 
@@ -192,23 +196,19 @@ def test_a_change_of_configuration_is_made_in_rapid_moves_alone() -> None:
         robot,
         joints=tuple(replace(j, lower=-3.12, upper=3.12) if j.name == "joint_1" else j for j in robot.joints),
     )
-    posture_choice = choose_posture_path(
-        narrow, nominal, FLAT, PostureSettings(stations=62, configuration={"shoulder": "front"})
-    )
+    posture_choice = choose(narrow, nominal, FLAT, PostureSettings(stations=62, configuration={"shoulder": "front"}))
     check_on_path(narrow, nominal, posture_choice)
     jumps = np.flatnonzero(np.abs(np.diff(posture_choice.q, axis=0)).max(axis=1) > np.radians(40)) + 1
     assert set(jumps.tolist()) == {31}
     with pytest.raises(InfeasibleError, match="no continuous motion"):
         settings = PostureSettings(stations=62, configuration={"shoulder": "front"}, reconfigure=False)
-        choose_posture_path(narrow, nominal, FLAT, settings)
+        choose(narrow, nominal, FLAT, settings)
 
 
 def test_lead_and_lean_stay_within_their_cone_and_never_cost() -> None:
     robot, nominal = load_robot("kuka_kr240"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 30)
-    upright = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=15))
-    free = choose_posture_path(
-        robot, nominal, FLAT, PostureSettings(stations=15, lead=np.radians(10), lean=np.radians(10))
-    )
+    upright = choose(robot, nominal, FLAT, PostureSettings(stations=15))
+    free = choose(robot, nominal, FLAT, PostureSettings(stations=15, lead=np.radians(10), lean=np.radians(10)))
     tilt = np.degrees(np.arccos(np.clip(free.axis @ [0.0, 0.0, 1.0], -1, 1)))
     assert tilt.max() < 10.0 + 1e-6
     assert free.costs["sensitivity_rms_mm"] <= upright.costs["sensitivity_rms_mm"] * 1.001
@@ -218,7 +218,7 @@ def test_lead_and_lean_stay_within_their_cone_and_never_cost() -> None:
 def test_a_rail_is_used_where_it_helps() -> None:
     robot = load_robot("kuka_kr240_rail")
     nominal = straight_path([1.5, 0.6, 1.2], [1.5, 3.4, 1.2], 60)
-    posture_choice = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
+    posture_choice = choose(robot, nominal, FLAT, PostureSettings(stations=50, spin_step=np.radians(30)))
     check_on_path(robot, nominal, posture_choice)
     assert np.ptp(posture_choice.q[:, 0]) > 1.0
     assert posture_choice.map.held_sensitivity.shape == (len(posture_choice.map.length), 9)
@@ -226,7 +226,7 @@ def test_a_rail_is_used_where_it_helps() -> None:
 
 def test_the_map_holds_the_chosen_line() -> None:
     robot, nominal = load_robot("kuka_kr270"), straight_path([1.6, -0.2, 0.9], [1.6, 0.2, 0.9], 40)
-    picture = choose_posture_path(robot, nominal, FLAT, PostureSettings(stations=20)).map
+    picture = choose(robot, nominal, FLAT, PostureSettings(stations=20)).map
     assert picture.sensitivity.shape == picture.reason.shape == (len(picture.length), len(picture.spin))
     assert np.isfinite(picture.sensitivity[picture.reason == 0]).all()
 

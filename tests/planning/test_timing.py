@@ -8,8 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from compplan.planning.fixed_point import _moving_feed
 from compplan.planning.motion_limits import measure_use, spread_factors
-from compplan.planning.run_timing import find_slowdown, overlap_legs, time_rapids
-from compplan.planning.timing import time_cut
+from compplan.planning.timing import find_slowdown, overlap_legs, time_cut, time_rapids
 from tests.oracles.forces import DrivenRows, _speeds
 
 
@@ -151,12 +150,12 @@ def test_rests_and_turns_on_the_spot_count_for_how_much_slower_a_run_has_to_be()
     there = np.vstack([q, 2 * q[-1] - q[-2::-1]])  # faster and faster, then slower and slower
     time = np.r_[time, time[-1] + time[1:]]
     task = SimpleNamespace(
-        nominal=SimpleNamespace(rapid=np.zeros(11, bool), steps=np.ones(10)), rests=np.arange(11) == 5,
+        nominal=SimpleNamespace(rapid=np.zeros(11, bool), steps=np.ones(10)), runs=[(0, 5), (5, 10)],
         velocity_limits=np.array([100.0]), acceleration_limits=np.array([2.0]), smoothing=0.0, jerk_limits=None,
     )  # fmt: skip
     # at its limit on the way; it arrives at waypoint 5 with 0.9 rad/s and stops there within 0.05 s: 18 rad/s^2
     assert find_slowdown(task, there, time)[[2, 5, 8]] == pytest.approx([1.0, 3.0, 1.0])
-    task.rests = None  # without the rest it goes on as fast
+    task.runs = [(0, 10)]  # without the rest it goes on as fast
     assert find_slowdown(task, there, time) == pytest.approx(np.ones(11))
     task.acceleration_limits = np.array([0.5])
     assert find_slowdown(task, there, time) == pytest.approx([2.0] * 5 + [1.0] + [2.0] * 5)

@@ -9,14 +9,14 @@ from typing import cast
 import numpy as np
 import pytest
 
-from compplan.planning.run_timing import (
+from compplan.planning.task import PlanTask
+from compplan.planning.timing import (
     FULL_USE,
     _smooth_run,
     _turn_in_place,
     state_timing,
     time_command,
 )
-from compplan.planning.task import PlanTask
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.toolpath.toolpath import select_waypoints
 from tests.planning.test_feed import ROBOT, arc_path, make_task

@@ -22,8 +22,8 @@ from compplan.planning.compare import Comparison
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, measure_margins
 from compplan.planning.result import Plan
-from compplan.planning.run_timing import state_timing
 from compplan.planning.task import Command, PlanTask
+from compplan.planning.timing import state_timing
 from compplan.reporting import (
     Chart,
     Column,

@@ -15,7 +15,7 @@ from compplan.job.job import Job, check_job
 from compplan.job.loading import load_nominal
 from compplan.planning.plan import job_robot, plan_job
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.settings import read_settings
+from compplan.planning.posture.settings import PostureProblem, read_settings
 from compplan.robot import Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -96,7 +96,9 @@ def measure_choice(job: Job, robot: Robot) -> float:
     """Return the rms of the exact band along the posture that a job's preset chooses."""
     nominal = load_nominal(job)
     settings = read_settings(job, robot, posture_errors(job, robot))
-    posture_choice = choose_posture_path(robot, nominal, job.tool_x_base, settings, axes=job.T_base_part[:3, :3])
+    posture_choice = choose_posture_path(
+        PostureProblem(robot, nominal, job.tool_x_base, settings, job.T_base_part[:3, :3])
+    )
     scene = build_path_model(robot, posture_choice.q, nominal.wrench)
     promise = estimate_band(robot, scene, ~nominal.rapid, read_force_spread(job))
     return float(np.sqrt(np.mean(promise.radius[promise.cut] ** 2)))

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.motion.geometry import Nodes, ToolArc
+from compplan.controllers.motion.geometry import Nodes
 from compplan.controllers.motion.instructions import Instructions
+from compplan.controllers.shapes import Arc, find_arc
 from compplan.controllers.writers.fit import Fitted
-from compplan.controllers.writers.shapes import find_circle
 from compplan.controllers.writers.zones import FASTEST, mark_moves
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -43,15 +43,12 @@ def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes
     frames = locate_frames(arm.chain, posture)
     position = frames.tcp_position
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
-    arcs: dict[int, ToolArc] = {}
+    arcs: dict[int, Arc] = {}
     for k in np.flatnonzero(program.arcs[moves] & ~alone).tolist():
         assert program.via is not None
-        circle = find_circle(position[k - 1], program.via[moves][k, :3, 3], position[k])
-        if circle is not None:
-            centre, u, v, _ = circle
-            reach, radius = position[k] - centre, float(np.linalg.norm(position[k - 1] - centre))
-            arcs[k] = ToolArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
-            length[k] = radius * arcs[k].sweep
+        arc = find_arc(position[k - 1], program.via[moves][k, :3, 3], position[k])
+        if arc is not None:
+            arcs[k], length[k] = arc, arc.length
     feed = np.where(alone | (feeds <= 0.0), FASTEST, 1e-3 * feeds)
     instructions = Instructions(
         Path(program.name), np.arange(n), ~alone, position, -frames.tcp_rotation[:, :, 2], posture, feed, zones[moves]

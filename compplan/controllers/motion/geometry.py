@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.motion.instructions import Instructions, mark_whole
+from compplan.controllers.shapes import Arc
 from compplan.errors import InfeasibleError, InputError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
@@ -34,23 +34,6 @@ TURN = 1e-4
 JUMP = 0.35
 #: A pose that is missed by more is not reached. [m and rad]
 MISSED = 1e-7
-
-
-class ToolArc(NamedTuple):
-    """Hold an arc: its centre, the arm from there to its start, what that becomes a right angle on, and the angle.
-
-    Args:
-        centre: Base frame. Shape (3,). [m]
-        arm: From the centre to the start. Shape (3,). [m]
-        side: The arm turned by a right angle towards the end. Shape (3,). [m]
-        sweep: Angle to the end. [rad]
-
-    """
-
-    centre: Array
-    arm: Array
-    side: Array
-    sweep: float
 
 
 @dataclass(frozen=True)
@@ -72,7 +55,7 @@ class Nodes:
     position: Array
     rotation: Array
     length: Array
-    arcs: Mapping[int, ToolArc] = field(default_factory=dict)
+    arcs: Mapping[int, Arc] = field(default_factory=dict)
 
     def along(self, move: NDArray[np.int_], share: Array) -> Array:
         """Return where the tip is at shares of lines and arcs. Shape (k,) -> (k, 3). [m]."""
@@ -80,8 +63,7 @@ class Nodes:
         place: Array = start + share[:, None] * (self.position[move] - start)
         for number, arc in self.arcs.items():
             low, high = np.searchsorted(move, [number, number + 1])
-            turned = share[low:high, None] * arc.sweep
-            place[low:high] = arc.centre + np.cos(turned) * arc.arm + np.sin(turned) * arc.side
+            place[low:high] = arc.place(share[low:high])
         return place
 
 

@@ -1,7 +1,6 @@
 """What a program says beside where it leads: where it stops, configuration and turns, axis rates, load of the tool.
 
-Each is worked out here from the commanded joints by what the makers' manuals say of the words; nothing goes through the
-writers.
+Each is worked out here from the commanded joints by what the makers' manuals say of the words.
 """
 
 from __future__ import annotations
@@ -13,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.controllers.readback.poses import Move
-from compplan.controllers.readback.posture import PostureWord
-from compplan.robot import Array
+from compplan.controllers.writers.joint_convention import Counting, measure_words
+from compplan.robot import Array, Robot
 
 #: A joint this near to where its turn changes may be told either way. [deg]
 NEAR = 1e-3
+#: Words this near to their threshold may be told either way. [deg or mm]
+DOUBTFUL = 1e-2
 #: Languages that run through joint tables and stop nowhere of themselves.
 NO_STOPS = frozenset({"csv"})
 #: Axis rates [percent] may be off by this share and by this much: some languages write whole percents from 1 to 100.
@@ -30,6 +31,33 @@ CFX = {"shoulder": ("back", 4), "elbow": ("down", 2), "wrist": ("flip", 1)}
 RCONF = (("wrist", "noflip"), ("elbow", "down"), ("shoulder", "back"))
 #: Order of the letters in CONFIG of a FANUC position.
 LETTERS = ("wrist", "elbow", "shoulder")
+
+
+@dataclass(frozen=True)
+class PostureWord:
+    """One word of the configuration at every row.
+
+    Attributes:
+        values: Its value. Shape (n,).
+        sure: Whether it lies clear of the threshold. Shape (n,).
+        status: What each value adds to S of a KRL position, empty where not said.
+        native: The controller's own word for each, empty where not said.
+
+    """
+
+    values: NDArray[np.str_]
+    sure: NDArray[np.bool_]
+    status: Mapping[str, int] = field(default_factory=dict)
+    native: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_words(counting: Counting, robot: Robot, q: Array) -> dict[str, PostureWord]:
+    """Return the configuration words of postures. Shape (n, nq). [rad or m]"""
+    return {
+        key: PostureWord(np.where(above, word.above, word.below), clear > DOUBTFUL, word.status, word.native)
+        for key, (above, clear) in measure_words(counting, robot, q).items()
+        for word in [counting.words[key]]
+    }
 
 
 @dataclass(frozen=True)
@@ -57,7 +85,7 @@ class ReportedProgram:
 
     def take(self, rows: NDArray[np.int_]) -> ReportedProgram:
         """Return what is to be said at some of the rows."""
-        words = {key: replace(word, above=word.above[rows], sure=word.sure[rows]) for key, word in self.words.items()}
+        words = {key: replace(word, values=word.values[rows], sure=word.sure[rows]) for key, word in self.words.items()}
         return replace(
             self, arm=self.arm[rows], words=words, rapid=self.rapid[rows], stands=self.stands[rows],
             share=self.share[rows],
@@ -132,7 +160,7 @@ class ReportedProgram:
     def _add_up(self, adds: Mapping[str, Mapping[str, int]]) -> NDArray[np.int_]:
         total = np.zeros(len(self.arm), int)
         for key, add in adds.items():
-            total += np.array([add.get(value, 0) for value in self.words[key].values], int)
+            total += np.array([add.get(value, 0) for value in self.words[key].values.tolist()], int)
         return total
 
     def _say(self, key: str) -> tuple[list[str], NDArray[np.bool_]]:
@@ -140,11 +168,11 @@ class ReportedProgram:
         if key not in self.words or not self.words[key].native:
             return [""] * len(self.arm), np.zeros(len(self.arm), bool)
         word = self.words[key]
-        return [word.native.get(value, "") for value in word.values], word.sure
+        return [word.native.get(value, "") for value in word.values.tolist()], word.sure
 
     def _tell(self, key: str, wanted: str) -> tuple[list[str], NDArray[np.bool_]]:
         word = self.words[key]
-        return [str(int(value == wanted)) for value in word.values], word.sure
+        return [str(int(value == wanted)) for value in word.values.tolist()], word.sure
 
     def _compare_shares(self, moves: Sequence[Move]) -> str:
         stated = np.array([np.nan if move.percent is None else move.percent for move in moves])

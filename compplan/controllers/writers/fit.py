@@ -3,7 +3,7 @@
 A fitted move begins and ends at rows of the program; an arc goes by the rows between as near as it can, a cubic leaves
 its ends as the path does. Every row that is left out lies within the tolerance of the move that stands for it, and what
 is bent within it of the chord between two rows. Arcs of the CAM file are tried first, as a whole. The tool turns evenly
-along a move. Where the plan's speed changes by more than `FEED`, another move begins, so that each takes the time that
+along a move. Where the plan's speed changes by more than `RATIO`, another move begins, so that each takes the time that
 the plan takes for it; starts from rest and stops are left to the controller. A move that it would not have the time for
 is joined to a neighbour, or else driven slower.
 """
@@ -16,13 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.writers.frames import quaternions
-from compplan.controllers.writers.program import Program
-from compplan.controllers.writers.shapes import (
+from compplan.controllers.shapes import (
     ARC_LENGTH,
     ARC_ROWS,
     CURVE_ROWS,
-    find_circle,
+    find_arc,
     find_tangents,
     find_via,
     follow_arc,
@@ -30,26 +28,19 @@ from compplan.controllers.writers.shapes import (
     follow_line,
     is_flat,
 )
+from compplan.controllers.speeds import HELD, LEAST_FEED, RATIO, SHORT, send_speeds
+from compplan.controllers.writers.frames import quaternions
+from compplan.controllers.writers.program import Program
 from compplan.io.tables import Array
 
 #: Kinds of moves beside arcs, which are called by a row that they go by.
 LINE, CURVE = -1, -2
-#: Greatest ratio of two speeds within a move.
-FEED = 1.05
-#: Share by which the feed of a move has to differ from the one before, so that another feed is written.
-HELD = 0.01
-#: Cycles below which a move may join rows of any speed.
-SHORT = 2.0
 #: Greatest turn of the tool beside an even one. [rad]
 TURN = float(np.radians(0.01))
 #: Rows that lie no farther apart and are turned no more are one place where positions are rounded. [mm], [rad]
 NOWHERE, UNTURNED = 5e-4, 3e-5
-#: Least feed that is written, the least that every language states: 1 cm/min in FANUC programs. [mm/s]
-LEAST_FEED = 1.0 / 6.0
 #: Greatest departure of joints that carry the part from an even motion. [deg or mm]
 CARRIED = 0.02
-#: Time beside a rest in which the controller changes the speed by itself [s], and the ratio of speeds that ends it.
-RAMP, REACHED = 0.5, 1.01
 #: Rows that are looked at at once, and how a search goes on from a move that fits.
 BLOCK, GROW = 2048, 1.6
 
@@ -159,10 +150,7 @@ class _Track:
         self.along = np.cumsum(self.step)
         self.tangent = np.zeros_like(self.x)
         lasts = np.diff(program.time, prepend=program.time[0])
-        speed = self.step / np.maximum(lasts, 1e-9)
-        if program.asked is not None:
-            speed = _level_legs(speed, lasts, stops, program.corners, program.asked)
-        self.speed = _leave_ramps(speed, lasts, stops | program.corners)
+        self.speed = send_speeds(self.step, lasts, stops, program.corners, program.asked)
         moves = (self.step > 0.0) & ~program.alone(linear=True)
         self.time = np.cumsum(np.where(moves, self.step / np.maximum(self.speed, 1e-9), lasts))
         drawn = np.zeros(len(program), np.int_) if program.arc_of is None or not arcs else program.arc_of
@@ -246,7 +234,7 @@ class _Track:
         for start in range(at + 1, last + 1, BLOCK):
             speed = self.speed[at + 1 : min(start + BLOCK, last + 1)]
             high, low = np.maximum.accumulate(speed), np.minimum.accumulate(speed)
-            beyond = np.flatnonzero(high > FEED * low)
+            beyond = np.flatnonzero(high > RATIO * low)
             if len(beyond):
                 return int(at + max(beyond[0], 1))
         return last
@@ -318,64 +306,8 @@ class _Track:
         """Return the length of a move. [mm]"""
         if kind == CURVE:
             return float(self.along[b] - self.along[a])
-        circle = None if kind == LINE else find_circle(self.x[a], find_via(self.x[a : b + 1], kind - a), self.x[b])
-        if circle is None:
-            return float(np.linalg.norm(self.x[b] - self.x[a]))
-        centre, u, v, _ = circle
-        arm = self.x[b] - centre
-        return float(np.linalg.norm(self.x[a] - centre) * (np.arctan2(arm @ v, arm @ u) % (2.0 * np.pi)))
-
-
-def _level_legs(
-    speed: Array, lasts: Array, stops: NDArray[np.bool_], corners: NDArray[np.bool_], asked: Array
-) -> Array:
-    """Return speeds that do not change along short legs from rest or corner to rest or corner.
-
-    There the controller changes the speed by itself. A leg between two corners takes the time that the plan takes; one
-    from rest, or to it, has the greatest speed of the plan, as the controller still has to come to it.
-
-    Args:
-        speed: Speed of the move that ends at each row. Shape (n,). [mm/s]
-        lasts: Time of each. Shape (n,). [s]
-        stops: Rows where the tool stands. Shape (n,).
-        corners: Rows that are corners. Shape (n,).
-        asked: Feed that the CAM file asks for; a leg ends where it changes. Shape (n,). [mm/s]
-
-    """
-    level, cuts = speed.copy(), asked > 0.0  # rapid moves ask for no feed
-    changes = np.append(cuts[1:] & cuts[:-1] & (np.abs(np.diff(asked)) > 1e-9 * asked[:-1]), False)
-    at = np.flatnonzero(stops | corners | changes)
-    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
-        leg = slice(a + 1, b + 1)
-        if lasts[leg].sum() <= 2.0 * RAMP and not (changes[a] or changes[b]):
-            rests = stops[a] or stops[b]
-            level[leg] = speed[leg].max() if rests else speed[leg] @ lasts[leg] / max(lasts[leg].sum(), 1e-9)
-    return level
-
-
-def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
-    """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
-
-    The speed has to rise from row to row up to there, and not to fall at once again.
-
-    Args:
-        speed: Speed of the move that ends at each row. Shape (n,). [mm/s]
-        lasts: Time of each. Shape (n,). [s]
-        stops: Rows where the tool stands. Shape (n,).
-
-    """
-    sent, at = speed.copy(), np.flatnonzero(stops)
-    for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
-        if b - a < 2:
-            continue
-        for way in (slice(a + 1, b + 1), slice(b, a, -1)):
-            v, time = speed[way], np.cumsum(lasts[way])
-            near = v[: max(int(np.searchsorted(time, RAMP)), 1)]
-            reached = int(np.argmax(near * REACHED >= near.max()))
-            stays = reached == 0 or reached + 1 == len(v) or v[reached + 1] > REACHED * v[reached - 1]
-            if stays and (np.diff(v[: reached + 1]) > 0.0).all():
-                sent[way][:reached] = v[reached]
-    return sent
+        arc = None if kind == LINE else find_arc(self.x[a], find_via(self.x[a : b + 1], kind - a), self.x[b])
+        return float(np.linalg.norm(self.x[b] - self.x[a])) if arc is None else arc.length
 
 
 def _turn_from(start: Array, turns: Array) -> Array:

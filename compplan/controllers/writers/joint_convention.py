@@ -263,21 +263,31 @@ def _joint_value(joint: Joint, q: Array, column: Mapping[str, int]) -> Array | N
     return q[:, column[joint.name]] if joint.name in column else None
 
 
-def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
-    """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
-    named: dict[str, NDArray[np.str_]] = {}
+def measure_words(controller: Counting, robot: Robot, q: Array) -> dict[str, tuple[NDArray[np.bool_], Array]]:
+    """Return whether each configuration word has its value above the threshold, and how far that is. [deg or mm]
+
+    Shapes (n,) each.
+    """
+    found: dict[str, tuple[NDArray[np.bool_], Array]] = {}
     links = [link for word in controller.words.values() if word.joint is None for link in (word.frame, word.point)]
     poses = locate_links(robot, q, [link or "" for link in links])
     for key, word in controller.words.items():
         if word.joint is not None:
-            angle = np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg
-            above = (angle + 180.0) % 360.0 >= 180.0
+            turned = (np.degrees(q[:, robot.joint_names.index(word.joint)]) - word.threshold_deg + 180.0) % 360.0
+            found[key] = turned >= 180.0, 90.0 - np.abs(np.abs(turned - 180.0) - 90.0)
         else:
             frame, point = poses[word.frame or ""], poses[word.point or ""]
             seen = np.einsum("nji,nj->ni", frame[:, :3, :3], point[:, :3, 3] - frame[:, :3, 3])
-            above = seen[:, "xyz".index(word.axis)] * 1e3 >= word.threshold_mm
-        named[key] = np.where(above, word.above, word.below)
-    return named
+            place = seen[:, "xyz".index(word.axis)] * 1e3
+            found[key] = place >= word.threshold_mm, np.abs(place - word.threshold_mm)
+    return found
+
+
+def name_words(controller: Counting, robot: Robot, q: Array) -> dict[str, NDArray[np.str_]]:
+    """Return the value of each configuration word at every waypoint: {"elbow": ["up", ...], ...}."""
+    words = controller.words
+    found = measure_words(controller, robot, q)
+    return {key: np.where(above, words[key].above, words[key].below) for key, (above, _) in found.items()}
 
 
 def native_words(counting: Counting, words: Mapping[str, NDArray[np.str_]]) -> dict[str, NDArray[np.str_]]:

@@ -23,8 +23,8 @@ BRAND = "Kawasaki"
 MOST = 2000
 #: AS takes 15 letters of a program's name; "_l_" and the number of a part take the rest.
 LONGEST_NAME = 12
-#: Letters of the program's name in a variable; variables have 15 too, and joint and linear program share theirs.
-LONGEST_VARIABLE = 6
+#: Letters of the program's name in a variable; variables have 15 too, and all programs of a controller share them.
+LONGEST_VARIABLE = 9
 CELL = CellWords(str, str)
 RESERVED = frozenset({"if", "then", "else", "end", "for", "to", "while", "do", "case", "of", "goto", "call", "return",
                       "tool", "base", "speed", "here", "point", "not", "and", "or", "mod", "on", "off"})  # fmt: skip
@@ -77,7 +77,7 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     files = []
     for part, rows in zip(names, parts, strict=True):
         files.append(folder / f"{part}.as")
-        write_text(files[-1], _part_text(program, part, rows, linear), newline="\r\n")
+        write_text(files[-1], _part_text(program, part, name_variables(name), rows, linear), newline="\r\n")
     load = ""
     if program.mass is not None:
         x, y, z = (program.centre * 1e3).tolist()
@@ -92,9 +92,13 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     return files
 
 
-def _part_text(program: Program, part: str, rows: slice, linear: bool) -> str:
-    alone, stops = program.alone(linear=linear), program.stops(linear=linear)
-    name, arcs = part[:LONGEST_VARIABLE], program.arcs.tolist()
+def name_variables(name: str) -> str:
+    """Return how the variables of a program begin: with the end of its name, where tool and kind of move stand."""
+    return name.replace("_", "")[-LONGEST_VARIABLE:].lstrip("0123456789")
+
+
+def _part_text(program: Program, part: str, name: str, rows: slice, linear: bool) -> str:
+    alone, stops, arcs = program.alone(linear=linear), program.stops(linear=linear), program.arcs.tolist()
     lines, joints, places = [f".PROGRAM {part}()"], [".JOINTS"], [".TRANS"]
     percent, slides = joint_percent(program, RAPID_PERCENT, SLOWEST_PERCENT), program.joints[:, program.prismatic]
     table = place_table(program.positions, "ZYZ") if linear else np.zeros((len(program), 6))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from compplan.controllers.shapes import find_coefficients
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.krl import turn_bits
@@ -14,7 +15,6 @@ from compplan.controllers.writers.language import MainForm, need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_main, render_post
 from compplan.controllers.writers.program import Program, count_digits, head_lines, split_parts
-from compplan.controllers.writers.shapes import find_coefficients
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError

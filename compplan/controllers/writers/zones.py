@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.controllers.shapes import find_arc
 from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.program import Program
-from compplan.controllers.writers.shapes import find_circle
 from compplan.io.tables import Array
 
 #: Speed of a move whose feed is not stated, the fastest that is taken for true. [m/s]
@@ -110,11 +110,9 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     leaves = chord / np.maximum(length, 1e-12)[:, None]
     comes = leaves.copy()
     for k in np.flatnonzero(np.isfinite(via[:, 0]) & ~alone & (np.arange(len(via)) > 0)).tolist():
-        circle = find_circle(position[k - 1], via[k], position[k])
-        if circle is not None:
-            centre, _, leaves[k], normal = circle
-            reach = np.cross(normal, position[k] - centre)
-            comes[k] = reach / max(float(np.linalg.norm(reach)), 1e-12)
+        arc = find_arc(position[k - 1], via[k], position[k])
+        if arc is not None:
+            leaves[k], comes[k] = arc.directions()
     for k in np.flatnonzero(program.curves[kept]).tolist():
         assert program.bend is not None
         slopes = program.bend[kept][k]

@@ -149,13 +149,7 @@ def in_background(signature: Signature) -> bool:
 
 
 def build_prior(equations: NormalEquations, free: Sequence[int], excluded: Sequence[str] = ()) -> Prior:
-    """Give every column its background.
-
-    Args:
-        equations: The signatures and their columns.
-        free: Signatures that every model fits freely (registration).
-        excluded: Effects that are left out of the candidates and of the background.
-    """
+    """Give every column its background."""
     classes, spread, unbound = np.full(equations.p, -1), np.zeros(equations.p), np.zeros(equations.p, bool)
     for number, signature in enumerate(equations.signatures):
         columns = equations.columns(number)

@@ -13,29 +13,14 @@ to the campaign.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
 
-from compplan.diagnosis.evidence.likelihood import (
-    FewRows,
-    ManyRows,
-    SolvedColumns,
-    SolvedRows,
-    column_slopes,
-    gather_products,
-    gather_rows,
-    list_products,
-    row_covariance,
-    row_mean,
-    row_slopes,
-    solve_columns,
-    solve_rows,
-)
+from compplan.diagnosis.evidence.likelihood import Hyper, Solution, gather_products, gather_rows, list_products
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations
 from compplan.robot import Array
 
@@ -59,31 +44,6 @@ LIKELY = 0.3
 FIRST_STEPS = 40
 #: Variance of columns that every model fits freely, in units of their scale (assumed: as good as free).
 FREE_VARIANCE = 1e6
-
-
-@dataclass(frozen=True, eq=False)
-class Hyper:
-    """Noise and background.
-
-    Attributes:
-        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
-        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
-        log_tau: Logarithm of the size of each background class over its scale. Shape (classes,).
-    """
-
-    log_noise: Array
-    log_shared: Array
-    log_tau: Array
-
-    @property
-    def vector(self) -> Array:
-        """All of it, side by side."""
-        return np.concatenate([self.log_noise, self.log_shared, self.log_tau])
-
-    def with_vector(self, vector: Array) -> Hyper:
-        """Return the hyperparameters that a vector holds."""
-        c = len(self.log_noise)
-        return Hyper(vector[:c].copy(), vector[c : 2 * c].copy(), vector[2 * c :].copy())
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +118,7 @@ class Posterior:
 
 
 def excess_squares(channels: Sequence[ChannelProducts], posterior: Posterior, columns: NDArray[np.int_]) -> Array:
-    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,).
-
-    Args:
-        channels: The products.
-        posterior: Values of the columns.
-        columns: Active columns that count as explanation.
-    """
+    """Return the squares that some columns leave beyond the noise in each channel. Shape (channels,)."""
     kept = np.isin(posterior.columns, columns)
     mean, found = posterior.mean[kept], []
     for channel in channels:
@@ -199,9 +153,12 @@ def find_posterior(
         steps: Most steps of the fit.
         shared: Whether rows of a stay may share an error.
     """
-    solver, channels, loose = _choose_solver(equations, prior), equations.channels, _loose(prior, hyper)
+    channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
+    wide = (prior.free | (prior.slab > 0))[prior.active]
+    # the smaller matrix: that of the values or that of the active columns
+    rows = gather_rows(channels, prior.active, wide) or gather_products(channels, prior.active)
     if not fit:
-        return _conclude(solver, prior, channels, solver.solve(hyper), hyper)
+        return _conclude(prior, channels, rows.solve(variance.at(hyper.log_tau), hyper), hyper)
     bounds = (
         [(LOG_RANGE[0], _most_noise(ch)) for ch in channels]
         + [LOG_RANGE if shared else (LOG_RANGE[0], LOG_RANGE[0])] * len(channels)
@@ -211,15 +168,18 @@ def find_posterior(
     others = len(hyper.vector) - len(channels)
     unit = np.array([np.sqrt(2.0 / max(ch.total.count, 1)) for ch in channels] + [LIKELY] * others)
     started: list[float] = []
-    latest: dict[bytes, Any] = {}
+    latest: dict[bytes, Solution] = {}
 
     def cost(vector: Array) -> tuple[float, Array]:
         here = hyper.with_vector(vector * unit)
-        value, slope, done = _value_and_slope(solver, channels, here, loose)
+        done = rows.solve(variance.at(here.log_tau), here)
+        extra, slope = _hyperprior(channels, here, loose)
+        of_noise, of_shared, of_columns = done.slopes()
+        slope = slope + np.concatenate([of_noise, of_shared, variance.by_class(of_columns, here.log_tau)])
         latest.clear()
         latest[vector.tobytes()] = done
-        started.append(value)
-        return started[0] - value, -slope * unit
+        started.append(done.value + extra)
+        return started[0] - started[-1], -slope * unit
 
     gained = [0.0]
 
@@ -234,68 +194,27 @@ def find_posterior(
     first = np.clip(hyper.vector / unit, *np.array(limits).T)
     found = minimize(cost, first, jac=True, method="L-BFGS-B", bounds=limits, options=options, callback=stop_settled)
     hyper = hyper.with_vector(found.x * unit)
-    return _conclude(solver, prior, channels, latest.get(found.x.tobytes()) or solver.solve(hyper), hyper)
+    done = latest.get(found.x.tobytes()) or rows.solve(variance.at(hyper.log_tau), hyper)
+    return _conclude(prior, channels, done, hyper)
 
 
-def _value_and_slope(
-    solver: _Solver, channels: Sequence[ChannelProducts], hyper: Hyper, loose: NDArray[np.bool_]
-) -> tuple[float, Array, Any]:
-    """Return log evidence, its derivative by noise and background, and the solution."""
-    done = solver.solve(hyper)
-    extra, slope = _hyperprior(channels, hyper, loose)
-    of_noise, of_shared, of_columns = solver.slopes(done, hyper)
-    slope = slope + np.concatenate([of_noise, of_shared, solver.variance.by_class(of_columns, hyper.log_tau)])
-    return done.value + extra, slope, done
+def drop_negative(
+    equations: NormalEquations, prior: Prior, posterior: Posterior, bounded: NDArray[np.int_]
+) -> tuple[Prior, Posterior]:
+    """Set columns that cannot be negative to zero where their posterior mean is, until none is; noise is held."""
+    while True:
+        wrong = bounded[posterior.values(equations.p)[bounded] < 0.0]
+        if not len(wrong):
+            return prior, posterior
+        background, slab = prior.background.copy(), prior.slab.copy()
+        background[wrong], slab[wrong] = -1, 0.0
+        prior = replace(prior, background=background, slab=slab)
+        posterior = find_posterior(equations, prior, posterior.hyper, fit=False)
 
 
-def _conclude(solver: _Solver, prior: Prior, channels: Sequence[ChannelProducts], done: Any, hyper: Hyper) -> Posterior:
-    mean, covary = solver.describe(done)
+def _conclude(prior: Prior, channels: Sequence[ChannelProducts], done: Solution, hyper: Hyper) -> Posterior:
     extra = _hyperprior(channels, hyper, _loose(prior, hyper))[0]
-    return Posterior(done.value + extra, prior.active, mean, hyper, covary)
-
-
-class _Solver(Protocol):
-    """What solves the evidence; `done` is what its own `solve` returns."""
-
-    @property
-    def variance(self) -> _Variance: ...
-    def solve(self, hyper: Hyper) -> Any: ...
-    def slopes(self, done: Any, hyper: Hyper) -> tuple[Array, Array, Array]: ...
-    def describe(self, done: Any) -> tuple[Array, Callable[[], Array]]: ...
-
-
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """Evidence solved among the active columns."""
-
-    variance: _Variance
-    rows: ManyRows
-
-    def solve(self, hyper: Hyper) -> SolvedColumns:
-        return solve_columns(self.rows, self.variance.at(hyper.log_tau), hyper.log_noise, hyper.log_shared)
-
-    def slopes(self, done: SolvedColumns, hyper: Hyper) -> tuple[Array, Array, Array]:
-        return column_slopes(self.rows, done, hyper.log_noise, hyper.log_shared)
-
-    def describe(self, done: SolvedColumns) -> tuple[Array, Callable[[], Array]]:
-        return done.mean, lambda: done.covariance
-
-
-@dataclass(frozen=True, eq=False)
-class _Few:
-    """Evidence solved among the values, which are fewer than the columns."""
-
-    variance: _Variance
-    rows: FewRows
-
-    def solve(self, hyper: Hyper) -> SolvedRows:
-        return solve_rows(self.rows, self.variance.at(hyper.log_tau), hyper.log_noise, hyper.log_shared)
-
-    def slopes(self, done: SolvedRows, hyper: Hyper) -> tuple[Array, Array, Array]:
-        return row_slopes(self.rows, done, len(hyper.log_noise))
-
-    def describe(self, done: SolvedRows) -> tuple[Array, Callable[[], Array]]:
-        return row_mean(self.rows, done), lambda: row_covariance(self.rows, done)
+    return Posterior(done.value + extra, prior.active, done.mean, hyper, done.covary())
 
 
 class _Variance:
@@ -319,15 +238,6 @@ class _Variance:
         """Return the derivatives by log tau of each class from those by the variance of each active column."""
         part = 2.0 * of_columns[self.small] * np.exp(2.0 * log_tau)[self.label] * self.spread2
         return np.asarray(np.bincount(self.label, part, len(log_tau)))
-
-
-def _choose_solver(equations: NormalEquations, prior: Prior) -> _Solver:
-    """Choose the smaller matrix: that of the values or that of the active columns."""
-    wide = (prior.free | (prior.slab > 0))[prior.active]
-    few = gather_rows(equations.channels, prior.active, wide)
-    if few is None:
-        return _Columns(_Variance(prior), gather_products(equations.channels, prior.active))
-    return _Few(_Variance(prior), few)
 
 
 def _most_noise(channel: ChannelProducts) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from compplan.diagnosis.evidence.evidence import Hyper, Posterior, combine_channels
+from compplan.diagnosis.evidence.evidence import Posterior, combine_channels
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.robot import Array
 
@@ -27,13 +28,7 @@ class Gain:
 
 
 def find_gains(equations: NormalEquations, posterior: Posterior, candidates: list[int]) -> list[Gain]:
-    """Compute what each candidate would add to the log evidence, noise and background held.
-
-    Args:
-        equations: The products.
-        posterior: Posterior of the current model.
-        candidates: Numbers of the signatures that might be claimed.
-    """
+    """Compute what each candidate would add to the log evidence, noise and background held."""
     gram, against, _, _ = combine_normal_equations(equations, posterior.hyper)
     cross = gram.take(posterior.columns, axis=1)
     left = against - cross @ posterior.mean

@@ -22,7 +22,7 @@ which is the same by Woodbury's identity [Rasmussen2006, A.3].
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -34,6 +34,31 @@ from scipy.linalg.lapack import dlauum, dpotrf, dpotrs, dtrtri
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, Products
 from compplan.errors import ConvergenceError
 from compplan.robot import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Hyper:
+    """Noise and background.
+
+    Attributes:
+        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
+        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
+        log_tau: Logarithm of the size of each background class over its scale. Shape (classes,).
+    """
+
+    log_noise: Array
+    log_shared: Array
+    log_tau: Array
+
+    @property
+    def vector(self) -> Array:
+        """All of it, side by side."""
+        return np.concatenate([self.log_noise, self.log_shared, self.log_tau])
+
+    def with_vector(self, vector: Array) -> Hyper:
+        """Return the hyperparameters that a vector holds."""
+        c = len(self.log_noise)
+        return Hyper(vector[:c].copy(), vector[c : 2 * c].copy(), vector[2 * c :].copy())
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +108,30 @@ class ManyRows:
     against: Array
     square: Array
 
+    def solve(self, variance: Array, hyper: Hyper) -> SolvedColumns:
+        """Solve at one noise, for one prior variance of the columns. Shape (a,)."""
+        weight = self.weights.weigh(hyper.log_noise, hyper.log_shared)
+        deviation = np.sqrt(variance)
+        p = len(deviation)
+        gram = (weight @ self.gram).reshape(p, p)
+        against = weight @ self.against
+        inner = gram * deviation
+        inner *= deviation[:, None]
+        inner.reshape(-1)[:: p + 1] += 1.0
+        lower = factorize(inner)
+        mean = deviation * solve_factor(lower, deviation * against)
+        log_det = self.weights.log_det(hyper.log_noise, hyper.log_shared) + 2.0 * float(np.sum(np.log(np.diag(lower))))
+        value = -0.5 * (log_det + float(weight @ self.square) - float(against @ mean))
+        return SolvedColumns(self, hyper, value, weight, lower, deviation, mean, against - gram @ mean)
+
 
 @dataclass(frozen=True, eq=False)
 class SolvedColumns:
     """The solution at one noise and background.
 
     Attributes:
+        rows: The products.
+        hyper: Noise and background.
         value: Log likelihood, without constant.
         weight: Weights of the products. Shape (K,).
         lower: Lower factor of 1 + R G R, R the columns' standard deviations. Shape (a, a).
@@ -97,6 +140,8 @@ class SolvedColumns:
         pull: a - G m. Shape (a,).
     """
 
+    rows: ManyRows
+    hyper: Hyper
     value: float
     weight: Array
     lower: Array
@@ -104,18 +149,41 @@ class SolvedColumns:
     mean: Array
     pull: Array
 
-    @cached_property
-    def triangle(self) -> Array:
-        """Lower triangle of the covariance of the columns, zeros above. Shape (a, a)."""
-        inverse = invert_factor(self.lower)
-        inverse *= self.deviation[:, None]
-        inverse *= self.deviation
-        return inverse
+    def covary(self) -> Callable[[], Array]:
+        """Return what works out the covariance of the columns; it does not hold the products. Shape (a, a)."""
+        lower, deviation = self.lower, self.deviation
+        return lambda: mirror_lower(_covariance_triangle(lower, deviation))
 
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance of the columns. Shape (a, a)."""
-        return mirror_lower(self.triangle)
+    def slopes(self) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the log likelihood by log noise, log shared error, and the columns' variances.
+
+        Shapes (channels,), (channels,), (a,).
+        """
+        rows, weights, hyper = self.rows, self.rows.weights, self.hyper
+        # second moment of the columns, a triangle twice standing for both
+        triangle = _covariance_triangle(self.lower, self.deviation)
+        own = np.diag(triangle)
+        moment = np.outer(self.mean, self.mean)
+        moment += 2.0 * triangle.T
+        moment.reshape(-1)[:: len(own) + 1] -= own
+        expected = rows.square - 2.0 * rows.against @ self.mean + rows.gram @ moment.reshape(-1)
+        share = weights.share(hyper.log_shared)
+        by_shared = np.exp(-hyper.log_noise)[weights.channel] * expected / (1.0 + share) - weights.count
+        by_noise = 0.5 * (self.weight * expected - weights.whole * weights.count)
+        of_noise = np.bincount(weights.channel, by_noise, len(hyper.log_noise))
+        of_shared = np.bincount(weights.channel, share / (1.0 + share) * by_shared, len(hyper.log_noise))
+        # G - G S G = 1/D - S/D^2 on the diagonal
+        variance = np.maximum(self.deviation**2, 1e-300)
+        of_columns = 0.5 * (self.pull**2 - (1.0 - own / variance) / variance)
+        return np.asarray(of_noise), np.asarray(of_shared), of_columns
+
+
+def _covariance_triangle(lower: Array, deviation: Array) -> Array:
+    """Return the lower triangle of the covariance of columns, zeros above. Shape (a, a)."""
+    inverse = invert_factor(lower)
+    inverse *= deviation[:, None]
+    inverse *= deviation
+    return inverse
 
 
 def list_products(channels: Sequence[ChannelProducts]) -> tuple[ProductWeights, list[Products]]:
@@ -140,59 +208,6 @@ def gather_products(channels: Sequence[ChannelProducts], active: NDArray[np.int_
         np.take(part.gram.take(active, axis=0), active, axis=1, out=out, mode="clip")
     against = np.array([part.against[active] for part in products])
     return ManyRows(weights, gram.reshape(len(products), -1), against, np.array([part.square for part in products]))
-
-
-def solve_columns(rows: ManyRows, variance: Array, log_noise: Array, log_shared: Array) -> SolvedColumns:
-    """Solve at one noise and background.
-
-    Args:
-        rows: The products.
-        variance: Prior variance of the columns. Shape (a,).
-        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
-        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
-    """
-    weight = rows.weights.weigh(log_noise, log_shared)
-    deviation = np.sqrt(variance)
-    p = len(deviation)
-    gram = (weight @ rows.gram).reshape(p, p)
-    against = weight @ rows.against
-    inner = gram * deviation
-    inner *= deviation[:, None]
-    inner.reshape(-1)[:: p + 1] += 1.0
-    lower = factorize(inner)
-    mean = deviation * solve_factor(lower, deviation * against)
-    log_det = rows.weights.log_det(log_noise, log_shared) + 2.0 * float(np.sum(np.log(np.diag(lower))))
-    value = -0.5 * (log_det + float(weight @ rows.square) - float(against @ mean))
-    return SolvedColumns(value, weight, lower, deviation, mean, against - gram @ mean)
-
-
-def column_slopes(
-    rows: ManyRows, done: SolvedColumns, log_noise: Array, log_shared: Array
-) -> tuple[Array, Array, Array]:
-    """Return the derivatives of the log likelihood by log noise, log shared error, and the variance of each column.
-
-    Shapes (channels,), (channels,), (a,).
-
-    Args:
-        rows: The products.
-        done: The solution.
-        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
-        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
-    """
-    weights, channels = rows.weights, len(log_noise)
-    # second moment of the columns, a triangle twice standing for both
-    own = np.diag(done.triangle)
-    moment = np.outer(done.mean, done.mean)
-    moment += 2.0 * done.triangle.T
-    moment.reshape(-1)[:: len(own) + 1] -= own
-    expected = rows.square - 2.0 * rows.against @ done.mean + rows.gram @ moment.reshape(-1)
-    share = weights.share(log_shared)
-    by_shared = np.exp(-log_noise)[weights.channel] * expected / (1.0 + share) - weights.count
-    of_noise = np.bincount(weights.channel, 0.5 * (done.weight * expected - weights.whole * weights.count), channels)
-    of_shared = np.bincount(weights.channel, share / (1.0 + share) * by_shared, channels)
-    # G - G S G = 1/D - S/D^2 on the diagonal
-    variance = np.maximum(done.deviation**2, 1e-300)
-    return np.asarray(of_noise), np.asarray(of_shared), 0.5 * (done.pull**2 - (1.0 - own / variance) / variance)
 
 
 def factorize(matrix: Array) -> Array:
@@ -255,12 +270,36 @@ class FewRows:
     channel: NDArray[np.int_]
     wide: NDArray[np.bool_]
 
+    def solve(self, variance: Array, hyper: Hyper) -> SolvedRows:
+        """Solve at one noise, for one prior variance of the columns. Shape (a,)."""
+        single = np.exp(hyper.log_noise)[self.channel]
+        shared = single * self.size * np.exp(2.0 * hyper.log_shared)[self.channel]
+        noise = single + shared
+        small = self.small * np.sqrt(variance[~self.wide])
+        covariance = small @ small.T
+        covariance[np.diag_indices_from(covariance)] += noise
+        lower = factorize(covariance)
+        inverse = invert_triangle(lower)
+        observed, wide = inverse @ self.observed, inverse @ self.large
+        deviation = np.sqrt(variance[self.wide])
+        scaled = wide * deviation
+        inner = factorize(scaled.T @ scaled + np.eye(len(deviation)))
+        large = deviation * solve_factor(inner, scaled.T @ observed)
+        left = observed - wide @ large
+        log_det = 2.0 * float(np.sum(np.log(np.diag(lower))) + np.sum(np.log(np.diag(inner))))
+        value = -0.5 * (log_det + float(observed @ left))
+        return SolvedRows(
+            self, hyper, value, inverse, wide, inner, deviation, variance, large, inverse.T @ left, noise, shared
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class SolvedRows:
     """The solution at one noise and background.
 
     Attributes:
+        rows: The values.
+        hyper: Noise and background.
         value: Log likelihood, without constant.
         inverse: Inverse of the lower factor of V. Shape (N, N).
         wide: Wide columns, whitened by it. Shape (N, w).
@@ -273,6 +312,8 @@ class SolvedRows:
         shared: What the error that a stay shares adds to it. Shape (N,).
     """
 
+    rows: FewRows
+    hyper: Hyper
     value: float
     inverse: Array
     wide: Array
@@ -284,9 +325,52 @@ class SolvedRows:
     noise: Array
     shared: Array
 
-    def across(self, white: Array) -> Array:
-        """Return what the wide columns take of whitened columns. Shape (N, k) -> (w, k)."""
-        return np.asarray(invert_triangle(self.inner) @ (self.deviation[:, None] * (self.wide.T @ white)))
+    @cached_property
+    def mean(self) -> Array:
+        """Values of the columns. Shape (a,)."""
+        wide, mean = self.rows.wide, np.zeros(len(self.variance))
+        mean[wide], mean[~wide] = self.large, self.variance[~wide] * (self.pull @ self.rows.small)
+        return mean
+
+    def covary(self) -> Callable[[], Array]:
+        """Return what works out the covariance of the columns. Shape (a, a)."""
+        return self._covariance
+
+    def _covariance(self) -> Array:
+        wide, small = np.flatnonzero(self.rows.wide), np.flatnonzero(~self.rows.wide)
+        scaled = self.variance[small]
+        covariance = np.zeros((len(self.variance), len(self.variance)))
+        white = multiply_triangle(self.inverse, self.rows.small) * scaled
+        root = invert_triangle(self.inner) * self.deviation
+        across = root @ (self.wide.T @ white)
+        covariance[np.ix_(wide, wide)] = root.T @ root
+        covariance[np.ix_(wide, small)] = -root.T @ across
+        covariance[np.ix_(small, wide)] = covariance[np.ix_(wide, small)].T
+        covariance[np.ix_(small, small)] = np.diag(scaled) - white.T @ white + across.T @ across
+        return covariance
+
+    def slopes(self) -> tuple[Array, Array, Array]:
+        """Return the derivatives of the log likelihood by log noise, log shared error, and the columns' variances.
+
+        With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c; zero for
+        wide columns, which are not asked for. Shapes (channels,), (channels,), (a,).
+        """
+        rows, channels = self.rows, len(self.hyper.log_noise)
+        by_value = 0.5 * (self.pull**2 - self._precision_squares(self.inverse))
+        of_columns = np.zeros(len(rows.wide))
+        squares = self._precision_squares(multiply_triangle(self.inverse, rows.small))
+        of_columns[~rows.wide] = 0.5 * ((self.pull @ rows.small) ** 2 - squares)
+        of_noise = np.bincount(rows.channel, by_value * self.noise, channels)
+        of_shared = np.bincount(rows.channel, by_value * 2.0 * self.shared, channels)
+        return np.asarray(of_noise), np.asarray(of_shared), of_columns
+
+    def _precision_squares(self, white: Array) -> Array:
+        """Return c^T P c of columns c that V has whitened. Shape (N, k) -> (k,)."""
+        across = invert_triangle(self.inner) @ (self.deviation[:, None] * (self.wide.T @ white))
+        return np.asarray(np.einsum("nk,nk->k", white, white) - np.einsum("nk,nk->k", across, across))
+
+
+Solution = SolvedColumns | SolvedRows
 
 
 def gather_rows(
@@ -313,79 +397,3 @@ def gather_rows(
         np.repeat(np.arange(len(parts)), [len(part.observed) for part in parts]),
         wide,
     )
-
-
-def solve_rows(rows: FewRows, variance: Array, log_noise: Array, log_shared: Array) -> SolvedRows:
-    """Solve at one noise and background.
-
-    Args:
-        rows: Values and columns.
-        variance: Prior variance of the columns. Shape (a,).
-        log_noise: Logarithm of each channel's noise variance over its estimate. Shape (channels,).
-        log_shared: Logarithm of the shared error over the noise, standard deviations. Shape (channels,).
-    """
-    single = np.exp(log_noise)[rows.channel]
-    shared = single * rows.size * np.exp(2.0 * log_shared)[rows.channel]
-    noise = single + shared
-    small = rows.small * np.sqrt(variance[~rows.wide])
-    covariance = small @ small.T
-    covariance[np.diag_indices_from(covariance)] += noise
-    lower = factorize(covariance)
-    inverse = invert_triangle(lower)
-    observed, wide = inverse @ rows.observed, inverse @ rows.large
-    deviation = np.sqrt(variance[rows.wide])
-    scaled = wide * deviation
-    inner = factorize(scaled.T @ scaled + np.eye(len(deviation)))
-    large = deviation * solve_factor(inner, scaled.T @ observed)
-    left = observed - wide @ large
-    log_det = 2.0 * float(np.sum(np.log(np.diag(lower))) + np.sum(np.log(np.diag(inner))))
-    value = -0.5 * (log_det + float(observed @ left))
-    return SolvedRows(value, inverse, wide, inner, deviation, variance, large, inverse.T @ left, noise, shared)
-
-
-def row_slopes(rows: FewRows, done: SolvedRows, channels: int) -> tuple[Array, Array, Array]:
-    """Return the derivatives of the log likelihood by log noise, log shared error, and the variance of each column.
-
-    With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c. Those of wide
-    columns are not asked for and zero. Shapes (channels,), (channels,), (a,).
-
-    Args:
-        rows: Values and columns.
-        done: The solution.
-        channels: Number of channels.
-    """
-    by_value = 0.5 * (done.pull**2 - _precision_squares(done, done.inverse))
-    of_columns = np.zeros(len(rows.wide))
-    squares = _precision_squares(done, multiply_triangle(done.inverse, rows.small))
-    of_columns[~rows.wide] = 0.5 * ((done.pull @ rows.small) ** 2 - squares)
-    of_noise = np.bincount(rows.channel, by_value * done.noise, channels)
-    of_shared = np.bincount(rows.channel, by_value * 2.0 * done.shared, channels)
-    return np.asarray(of_noise), np.asarray(of_shared), of_columns
-
-
-def _precision_squares(done: SolvedRows, white: Array) -> Array:
-    """Return c^T P c of columns c that V has whitened. Shape (N, k) -> (k,)."""
-    across = done.across(white)
-    return np.asarray(np.einsum("nk,nk->k", white, white) - np.einsum("nk,nk->k", across, across))
-
-
-def row_mean(rows: FewRows, done: SolvedRows) -> Array:
-    """Return the values of the columns. Shape (a,)."""
-    mean = np.zeros(len(rows.wide))
-    mean[rows.wide], mean[~rows.wide] = done.large, done.variance[~rows.wide] * (done.pull @ rows.small)
-    return mean
-
-
-def row_covariance(rows: FewRows, done: SolvedRows) -> Array:
-    """Return the covariance of the columns. Shape (a, a)."""
-    wide, small = np.flatnonzero(rows.wide), np.flatnonzero(~rows.wide)
-    scaled = done.variance[small]
-    covariance = np.zeros((len(rows.wide), len(rows.wide)))
-    white = multiply_triangle(done.inverse, rows.small) * scaled
-    root = invert_triangle(done.inner) * done.deviation
-    across = root @ (done.wide.T @ white)
-    covariance[np.ix_(wide, wide)] = root.T @ root
-    covariance[np.ix_(wide, small)] = -root.T @ across
-    covariance[np.ix_(small, wide)] = covariance[np.ix_(wide, small)].T
-    covariance[np.ix_(small, small)] = np.diag(scaled) - white.T @ white + across.T @ across
-    return covariance

@@ -228,6 +228,16 @@ def representable_forms(equations: NormalEquations, special: int) -> set[int]:
     return found
 
 
+def project_out(gram: Array, nuisance: NDArray[np.int_]) -> Array:
+    """Return the products of all columns with some of them projected out of all. Shape (p, p)."""
+    if not len(nuisance):
+        return gram
+    block = gram[np.ix_(nuisance, nuisance)]
+    block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
+    cross = gram[:, nuisance]
+    return np.asarray(gram - cross @ np.linalg.solve(block, cross.T))
+
+
 def _number_columns(
     signatures: Sequence[Signature], names: list[str]
 ) -> tuple[list[NDArray[np.int_]], list[str], list[float], list[tuple[int, int]]]:

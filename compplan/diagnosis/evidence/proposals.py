@@ -111,14 +111,7 @@ def _explained(gram: Array, against: Array) -> Array:
 def propose_waves(
     at: Linearization, channels: Sequence[Channel], left: Sequence[Array], joint_waves: dict[int, list[Array]]
 ) -> list[Signature]:
-    """Propose waves and a spline for every joint.
-
-    Args:
-        at: The linearization.
-        channels: Channels of observations.
-        left: What the model leaves in each channel, in units of the noise.
-        joint_waves: What the model's waves of each joint explain, to be added back for that joint, channel by channel.
-    """
+    """Propose waves and a spline for every joint."""
     found: list[Signature] = []
     for index, joint in enumerate(at.robot.actuated):
         pull, weight = _projected(at, channels, left, joint_waves.get(index), index)

@@ -49,11 +49,7 @@ FADING = (0.05, 0.2, 0.8)
 
 
 def unmodelled_signatures(at: Linearization) -> list[Signature]:
-    """List the dependences that a campaign can show.
-
-    Args:
-        at: The linearization.
-    """
+    """List the dependences that a campaign can show."""
     found = [*_of_position(at), *_of_time(at)]
     if at.campaign.load_varies:
         found += _of_load(at)

@@ -108,21 +108,13 @@ class WorstPose:
 
 
 def measure_accuracy(diagnosis: Diagnosis) -> dict[str, Accuracy]:
-    """Measure the pose accuracy before, and held out after.
-
-    Args:
-        diagnosis: The diagnosis.
-    """
+    """Measure the pose accuracy before, and held out after."""
     before, after, _ = _stays(diagnosis)
     return {"before": _summarise(before), "after": _summarise(after)}
 
 
 def list_worst(diagnosis: Diagnosis) -> tuple[WorstPose, ...]:
-    """List the poses that the delivered model predicts worst, held out.
-
-    Args:
-        diagnosis: The diagnosis.
-    """
+    """List the poses that the delivered model predicts worst, held out."""
     _, after, first = _stays(diagnosis)
     order = np.argsort(-after, kind="stable")[:FEW_ROWS]
     unit = np.where(diagnosis.robot.prismatic, 1e3, 180.0 / np.pi)
@@ -158,9 +150,6 @@ def draw_learning(diagnosis: Diagnosis) -> Learning | None:
 
     Names, noise and the sizes of small errors are those of the whole campaign. None where there are too few poses, or
     where nothing is delivered.
-
-    Args:
-        diagnosis: The diagnosis.
     """
     delivery = diagnosis.deliveries[0]
     campaign = diagnosis.fit.problem.campaign
@@ -258,11 +247,7 @@ class Assessment:
 
 
 def assess_diagnosis(diagnosis: Diagnosis) -> Assessment:
-    """Assess the delivered robot of a diagnosis.
-
-    Args:
-        diagnosis: The diagnosis.
-    """
+    """Assess the delivered robot of a diagnosis."""
     return Assessment(
         list_corrections(diagnosis), list_frames(diagnosis), measure_accuracy(diagnosis), draw_learning(diagnosis),
         list_worst(diagnosis),

@@ -99,11 +99,7 @@ class Pose:
 
 
 def list_corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
-    """List zeros, lengths and frames of the delivered robot, as changes against the nominal one.
-
-    Args:
-        diagnosis: The diagnosis.
-    """
+    """List zeros, lengths and frames of the delivered robot, as changes against the nominal one."""
     delivery = diagnosis.deliveries[0]
     if delivery.fitted is None:
         return ()
@@ -131,11 +127,7 @@ def list_corrections(diagnosis: Diagnosis) -> tuple[Correction, ...]:
 
 
 def list_frames(diagnosis: Diagnosis) -> tuple[Pose, ...]:
-    """List the tool of the delivered robot, and frames that were registered.
-
-    Args:
-        diagnosis: The diagnosis.
-    """
+    """List the tool of the delivered robot, and frames that were registered."""
     delivery = diagnosis.deliveries[0]
     spreads = _spreads(delivery)
     robot = diagnosis.updated

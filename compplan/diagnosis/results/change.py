@@ -14,11 +14,6 @@ from compplan.robot.uncertainty import Uncertainty, split_unknowns
 def state_change(robot: Robot, effect: Effect, sure: Uncertainty) -> dict[str, Any]:
     """State the intervals of an effect's parameters.
 
-    Args:
-        robot: The nominal robot.
-        effect: A named effect with its parameters.
-        sure: How surely the updated robot is known.
-
     Returns:
         "interval95": lower and upper end by parameter, where one is known; and, of a joint's compliance that the model
         knows, "change_percent": value, lower and upper end in percent of the model's.

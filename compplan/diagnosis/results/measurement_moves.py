@@ -102,11 +102,6 @@ def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Camp
     Poses stay within the joint limits, no lower and no nearer to the base axis than the campaign went; loads stay
     within the largest load of the campaign. Whether cables and surroundings allow a pose is not known here.
 
-    Args:
-        robot: The robot.
-        campaign: The campaign so far.
-        seed: Seed of the candidate poses.
-
     Returns:
         A campaign that begins with the first rows of the old one, and the moves among its rows.
     """

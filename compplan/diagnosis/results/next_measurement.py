@@ -265,10 +265,6 @@ def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]
 def pick_moves(shown: DifferenceShown, log_odds: float) -> tuple[list[int], float]:
     """Pick moves for what each adds to those before, as many as add to the expected gain, then exchange them.
 
-    Args:
-        shown: What the moves show of the difference.
-        log_odds: Log odds of the pair now.
-
     Returns:
         The numbers of the moves, and the expected log likelihood ratio of all of them together.
     """

@@ -121,12 +121,7 @@ class Shares:
 
 
 def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
-    """Divide the gap of a diagnosis among its causes.
-
-    Args:
-        diagnosis: The diagnosis.
-        seed: Seed of the draws.
-    """
+    """Divide the gap of a diagnosis among its causes."""
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed))
     parts, added = list_parts(diagnosis, motion)
     point, drawn = motion.divide(parts, added)
@@ -218,12 +213,7 @@ class PosteriorMotion:
         return np.flatnonzero(np.isin(self.columns, columns))
 
     def divide(self, parts: Sequence[Part], added: Sequence[Part]) -> tuple[list[float], list[Array]]:
-        """Return the share of each part, and drawn shares of shape (SAMPLE,).
-
-        Args:
-            parts: Parts of one posterior.
-            added: Parts that are no part of it: each explains something of what that leaves, alone.
-        """
+        """Return the share of each part, and drawn shares of shape (SAMPLE,)."""
         whole = np.maximum(self.weight.T @ self.gap**2, 1e-300)
         square = max(float(self.gap @ self.gap), 1e-300)
         total = sum((part.motion for part in parts), np.zeros_like(self.gap))
@@ -264,12 +254,7 @@ class PosteriorMotion:
 
 
 def list_parts(diagnosis: Diagnosis, motion: PosteriorMotion) -> tuple[list[Part], list[Part]]:
-    """List the parts of the posterior's motion, and findings that it has given up.
-
-    Args:
-        diagnosis: The diagnosis.
-        motion: Its posterior.
-    """
+    """List the parts of the posterior's motion, and findings that it has given up."""
     verdict, doubt = diagnosis.verdict, diagnosis.doubt
     equations, taken = doubt.search.equations, set(doubt.model.signatures)
     parts = [

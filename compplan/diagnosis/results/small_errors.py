@@ -83,12 +83,7 @@ class SmallErrors:
 
 
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
-    """Divide a gap among the errors of the robot that goes out; None where the nominal one does.
-
-    Args:
-        diagnosis: The diagnosis.
-        seed: Seed of the draws.
-    """
+    """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
     fitted = diagnosis.deliveries[0].fitted
     if fitted is None:
         return None

@@ -54,11 +54,7 @@ class Trace:
 
 
 def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
-    """Trace the errors of the joints that a diagnosis names.
-
-    Args:
-        diagnosis: The diagnosis.
-    """
+    """Trace the errors of the joints that a diagnosis names."""
     doubt, at = diagnosis.doubt, diagnosis.fit.at
     equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
     source = equations.source[0]

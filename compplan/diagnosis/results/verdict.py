@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import Hyper
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_likenesses
+from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_similarities
+from compplan.diagnosis.validation.spurious_fit import rate_spurious_fits
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
@@ -119,15 +120,10 @@ class Verdict:
 
 
 def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
-    """Judge a finished fit.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-    """
+    """Judge a finished fit."""
     structure = measure_structure(fit, doubt)
-    alike = rate_likenesses(fit, doubt)
-    findings = [evaluate_claim(fit, doubt, claim, alike[claim], structure) for claim in doubt.model.claims]
+    spurious, similar = rate_spurious_fits(fit, doubt), rate_similarities(fit, doubt)
+    findings = [evaluate_claim(fit, doubt, c, (spurious[c], similar[c]), structure) for c in doubt.model.claims]
     findings = sorted(findings, key=lambda f: -rank_number(f.explained))
     small = NAMEABLE * structure.floor
     minor = tuple(f for f in findings if f.explained < small and not only_in_readings(fit, doubt, f))
@@ -159,17 +155,9 @@ def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
 
 
 def evaluate_claim(
-    fit: Fit, doubt: RevisedProbabilities, claim: Claim, likeness: float, structure: Structure
+    fit: Fit, doubt: RevisedProbabilities, claim: Claim, checks: tuple[float, float], structure: Structure
 ) -> Finding:  # fmt: skip
-    """Compare the model with the best ones that lack a claim, among errors that no effect makes.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-        claim: The claim.
-        likeness: What is left along its own motion, over that motion.
-        structure: What is left.
-    """
+    """Compare the model with the best ones that lack a claim, among errors that no effect makes."""
     values = doubt.model.posterior.values(doubt.search.equations.p)
     rivals = find_alternatives(fit, claim.signature, values[: fit.search.equations.p])
     alike = {r.place for r in rivals if r.alike}
@@ -182,7 +170,7 @@ def evaluate_claim(
     signature = equations.signatures[claim.signature]
     explained = motion_of(fit, columns, values)
     gap = max(structure.gap, 1e-12)
-    evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, likeness)
+    evidence = Evidence(margin, plain, explained / structure.floor, explained / gap, structure.rms / gap, *checks)
     effect = signature.effect(values[columns] * signature.scale)
     beyond = find_breach(fit, effect, explained, structure.gap)
     return Finding(

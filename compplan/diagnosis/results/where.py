@@ -92,12 +92,7 @@ class Split:
 
 
 def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
-    """Split the gap of a diagnosis: what its nominal robot leaves, outliers left out.
-
-    Args:
-        diagnosis: The diagnosis.
-        seed: Seed of the draws.
-    """
+    """Split the gap of a diagnosis: what its nominal robot leaves, outliers left out."""
     campaign = diagnosis.fit.problem.campaign
     before, after = diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)

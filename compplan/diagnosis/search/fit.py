@@ -27,7 +27,15 @@ from compplan.diagnosis.evidence.normal_equations import (
 )
 from compplan.diagnosis.evidence.proposals import propose_shifts, propose_waves
 from compplan.diagnosis.search.polish import descend
-from compplan.diagnosis.search.search import MOST_EFFECTS, SOFT, WORTHWHILE, Claim, Search, search_models
+from compplan.diagnosis.search.search import (
+    MOST_EFFECTS,
+    SOFT,
+    WORTHWHILE,
+    Claim,
+    Search,
+    search_from_forward_selection,
+    search_models,
+)
 from compplan.diagnosis.search.state import (
     SETTLED,
     Fit,
@@ -66,7 +74,7 @@ def fit_effects(
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
     best: Fit | None = None
-    settled = False
+    restarted = settled = False
     for number in range(ROUNDS):
         progress(f"round {number + 1}")
         # what is small has to wait until the large ones are exact: twice as many effects each round
@@ -82,6 +90,11 @@ def fit_effects(
             best = replace(fit, state=following, base=fit.state, score=score)
         settled = number > NOISE_ROUND and len(fit.model.claims) < state.most and _settled(fit, state, following)
         state = following
+        if settled and not restarted:
+            progress("second start")
+            restarted, other = True, search_from_forward_selection(fit.search, fit.model, state.most)
+            settled = other is fit.model
+            state = replace(state, claims=claims_of(replace(fit, model=other)))
         if settled:
             break
     if best is None:
@@ -155,13 +168,7 @@ def _offer_all(
 
 
 def search_again(fit: Fit, fresh: list[Signature], progress: Callable[[str], None] = lambda text: None) -> Fit:
-    """Search with further signatures, from the claims there are, at the linearization of a fit.
-
-    Args:
-        fit: The fit.
-        fresh: Signatures that it has not seen.
-        progress: Told what is being done.
-    """
+    """Search with further signatures, from the claims there are, at the linearization of a fit."""
     equations = extend_normal_equations(fit.search.equations, fresh)
     held = replace(fit.state, claims=claims_of(fit))
     return _search_equations(fit.problem, held, fit.at, fit.channels, equations, fit.noises, progress)

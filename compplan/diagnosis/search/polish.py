@@ -20,7 +20,7 @@ from compplan.diagnosis.evidence.candidates import (
     propose_again,
     proposed_signatures,
 )
-from compplan.diagnosis.evidence.evidence import Hyper
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import build_normal_equations
 from compplan.diagnosis.search.search import Claim, Search
 from compplan.diagnosis.search.state import (
@@ -42,11 +42,7 @@ ARRIVED = 1.02
 
 
 def polish_fit(fit: Fit) -> Fit:
-    """Refit the parameters of a finished fit exactly, its claims, noise and background held.
-
-    Args:
-        fit: The fit.
-    """
+    """Refit the parameters of a finished fit exactly, its claims, noise and background held."""
     vector = fit.model.posterior.values(fit.search.equations.p)
     left = fit.search.equations.left(vector)[0] * fit.search.equations.source[0].sigma
     expected = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
@@ -111,10 +107,6 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     The score is the log posterior of the model with the squares that the exact model leaves in the place of those that
     its derivatives promise. A row that was left out counts as the least that is left out, so that scores of fits with
     other outliers can be compared.
-
-    Args:
-        fit: The fit that the step starts from.
-        full: The whole step.
     """
     equations, posterior = fit.search.equations, fit.model.posterior
     here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale

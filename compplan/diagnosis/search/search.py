@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
 from compplan.diagnosis.evidence.evidence import (
     FIRST_STEPS,
-    Hyper,
     Posterior,
     Prior,
+    drop_negative,
     excess_squares,
     find_posterior,
 )
 from compplan.diagnosis.evidence.evidence_gain import SIZES, Gain, find_gains
-from compplan.diagnosis.evidence.normal_equations import NormalEquations
+from compplan.diagnosis.evidence.likelihood import Hyper
+from compplan.diagnosis.evidence.normal_equations import NormalEquations, project_out
 from compplan.effects import gravity_sag
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
@@ -138,7 +139,11 @@ class Search:
         key = frozenset(claims)
         if fit and key in self.cache:
             return self.cache[key]
-        posterior = self._bounded_posterior(claims, hyper, fit, steps)
+        equations, prior = self.equations, self.prior_of(claims)
+        posterior = find_posterior(equations, prior, hyper, fit=fit, steps=steps)
+        signatures = ((n, equations.signatures[n]) for n in (claim.signature for claim in claims))
+        bounded = equations.join_columns(n for n, s in signatures if s.positive and len(s.keys) > 1)
+        posterior = drop_negative(equations, prior, posterior, bounded)[1]
         score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
         score -= ONCE_MORE * self._count_repeated(claims)
         if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
@@ -149,26 +154,6 @@ class Search:
         if fit:
             self.cache[key] = model
         return model
-
-    def _bounded_posterior(self, claims: Sequence[Claim], hyper: Hyper, fit: bool, steps: int) -> Posterior:
-        """Return the posterior with parameters of which none can be negative at zero where they would be."""
-        prior = self.prior_of(claims)
-        posterior = find_posterior(self.equations, prior, hyper, fit=fit, steps=steps)
-        several = [self.equations.columns(c.signature) for c in claims if self._is_one_sided(c)]
-        while True:
-            values = posterior.values(self.equations.p)
-            wrong = [column for columns in several for column in columns if values[column] < 0]
-            if not wrong:
-                break
-            slab = prior.slab.copy()
-            slab[wrong] = 0.0
-            prior = replace(prior, slab=slab)
-            posterior = find_posterior(self.equations, prior, posterior.hyper, fit=False)
-        return posterior
-
-    def _is_one_sided(self, claim: Claim) -> bool:
-        signature = self.equations.signatures[claim.signature]
-        return signature.positive and len(signature.keys) > 1
 
     def _count_repeated(self, claims: Sequence[Claim]) -> int:
         """Count joints that two curves over the same angle are claimed of, and shifts after the first of each kind."""
@@ -207,14 +192,9 @@ class Search:
     def _framed(self) -> tuple[Array, float]:
         """Products of the positions' columns with each other, and the gap's squares, registered frames taken out."""
         total = self.equations.channels[0].total
-        frames = np.flatnonzero(self.prior.free)
-        if not len(frames):
-            return total.gram, max(total.square, 1e-300)
-        block = total.gram[np.ix_(frames, frames)]
-        block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
-        solved = np.linalg.solve(block, np.column_stack([total.gram[frames], total.against[frames]]))
-        gram = total.gram - total.gram[:, frames] @ solved[:, :-1]
-        return gram, max(float(total.square - total.against[frames] @ solved[:, -1]), 1e-300)
+        whole = np.block([[total.gram, total.against[:, None]], [total.against, np.array([[total.square]])]])
+        left = project_out(whole, np.flatnonzero(self.prior.free))
+        return left[:-1, :-1], max(float(left[-1, -1]), 1e-300)
 
     def gains(self, model: Model) -> list[Gain]:
         """Return what further claims would add, best first; prior odds included."""
@@ -251,11 +231,6 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
     """Find the best set of effects.
 
     Rounds of forward steps, then exchanges and removals, until none is worthwhile.
-
-    Args:
-        search: What to search.
-        first: Claims to begin with.
-        most: Most effects to claim.
     """
     best = search.model(first, search.start, steps=FIRST_STEPS)
     concerned = tuple(best.claims)
@@ -271,6 +246,30 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
             return best if best.score >= settled.score else settled
         best = settled
     return best
+
+
+def search_from_forward_selection(search: Search, found: Model, most: int) -> Model:
+    """Return the better of a found model and of one searched from a forward selection without small errors.
+
+    Stepwise search ends in a local optimum, where small errors everywhere may carry what a wrong first effect leaves.
+
+    Args:
+        search: What was searched.
+        found: The best model so far.
+        most: Most effects to claim.
+    """
+    bare = replace(search, prior=replace(search.prior, background=np.full_like(search.prior.background, -1)), cache={})
+    first = bare.model([], search.start, steps=FIRST_STEPS)
+    while len(first.claims) < most:
+        grown = add_claim(bare, first)
+        if grown.score < first.score + WORTHWHILE or not explains_enough(bare, first, grown):
+            break
+        first = grown
+    # noise and background are fitted from their start: models in the cache were fitted from another one
+    afresh = replace(search, cache={})
+    possible = np.isfinite(afresh.model(first.claims, search.start, steps=FIRST_STEPS).score)
+    other = search_models(afresh, first.claims if possible else (), most)
+    return other if other.score > found.score + WORTHWHILE else found
 
 
 def explains_enough(search: Search, old: Model, new: Model) -> bool:

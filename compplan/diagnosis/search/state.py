@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import Channel
 from compplan.diagnosis.data.noise import Noise
 from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, Key, in_background, key_of
-from compplan.diagnosis.evidence.evidence import Posterior, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import drop_negative
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.search import MOST_EFFECTS, Model, Search
 from compplan.effects import Effect, apply_effects, build_model, solve_model_poses
@@ -158,7 +158,11 @@ def advance_state(fit: Fit, share: float = 1.0) -> FitState:
     On the way what was claimed before and is no longer fades as everything else moves.
     """
     equations = fit.search.equations
-    prior, posterior = bend_forwards(equations, fit.search.prior_of(fit.model.claims), fit.model.posterior)
+    prior = fit.search.prior_of(fit.model.claims)
+    # nothing bends against its load; errors that do would cancel others to first order and could not be built
+    single = equations.join_columns(n for n, s in enumerate(equations.signatures) if s.positive and len(s.scale) == 1)
+    bounded = single[prior.background[single] >= 0]
+    prior, posterior = drop_negative(equations, prior, fit.model.posterior, bounded)
     here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
     vector = here + share * (posterior.values(equations.p) - here)
     claimed = list(fit.model.signatures)
@@ -211,24 +215,6 @@ def _quiet_classes(equations: NormalEquations, background: NDArray[np.int_], vec
         moves = [np.sqrt(np.mean((design[..., columns] @ vector[columns]) ** 2)) for design in equations.designs]
         quiet[label] = max(moves, default=0.0) < SETTLED
     return quiet
-
-
-def bend_forwards(equations: NormalEquations, prior: Prior, posterior: Posterior) -> tuple[Prior, Posterior]:
-    """Take background errors that can only be positive out of a model where they come out negative.
-
-    Nothing bends against its load; left in, such errors would cancel others to first order and could not be built.
-    """
-    one_sided = np.zeros(equations.p, bool)
-    for number, signature in enumerate(equations.signatures):
-        if signature.positive and len(signature.scale) == 1:
-            one_sided[equations.columns(number)] = True
-    while True:
-        wrong = one_sided & (prior.background >= 0) & (posterior.values(equations.p) < 0)
-        if not wrong.any():
-            break
-        prior = replace(prior, background=np.where(wrong, -1, prior.background))
-        posterior = find_posterior(equations, prior, posterior.hyper, fit=False)
-    return prior, posterior
 
 
 def move_registration(registration: Registration | None, signature: Signature, step: Array) -> Registration | None:

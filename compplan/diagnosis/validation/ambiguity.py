@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.shared import NEGLIGIBLE, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence_gain import combine_normal_equations
+from compplan.diagnosis.evidence.normal_equations import project_out
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.state import Fit
 from compplan.effects.linearization import Place
@@ -105,14 +106,11 @@ def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[
     """Return the products of all columns, frames taken out of them, and the squares of a claim's trace."""
     gram, _, _, _ = combine_normal_equations(fit.search.equations, fit.model.posterior.hyper)
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
-    free = _without(gram, _frame_columns(fit))
+    frames = fit.search.equations.columns_named("base_frame", "tool_frame", REGISTRATION)
+    free = project_out(gram, frames)
     energy = float(values @ free[np.ix_(columns, columns)] @ values)
     # what frames explain nearly whole counts as it is
     return (gram, whole) if energy < NEGLIGIBLE * whole else (free, energy)
-
-
-def _frame_columns(fit: Fit) -> NDArray[np.int_]:
-    return fit.search.equations.columns_named("base_frame", "tool_frame", REGISTRATION)
 
 
 def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
@@ -124,16 +122,6 @@ def _all_columns(fit: Fit, number: int) -> NDArray[np.int_]:
     return equations.join_columns(
         n for n, s in enumerate(equations.signatures) if s.place == own.place and s.form in ("quadratic", "cubic")
     )
-
-
-def _without(gram: Array, nuisance: NDArray[np.int_]) -> Array:
-    """Return the products of all columns with the nuisance columns projected out."""
-    if not len(nuisance):
-        return gram
-    block = gram[np.ix_(nuisance, nuisance)]
-    block = block + 1e-9 * np.trace(block) / len(block) * np.eye(len(block))
-    cross = gram[:, nuisance]
-    return np.asarray(gram - cross @ np.linalg.solve(block, cross.T))
 
 
 def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_], energy: float) -> float:

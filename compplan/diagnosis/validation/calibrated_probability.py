@@ -1,11 +1,11 @@
-"""Probability of a claim: a logistic map of its margin, and of what it leaves along its own motion.
+"""Probability of a claim: a logistic map of its margin, its spurious-fit probability and its residual similarity.
 
 A true cause takes its whole error away. A name that is bent into another cause of the same joint, frame or tool leaves
 part of it, and that part moves the target along the same lines. With m_i the motion of the target by the claim at row
 i, u_i its unit vector, r_i what claims and small errors leave there, and F the 95 % point of Fisher's F(n, (c - 1) n)
 for n poses and c values a row (three of a position),
 
-    likeness^2 = max(sum (u_i . r_i)^2 - F / (c - 1) sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
+    similarity^2 = max(sum (u_i . r_i)^2 - F / (c - 1) sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
 
 the part of its own motion that is left along it beyond what chance puts there in nineteen cases of twenty. It is
 measured in every channel in which the claim moves more than the noise, with r_i what claims and small errors leave and
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, fdtri
 
 from compplan.diagnosis.data.channels import group_poses
-from compplan.diagnosis.data.shared import LEVEL, ROUNDING
+from compplan.diagnosis.data.shared import LEVEL, NEGLIGIBLE, ROUNDING
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
@@ -32,17 +32,16 @@ from compplan.robot import Array
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
-#: The map from evidence to log odds, fitted by penalised logistic regression to 79 claims of 61 drawn and example
-#: campaigns (study: python -m benchmarks.ablation prints the map of a suite): constant, margin (arsinh of it over its
-#: scale), logarithm of the likeness of what is left with its sign turned, and of the motion in noise floors. No weight
-#: may be negative. The number of values of a form does not stand here: the margin has paid for it.
-CONSTANT, WEIGHTS = -4.86, np.array([0.74, 1.62, 1.24])
+#: The map from evidence to log odds, fitted by penalised logistic regression to claims of development campaigns and of
+#: parts of measured ones (assumed: that study is not kept; python -m benchmarks ablation prints the map of a suite):
+#: constant; weights of the margin (arsinh of it over its scale) and of minus the logarithms of spurious-fit probability
+#: and residual similarity. No weight may be negative. The margin accounts for the number of parameters.
+CONSTANT, WEIGHTS = -3.49, np.array([0.57, 0.69, 0.83])
 #: Margins beyond this count by their logarithm alone (assumed).
 MARGIN_SCALE = 5.0
-#: Less than a tenth of a claim's own motion left along it says nothing, and neither does more than all of it (assumed).
-LEAST_ALIKE = 0.1
-#: Motions below this are told apart no more (assumed). [noise floors]
-LEAST_FLOORS = 0.05
+#: Spurious-fit probabilities and similarities outside these ranges tell no more: beside a larger cause a high one says
+#: nothing about this claim (assumed).
+SPURIOUS_RANGE, SIMILARITY_RANGE = (NEGLIGIBLE, 0.15), (0.1, 1.0)
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,8 @@ class Evidence:
         floors: Motion that it explains, in noise floors.
         part: Motion that it explains over the gap.
         left: What is left beyond the noise floor over the gap.
-        likeness: What is left along the claim's own motion beyond chance, over that motion
-            (compplan.diagnosis.validation.calibrated_probability).
+        spurious: Spurious-fit probability (`validation.spurious_fit`).
+        similarity: What is left along the claim's own motion beyond chance, over that motion (`rate_similarities`).
     """
 
     margin: float
@@ -64,7 +63,8 @@ class Evidence:
     floors: float
     part: float
     left: float
-    likeness: float
+    spurious: float
+    similarity: float
 
     def to_table(self) -> dict[str, float]:
         """Return what diagnosis.json holds."""
@@ -72,29 +72,20 @@ class Evidence:
 
 
 def features_of(evidence: Evidence) -> Array:
-    """Return what the map weighs: margin, likeness, motion. Shape (3,)."""
+    """Return what the map weighs: margin, spurious-fit probability, residual similarity. Shape (3,)."""
     margin = np.arcsinh(min(evidence.margin, evidence.plain) / MARGIN_SCALE)
-    alike = np.log(np.clip(evidence.likeness, LEAST_ALIKE, 1.0))
-    return np.array([margin, -alike, np.log(max(evidence.floors, LEAST_FLOORS))])
+    spurious = np.log(np.clip(evidence.spurious, *SPURIOUS_RANGE))
+    return np.array([margin, -spurious, -np.log(np.clip(evidence.similarity, *SIMILARITY_RANGE))])
 
 
 def calibrate_probability(evidence: Evidence) -> float:
-    """Return the probability that a claim is stated with.
-
-    Args:
-        evidence: What the claim shows.
-    """
+    """Return the probability that a claim is stated with."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))
 
 
-def rate_likenesses(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
-    """Return, for every claim, what is left along its own motion beyond chance, over that motion.
-
-    Args:
-        fit: The fit.
-        doubt: Its claims among errors that no effect makes.
-    """
+def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
+    """Return, for every claim, what is left along its own motion beyond chance, over that motion."""
     equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
     result = dict.fromkeys(doubt.model.claims, 0.0)

@@ -121,10 +121,6 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
     """Deal blocks of neighbouring stays to folds; the same pose is always in the same fold. Shape (n,).
 
     So few blocks that all would be in one fold are dealt one by one, a single block by its halves.
-
-    Args:
-        campaign: The campaign.
-        folds: Number of folds.
     """
     block = block_index(campaign)
     # a later campaign has no neighbours in this one, and of long ones blocks in a row are neighbours in place, too
@@ -184,11 +180,7 @@ class Folds:
         return self.hold_out_states(build)
 
     def hold_out_states(self, build: Callable[[int, NormalEquations], tuple[Fit, FitState]]) -> HeldOut:
-        """Predict every row by the exact model that a fit to the other folds leads to.
-
-        Args:
-            build: Makes a fit and its state from the number of a fold and the normal equations without it.
-        """
+        """Predict every row by the exact model that a fit to the other folds leads to."""
         fit, rows = self.fit, self.fit.search.equations.source[0].rows
         campaign, residual = fit.problem.campaign, np.zeros((len(self.fold), 3))
         for number, equations in self.without_fold:
@@ -239,10 +231,6 @@ def free_of_frames(fit: Fit, poses: int) -> float:
 
     Frames of f values that are fitted to n poses take their part of whatever is there and leave sqrt(1 - f / 3 n) of
     it on average; of a later campaign of many poses they take next to nothing.
-
-    Args:
-        fit: The fit.
-        poses: Poses, or blocks of paths, that the frames are fitted to.
     """
     if not fit.problem.register:
         return 1.0

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS
 from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, in_background
-from compplan.diagnosis.evidence.evidence import Hyper, Posterior, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import Posterior, Prior, drop_negative, find_posterior
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit
@@ -154,10 +155,6 @@ def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
     """Return by which factor errors of rows never seen are larger than they seem, for forms looked for in all rows.
 
     The best of t forms is better by chance by 2 log t squares of the noise [FosterGeorge1994], in every fold.
-
-    Args:
-        folds: The fit, dealt to folds.
-        claims: The claims.
     """
     signatures = folds.fit.search.equations.signatures
     squares = 2.0 * sum(math.log(signatures[claim.signature].tried) for claim in claims)
@@ -166,20 +163,9 @@ def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
 
 
 def _solve(equations: NormalEquations, prior: Prior, hyper: Hyper) -> tuple[Prior, Posterior]:
-    """Return the posterior with parameters of which none can be negative at zero where they would be."""
-    one_sided = np.zeros(equations.p, bool)
-    for number, signature in enumerate(equations.signatures):
-        if signature.positive:
-            one_sided[equations.columns(number)] = True
-    posterior = find_posterior(equations, prior, hyper, fit=False)
-    while True:
-        wrong = one_sided & (posterior.values(equations.p) < 0)
-        if not wrong.any():
-            break
-        background, slab = np.where(wrong, -1, prior.background), np.where(wrong, 0.0, prior.slab)
-        prior = replace(prior, background=background, slab=slab)
-        posterior = find_posterior(equations, prior, hyper, fit=False)
-    return prior, posterior
+    """Return the posterior, parameters of which none can be negative at zero where they would be."""
+    bounded = equations.join_columns(n for n, s in enumerate(equations.signatures) if s.positive)
+    return drop_negative(equations, prior, find_posterior(equations, prior, hyper, fit=False), bounded)
 
 
 def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
@@ -194,11 +180,7 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
 
 
 def list_options(claims: Sequence[Claim]) -> list[Option]:
-    """List the models that may have a part in the robot that goes out.
-
-    Args:
-        claims: Claims that may be delivered.
-    """
+    """List the models that may have a part in the robot that goes out."""
     every = tuple(range(len(CLASSES)))
     return [
         Option("nominal"),

@@ -94,11 +94,7 @@ class SparseModel:
 
 
 def add_gear_waves(fit: Fit) -> Fit:
-    """Return a fit whose normal equations hold gear waves of every harmonic; its prior has none of them.
-
-    Args:
-        fit: The fit.
-    """
+    """Return a fit whose normal equations hold gear waves of every harmonic; its prior has none of them."""
     at, equations, prior = fit.at, fit.search.equations, fit.search.prior
     known, fresh = set(equations.names), []
     for index in np.flatnonzero(~at.robot.prismatic):
@@ -116,13 +112,7 @@ def add_gear_waves(fit: Fit) -> Fit:
 
 
 def average_stays(equations: NormalEquations, signatures: Sequence[int], claims: Sequence[Claim]) -> StayMeans:
-    """Average the rows of each stay.
-
-    Args:
-        equations: The normal equations.
-        signatures: Signatures that are fitted.
-        claims: Claims, fitted as well; their prior is as wide as their size.
-    """
+    """Average the rows of each stay."""
     claimed = [claim.signature for claim in claims]
     columns = equations.join_columns([*signatures, *claimed])
     parts: list[tuple[Array, Array, Array, Array]] = []
@@ -227,12 +217,7 @@ def _solve(design: Array, target: Array, gram: Array, against: Array, variance: 
 
 
 def posterior_of(fit: Fit, model: SparseModel) -> Posterior:
-    """Return a solution as a posterior: what a stay's mean errs by beyond the noise of its rows is shared by them.
-
-    Args:
-        fit: The fit.
-        model: The solution.
-    """
+    """Return a solution as a posterior: what a stay's mean errs by beyond the noise of its rows is shared by them."""
     hyper = fit.model.posterior.hyper
     several = [np.mean(1.0 / np.unique(source.group, return_counts=True)[1]) for source in fit.search.equations.source]
     beyond = model.noise / np.exp(hyper.log_noise) - np.array(several)

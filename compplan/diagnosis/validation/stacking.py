@@ -157,12 +157,7 @@ def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool
 
 
 def stack_single(folds: Folds, option: Option) -> StackedModel:
-    """Return the mixture of one option alone.
-
-    Args:
-        folds: The fit, dealt to folds.
-        option: The option.
-    """
+    """Return the mixture of one option alone."""
     return StackedModel((solve_option(folds, option),), np.ones(1), np.ones((len(folds.without_fold), 1)))
 
 
@@ -171,10 +166,6 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
 
     Derivatives are taken at the fitted robot: where that has weight in its links and the option has none, what bends
     under it bends in the derivatives alone.
-
-    Args:
-        fit: The fit.
-        one: The option.
     """
     equations, source = fit.search.equations, fit.search.equations.source[0]
     values = one.posterior.values(equations.p)

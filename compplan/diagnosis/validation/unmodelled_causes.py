@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
-from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Hyper, Prior, find_posterior
+from compplan.diagnosis.evidence.evidence import FIRST_STEPS, START, Prior, find_posterior
+from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, extend_normal_equations
 from compplan.diagnosis.evidence.unmodelled import unmodelled_signatures
-from compplan.diagnosis.search.search import Model, Search
+from compplan.diagnosis.search.search import WORTHWHILE, Model, Search, add_claim
 from compplan.diagnosis.search.state import Fit
 from compplan.effects.signature import Signature
 
@@ -67,12 +68,7 @@ def class_of(signature: Signature) -> tuple[str, str]:
 
 
 def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
-    """Weigh the claims of a fit among errors that no effect makes.
-
-    Args:
-        fit: The fit.
-        progress: Told what is being done.
-    """
+    """Weigh the claims of a fit among errors that no effect makes."""
     fresh = foreign_signatures(fit)
     old = fit.search.equations
     equations = extend_normal_equations(old, fresh)
@@ -86,7 +82,12 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
     hyper = Hyper(hyper.log_noise, hyper.log_shared, np.concatenate([hyper.log_tau, np.full(len(kinds), START)]))
     odds = np.concatenate([fit.search.log_prior, np.full(len(fresh), -np.inf)])
     search = Search(equations, prior, odds, fit.search.candidates, hyper, progress=progress, rigid=fit.search.rigid)
-    model = _leave_out_all(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    model = _search_again(search, search.model(fit.model.claims, hyper, steps=FIRST_STEPS))
+    if model.claims:
+        # several claims together may fit one unmodelled error: start once more without claims, classes one noise floor
+        grown = replace(hyper, log_tau=np.where(prior.loose, 0.0, hyper.log_tau))
+        other = _search_again(search, search.model([], grown, steps=FIRST_STEPS))
+        model = other if other.score > model.score + WORTHWHILE else model
     return RevisedProbabilities(search, model, tuple(driver for driver, _ in kinds), members)
 
 
@@ -104,13 +105,15 @@ def _loosen(fit: Fit, equations: NormalEquations, members: Sequence[Indices]) ->
     return Prior(background, spread, free, np.zeros(equations.p), loose)
 
 
-def _leave_out_all(search: Search, model: Model) -> Model:
-    """Leave out claims that errors without a name explain as well."""
+def _search_again(search: Search, model: Model) -> Model:
+    """Remove claims that unmodelled errors explain as well, and add those whose evidence this raises."""
     while True:
         here = search.model(model.claims, model.posterior.hyper, fit=False)
         best = _leave_out(search, here)
         if best.score <= here.score:
-            return model
+            best = add_claim(search, model)
+            if best.score < model.score + WORTHWHILE:
+                return model
         fitted = search.model(best.claims, best.posterior.hyper, steps=STEPS)
         if fitted.score <= model.score:
             return model

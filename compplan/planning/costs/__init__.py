@@ -1,6 +1,6 @@
 """Costs of the program, one file each: a term of the objective and one sentence.
 
-A new cost is one file with a class that has what `Cost` has, and one line in `COSTS`.
+A new cost is one file with a class derived from `Cost`, and one line in `COSTS`.
 """
 
 from __future__ import annotations

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Station
+from compplan.planning.problem import Cost, Station
 
 
 @dataclass(frozen=True)
-class Band:
+class Band(Cost):
     """w B / B_0, the epigraph variable of `compplan.planning.limits.band`.
 
     Attributes:
@@ -21,8 +21,7 @@ class Band:
 
     weight: float
     stations: int
-    name: str = "band"
-    timed: bool = False
+    name = "band"
 
     def __str__(self) -> str:
         return f"{self.weight:g} B / B_0"

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Station
+from compplan.planning.problem import Cost, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class Departure:
+class Departure(Cost):
     """sum w (q - q_start)^2.
 
     Attributes:
@@ -20,8 +20,7 @@ class Departure:
     """
 
     weight: Array
-    name: str = "departure"
-    timed: bool = False
+    name = "departure"
 
     def __str__(self) -> str:
         return "sum w (q - q_start)^2"

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Station
+from compplan.planning.problem import Cost, Station
 
 
 @dataclass(frozen=True)
-class MissedPose:
+class MissedPose(Cost):
     """W sum (|tip|^2 + (lever angle)^2) over the pose that released stations miss; an excessive correction costs more.
 
     Attributes:
@@ -23,8 +23,7 @@ class MissedPose:
     weight: float = 1e3
     lever: float = 0.2
     steep: float = 20.0
-    name: str = "missed_pose"
-    timed: bool = False
+    name = "missed_pose"
 
     def __str__(self) -> str:
         return f"{self.weight:g} sum |missed pose|^2"

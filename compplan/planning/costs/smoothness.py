@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Station
+from compplan.planning.problem import Cost, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class Smoothness:
+class Smoothness(Cost):
     """w sum (q'' / a_max)^2 ds, q'' along the programmed time.
 
     Attributes:
@@ -22,8 +22,8 @@ class Smoothness:
 
     weight: float
     unit: Array
-    name: str = "smoothness"
-    timed: bool = True
+    name = "smoothness"
+    timed = True
 
     def __str__(self) -> str:
         return f"{self.weight:g} sum (q'' / a_max)^2 ds"

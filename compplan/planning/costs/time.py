@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Station
+from compplan.planning.problem import Cost, Station
 
 #: Keeps the root of the speed differentiable at rest.
 AT_REST = 1e-9
 
 
 @dataclass(frozen=True)
-class Time:
+class Time(Cost):
     """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1)).
 
     Attributes:
@@ -24,8 +24,8 @@ class Time:
 
     weight: float
     reference: float
-    name: str = "time"
-    timed: bool = True
+    name = "time"
+    timed = True
 
     def __str__(self) -> str:
         return f"{self.weight:g} T / T_0"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import Station
+from compplan.planning.problem import Cost, Station
 from compplan.robot import Array
 
 #: Steps below this are none. [unit]
@@ -14,7 +14,7 @@ SMALL = 1e-3
 
 
 @dataclass(frozen=True)
-class JointTravel:
+class JointTravel(Cost):
     """w sum |q_i+1 - q_i| / unit, rounded at nothing; a way back pays twice.
 
     Attributes:
@@ -25,8 +25,7 @@ class JointTravel:
 
     weight: float
     unit: Array
-    name: str = "travel"
-    timed: bool = False
+    name = "travel"
 
     def __str__(self) -> str:
         return f"{self.weight:g} sum |dq|"

@@ -1,6 +1,6 @@
 """Limits of the program, one file each: rows of the program, a check of a result, and one sentence.
 
-A new limit is one file with a class that has what `Limit` has, and one line in `LIMITS`.
+A new limit is one file with a class derived from `Limit`, and one line in `LIMITS`.
 """
 
 from __future__ import annotations

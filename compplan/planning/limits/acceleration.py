@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class AccelerationLimit:
+class AccelerationLimit(Limit):
     """|q'' x + q' x' / 2| <= a_max on both sides of a station, x the square of the speed.
 
     Attributes:
@@ -21,10 +21,9 @@ class AccelerationLimit:
     """
 
     most: Array
-    name: str = "acceleration"
-    timed: bool = True
-    of_joints: bool = True
-    numbers: Array | None = None
+    name = "acceleration"
+    timed = True
+    of_joints = True
 
     def __str__(self) -> str:
         return "|q'' x + q' x' / 2| <= a_max"

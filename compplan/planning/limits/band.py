@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain
@@ -35,7 +35,7 @@ BAND_ROWS = 120
 
 
 @dataclass(frozen=True)
-class BandLimit:
+class BandLimit(Limit):
     """r(q) <= B, r the radius that holds the tip with 95 %.
 
     Its covariance V = sum_j a_j^2 g_j g_j^T + V_0 has a column g_j(q) for each uncertain quantity that depends on the
@@ -67,10 +67,7 @@ class BandLimit:
     reference: float
     cut: NDArray[np.bool_]
     most: float = np.inf
-    name: str = "band"
-    timed: bool = False
-    of_joints: bool = False
-    numbers: Array | None = None
+    name = "band"
 
     def __str__(self) -> str:
         return "r_95(q) <= B"
@@ -121,16 +118,9 @@ class BandLimit:
         return found
 
     def evaluate(self, q: Array, wrench: Array, theta: Array) -> tuple[Array, Array]:
-        """Evaluate columns and radius at n postures.
+        """Evaluate columns (n, 3, c) and radii (n,) [m] at postures q (n, nq).
 
-        Args:
-            q: Joint positions. Shape (n, nq). [rad or m]
-            wrench: Wrench on the tool. Shape (n, 6). [N, N m]
-            theta: Elastic coordinates under it. Shape (n, s). [rad or m]
-
-        Returns:
-            Columns (n, 3, c) and radii (n,). [m]
-
+        wrench: on the tool (n, 6) [N, N m]; theta: elastic coordinates under it (n, s).
         """
         sizes = {"q": self.chain.nq, "theta": self.chain.n_springs, "wrench": 6}
         symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
@@ -141,14 +131,7 @@ class BandLimit:
 
 
 def read_band(task: PlanTask, force: ForceSpread, rows: NDArray[np.int_]) -> BandLimit:
-    """Read how the 95 % band depends on the posture; what the columns do not hold stays as it is at the start.
-
-    Args:
-        task: The task at its start.
-        force: How surely the force is known.
-        rows: Stations. Shape (k,).
-
-    """
+    """Read how the 95 % band depends on the posture at stations (k,); what it leaves out stays as at the start."""
     chain, robot, known = task.chain, task.robot, robot_uncertainty(task.robot)
     zeros, turns, springs = np.zeros(len(chain.names)), np.zeros(len(chain.names)), np.zeros(chain.n_springs)
     element, at = dict(zip(robot.joint_names, chain.joint_elements.tolist(), strict=True)), 0

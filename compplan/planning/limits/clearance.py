@@ -9,28 +9,31 @@ import numpy as np
 
 from compplan.planning.posture.clearance import linearise_margin
 from compplan.planning.posture.collision_scene import CollisionScene
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class ClearanceLimit:
+class ClearanceLimit(Limit):
     """d_p + g_p (q - q_ref) >= 0 for every pair p that is near at a station, d_p its distance less what is wanted.
 
     Distances of meshes are no expressions: they are linearised where the last solution is, and the program is solved
     again where the arm still comes too near.
 
     Attributes:
-        numbers: For every pair d_p - g_p q_ref and g_p, those of no pair 1 and 0. Shape (k, pairs (1 + nq)).
+        pairs: For every pair d_p - g_p q_ref and g_p, those of no pair 1 and 0. Shape (k, pairs (1 + nq)).
         joints: Number of joints.
 
     """
 
-    numbers: Array
+    pairs: Array
     joints: int
-    name: str = "clearance"
-    timed: bool = False
-    of_joints: bool = False
+    name = "clearance"
+
+    @property
+    def numbers(self) -> Array:
+        """The numbers of the pairs."""
+        return self.pairs
 
     def __str__(self) -> str:
         return "clearance(q) >= wanted"
@@ -42,19 +45,14 @@ class ClearanceLimit:
 
     def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
         """Return the bounds of the margins."""
-        shape = (len(problem), self.numbers.shape[1] // (1 + self.joints))
+        shape = (len(problem), self.pairs.shape[1] // (1 + self.joints))
         return np.zeros(shape), np.full(shape, np.inf)
 
 
 def linearise_clearance(scene: CollisionScene, q: Array, wanted: float, reserve: float) -> ClearanceLimit:
-    """Linearise the distances of near pairs at joint positions.
+    """Linearise the distances of near pairs at joint positions of the stations (k, nq).
 
-    Args:
-        scene: What may touch what.
-        q: Joint positions at the stations. Shape (k, nq). [rad or m]
-        wanted: Clearance that is asked for of part and fixture. [m]
-        reserve: What is added to it for the way between stations. [m]
-
+    `wanted` is the clearance asked for of part and fixture, `reserve` is added to it for the way between stations. [m]
     """
     near, (k, nq) = linearise_margin(scene, q, wanted), q.shape
     most = int(np.bincount(near.posture, minlength=k).max(initial=1))

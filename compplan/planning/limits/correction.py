@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class CorrectionLimit:
+class CorrectionLimit(Limit):
     """|p_unloaded(q) - p_programmed| <= most, written (d^2 - c^2) / (2 c) <= 0: a length near its bound.
 
     Attributes:
@@ -21,10 +21,7 @@ class CorrectionLimit:
     """
 
     most: float
-    name: str = "correction"
-    timed: bool = False
-    of_joints: bool = False
-    numbers: Array | None = None
+    name = "correction"
 
     def __str__(self) -> str:
         return f"|p_unloaded(q) - p_programmed| <= {1e3 * self.most:g} mm"

@@ -6,18 +6,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class JointRange:
+class JointRange(Limit):
     """q_min <= q <= q_max; bounds of the variables, no rows."""
 
-    name: str = "joint_range"
-    timed: bool = False
-    of_joints: bool = True
-    numbers: Array | None = None
+    name = "joint_range"
+    of_joints = True
 
     def __str__(self) -> str:
         return "q_min <= q <= q_max"

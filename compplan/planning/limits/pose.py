@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class PoseEquation:
+class PoseEquation(Limit):
     """p(q, theta) = p_wanted, z(q, theta) along the tool; theta = C (J^T w + tau) in the loaded state.
 
     Attributes:
@@ -21,10 +21,7 @@ class PoseEquation:
     """
 
     room: Array | None = None
-    name: str = "pose"
-    timed: bool = False
-    of_joints: bool = False
-    numbers: Array | None = None
+    name = "pose"
 
     def __str__(self) -> str:
         return "p(q, theta) = p_wanted, z(q, theta) = z_wanted, theta = C (J^T w + tau)"

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from compplan.planning.feed import TorqueRules
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.motion_limits import TorqueRules
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain, build_chain
@@ -20,7 +20,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
-class TorqueLimit:
+class TorqueLimit(Limit):
     """|sum_b J_b^T m_b (p_b'' - g) - J^T w| <= tau_max, p_b the point masses that stand for the bodies.
 
     With x the square of the speed, p_b'' = J_b (q'' x + q' x' / 2) + (J_b q')' q' x. Friction does not count.
@@ -33,10 +33,9 @@ class TorqueLimit:
 
     chain: Chain
     most: Array
-    name: str = "torque"
-    timed: bool = True
-    of_joints: bool = True
-    numbers: Array | None = None
+    name = "torque"
+    timed = True
+    of_joints = True
 
     def __str__(self) -> str:
         return "|M q'' + c + g - J^T w| <= tau_max"

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from compplan.planning.problem import PlanningProblem, Station
+from compplan.planning.problem import Limit, PlanningProblem, Station
 from compplan.robot import Array
 
 
 @dataclass(frozen=True)
-class VelocityLimit:
+class VelocityLimit(Limit):
     """q'^2 x <= v_max^2 on the way to the next station, x the square of the speed.
 
     Attributes:
@@ -21,10 +21,9 @@ class VelocityLimit:
     """
 
     most: Array
-    name: str = "velocity"
-    timed: bool = True
-    of_joints: bool = True
-    numbers: Array | None = None
+    name = "velocity"
+    timed = True
+    of_joints = True
 
     def __str__(self) -> str:
         return "q'^2 x <= v_max^2"

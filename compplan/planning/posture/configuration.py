@@ -6,7 +6,6 @@ starts from what it returns and may rotate about the tool axis from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -16,12 +15,12 @@ from numpy.typing import NDArray
 
 from compplan.errors import InputError
 from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary, summarise_costs
 from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
+from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm, middle_of_limits, refine_ik, solve_branches
 from compplan.toolpath.contact import tool_axes
-from compplan.toolpath.toolpath import Toolpath
 
 #: Waypoints that the choice looks at; the chosen configuration is then solved at every waypoint.
 SAMPLES = 400
@@ -70,20 +69,13 @@ class Posture(NamedTuple):
 
 
 def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Preference | None = None) -> Posture:
-    """Choose one configuration for a whole path and solve it at every waypoint.
+    """Choose one configuration for a whole path (n, 3), (n, 3, 3) and solve it at every waypoint.
 
     Of the configurations (and full turns of joints with more than one) that reach the most waypoints, the one is taken
     that keeps farthest from joint limits and singularities, or that is nearest to the start that the job gives.
 
-    Args:
-        robot: The robot with its tool.
-        position: Wanted TCP positions, base frame. Shape (n, 3). [m]
-        rotation: Wanted orientations of the TCP frame, base frame. Shape (n, 3, 3).
-        wish: What the job says about the posture.
-
     Raises:
         InputError: If the wanted start lies outside the joint limits, or if no waypoint is reached at all.
-
     """
     wish = wish or Preference()
     check_start(robot, wish.start)
@@ -180,16 +172,18 @@ def _fill_missed(arm: Arm, q: Array, reached: NDArray[np.bool_], position: Array
     if not len(missing):
         return q
     rows = np.flatnonzero(reached)
-    nearest = (
-        rows[np.abs(missing[:, None] - rows[None, :]).argmin(axis=1)]
-        if len(missing) * len(rows) < 5e7
-        else (rows[np.clip(np.searchsorted(rows, missing), 0, len(rows) - 1)])
-    )
-    filled = np.clip(q[nearest], arm.robot.lower, arm.robot.upper)
+    filled = np.clip(q[find_nearest_rows(rows, missing)], arm.robot.lower, arm.robot.upper)
     filled = refine_ik(arm, filled, position[missing], rotation[missing], iterations=25)
     q = q.copy()
     q[missing] = np.clip(filled, arm.robot.lower, arm.robot.upper)
     return q
+
+
+def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return of rising rows (k,) those nearest to wanted ones (m,), the lower of two as near. Shape (m,)."""
+    after = np.clip(np.searchsorted(rows, wanted), 0, len(rows) - 1)
+    before = rows[np.maximum(after - 1, 0)]
+    return np.where(np.abs(wanted - before) <= np.abs(rows[after] - wanted), before, rows[after])
 
 
 def _hold_extra_axes(arm: Arm, position: Array, wish: Preference) -> Array:
@@ -258,25 +252,17 @@ def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, wish
 MARGIN_SAMPLES = 600
 
 
-def solve_default_posture(
-    robot: Robot, nominal: Toolpath, tool_x: Array, posture_choice: PostureSummary, axes: Array,
-    margin: Callable[[Array, NDArray[np.int_]], Array] | None,
-) -> PostureSummary | None:  # fmt: skip
-    """Return the plain posture; None where it is not reached, jumps in a cut or does not keep clear.
+def solve_default_posture(problem: PostureProblem, posture_choice: PostureSummary) -> PostureSummary | None:
+    """Return the plain posture in place of what the graph chose, with the settings of that.
 
-    Args:
-        robot: The robot with its tool.
-        nominal: Toolpath in the base frame, with its predicted wrench.
-        tool_x: Where x of the TCP points, base axes. Shape (3,).
-        posture_choice: What the graph chose, with its settings.
-        axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
-        margin: By how much joint positions at waypoints keep clear, or None. [m]
-
+    None where it is not reached, jumps in a cut or does not keep clear.
     """
-    settings, rotation = posture_choice.settings, tool_axes(nominal, tool_x)
+    settings, nominal, margin = posture_choice.settings, problem.nominal, problem.margin
+    rotation = tool_axes(nominal, problem.tool_x)
     start = None if settings.start is None else np.array(settings.start)
     try:
-        plain = choose_posture(robot, nominal.position, rotation, Preference(**settings.configuration, start=start))
+        wish = Preference(**settings.configuration, start=start)
+        plain = choose_posture(problem.robot, nominal.position, rotation, wish)
     except InputError:
         return None
     if plain.missed.any() or find_torn(plain.q, nominal, settings.most_step).any():
@@ -285,16 +271,9 @@ def solve_default_posture(
     if margin is not None and (margin(plain.q[rows], rows) < 0).any():
         return None
     none = np.zeros(len(nominal))
+    picture = replace(posture_choice.map, chosen=np.zeros(len(posture_choice.map.chosen)))
     return replace(
-        posture_choice,
-        q=plain.q,
-        rotation=rotation,
-        spin=none,
-        lead=none,
-        lean=none,
-        configuration=plain.configuration,
-        changes=(),
-        map=replace(posture_choice.map, chosen=np.zeros(len(posture_choice.map.chosen))),
-        instead_of=posture_choice.costs,
-        costs=summarise_costs(build_chain(robot), robot, nominal, plain.q, settings, axes),
-    )
+        posture_choice, q=plain.q, rotation=rotation, spin=none, lead=none, lean=none, changes=(), map=picture,
+        configuration=plain.configuration, instead_of=posture_choice.costs,
+        costs=summarise_costs(replace(problem, settings=settings), plain.q),
+    )  # fmt: skip

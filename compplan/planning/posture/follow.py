@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.trace import reach_tip_and_axis
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, middle_of_limits
@@ -21,7 +20,9 @@ from compplan.toolpath.toolpath import interpolate
 #: Waypoints that are followed one by one; those between are reached from a line through these.
 STATIONS = 500
 #: Newton steps at a waypoint, the greatest motion of a joint in one, and what counts as reached. [rad or m]
-STEPS, LARGEST, REACHED = 25, 0.2, 1e-8
+STEPS, LARGEST, EXACT = 25, 0.2, 1e-8
+#: Tip and axis that fewer joints put right are off by less. [m and rad]
+REACHED = 1e-6
 #: Share of the way to the middle of the limits that the free motion takes in a step.
 DRAWN = 0.02
 
@@ -29,20 +30,10 @@ DRAWN = 0.02
 def follow_from(
     robot: Robot, chain: Chain, position: Array, rotation: Array, start: Array, *, free_spin: bool, most_step: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Follow a path from joint positions near its first waypoint.
+    """Follow a path (n, 3), (n, 3, 3) from joint positions near its first waypoint (nq,).
 
-    Args:
-        robot: The robot with its tool, for its limits.
-        chain: Its chain.
-        position: Wanted tips. Shape (n, 3). [m]
-        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
-        start: Where the arm stands. Shape (nq,). [rad or m]
-        free_spin: Whether the rotation about the tool axis is free.
-        most_step: Greatest motion of a joint between neighbouring waypoints. [rad or m]
-
-    Returns:
-        Joint positions (n, nq) [rad or m], and which waypoints are not reached without a jump (n,).
-
+    Returns joint positions (n, nq) [rad or m], and which waypoints are not reached without a jump (n,): no joint moves
+    farther than `most_step` between neighbouring waypoints.
     """
     n = len(position)
     rows = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).astype(int))
@@ -62,9 +53,8 @@ def reach_with_all(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Put tool tips and axes right with all joints, within their limits, from nearby; shapes as of `follow_from`.
 
-    Returns:
-        Joint positions, and whether tip and axis (and x, where the spin is not free) are right.
-
+    The first step draws them a little to the middle of their limits where asked. Returns joint positions, and whether
+    tip and axis (and x, where the spin is not free) are right.
     """
     q, rest = np.array(q), middle_of_limits(robot)
     for count in range(STEPS):
@@ -84,7 +74,7 @@ def reach_with_all(
         q = np.clip(q + step, robot.lower, robot.upper)
     frames = locate_frames(chain, q)
     error, _ = _equations(chain, q, frames.tcp_position, frames.tcp_rotation, position, rotation, free_spin)
-    return q, np.abs(error).max(axis=1) < REACHED
+    return q, np.abs(error).max(axis=1) < EXACT
 
 
 def _equations(
@@ -114,15 +104,8 @@ def follow_path(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Find joint positions that put the unloaded tool's tip and axis on a path, along one branch.
 
-    Args:
-        arm: The arm.
-        position: Wanted tips, base frame. Shape (n, 3). [m]
-        rotation: Frames whose z is the wanted direction out of the tool. Shape (n, 3, 3).
-        spin_free: Whether the tool may turn about its axis.
-
-    Returns:
-        Joint positions (n, nq) [rad or m], and which waypoints are not reached within the limits (n,).
-
+    rotation: frames whose z is the wanted direction out of the tool (n, 3, 3). Returns joint positions (n, nq)
+    [rad or m], and which waypoints are not reached within the limits (n,).
     """
     robot, n = arm.robot, len(position)
     low, high = np.maximum(robot.lower, -WIDEST), np.minimum(robot.upper, WIDEST)
@@ -145,3 +128,28 @@ def follow_path(
         q[first:], reached[first:] = reach(q[first:], position[first:], rotation[first:])
     outside = ((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9)).any(axis=1)
     return q, ~reached | outside
+
+
+def reach_tip_and_axis(
+    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
+
+    Where `spin_free` is false it does not: that is for arms of four joints. Returns joint positions and whether tip and
+    axis are right.
+    """
+    q = q.copy()
+    for _ in range(20):
+        frames = locate_frames(arm.chain, q)
+        cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
+        if not spin_free:
+            cross, across = cross + np.cross(frames.tcp_rotation[:, :, 0], rotation[:, :, 0]), rotation
+        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
+        if np.abs(error).max() < 1e-10:
+            break
+        columns = joint_jacobian(arm.chain, frames)[:, :, arm.arm]
+        task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
+        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(task.shape[1])
+        step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
+        q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+    return q, np.abs(error).max(axis=1) < REACHED

@@ -20,14 +20,15 @@ from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.planning.posture.configuration import Preference
-from compplan.planning.posture.initial_branches import PostureRequest, Start, find_start
+from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.motion import least_strokes, steady_slide
+from compplan.planning.posture.start import PostureRequest, Start, find_start, name_along
 from compplan.planning.posture.summary import summarise_costs
-from compplan.planning.posture.trace import reach_tip_and_axis
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration, pose_error, refine_ik
+from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath, interpolate
 
 #: Rows of a program that bring the correction in or out; the others follow the path.
@@ -82,15 +83,10 @@ class Lock:
 
 
 def read_lock(job: Job, robot: Robot) -> Lock | None:
-    """Read what a job keeps of its posture on a robot; None where it is chosen anew.
-
-    Args:
-        job: The job; [plan] keep is "robot", "nothing", or a program.
-        robot: The robot that is planned with, its tool mounted.
+    """Read what a job ([plan] keep: "robot", "nothing", or a program) keeps of its posture; None for nothing.
 
     Raises:
-        InputError: If the program is not one of this robot.
-
+        InputError: If the program is not one of this robot, its tool mounted.
     """
     keep = job.plan.keep
     if keep == KEEP_NOTHING:
@@ -109,15 +105,10 @@ def read_lock(job: Job, robot: Robot) -> Lock | None:
 
 
 def read_program(path: Path, robot: Robot) -> Kept:
-    """Read the posture of an earlier plan.
-
-    Args:
-        path: joints.csv of the plan, or the folder that holds it.
-        robot: The robot, for its joints.
+    """Read the posture of an earlier plan from its joints.csv, or the folder that holds it.
 
     Raises:
         InputError: If there is no such file, or it is not what a plan writes for this robot.
-
     """
     file = path / "joints.csv" if path.is_dir() else path
     if not file.is_file():
@@ -147,9 +138,8 @@ def is_same_machine(one: Robot, other: Robot) -> bool:
 
 
 def find_kept_start(
-    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Preference, request: PostureRequest | None,
-    lock: Lock | None,
-) -> Start:  # fmt: skip
+    robot: Robot, nominal: Toolpath, tool_x: Array, wish: Preference, request: PostureRequest | None, lock: Lock | None
+) -> Start:
     """Find where a plan starts, the posture kept where a lock says so; arguments as of `find_start`.
 
     Raises:
@@ -157,20 +147,20 @@ def find_kept_start(
 
     """
     if lock is None or (lock.model is None and lock.program is None):
-        return find_start(robot, nominal, tool_x, rotation, wish, request)
+        return find_start(robot, nominal, tool_x, wish, request)
     if lock.program is not None:
-        near, start = _follow_program(lock.program, nominal, rotation, request)
+        near, start = _follow_program(lock.program, nominal, tool_axes(nominal, tool_x), request)
         start = replace(start, q=near)
     else:
         assert lock.model is not None
         try:
-            start = find_start(lock.model, nominal, tool_x, rotation, wish, request)
+            start = find_start(lock.model, nominal, tool_x, wish, request)
         except InputError:
-            return find_start(robot, nominal, tool_x, rotation, wish, request)
+            return find_start(robot, nominal, tool_x, wish, request)
     kept = _stand_again(robot, start)
     if not (kept.missed & ~start.missed).any():
         return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
-    anew = find_start(robot, nominal, tool_x, rotation, wish, request)
+    anew = find_start(robot, nominal, tool_x, wish, request)
     if anew.missed.sum() >= kept.missed.sum():
         return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
     change = describe_posture_change(robot, start.q, anew.q)
@@ -181,16 +171,9 @@ def find_kept_start(
 
 
 def describe_posture_change(robot: Robot, before: Array, after: Array) -> str:
-    """Name what changed between two postures along one path: configuration, and joints with the greatest change.
+    """Name what changed between two postures (n, nq) along one path: configuration, joints with the greatest change.
 
-    Args:
-        robot: The robot.
-        before: Joint positions. Shape (n, nq). [rad or m]
-        after: Joint positions at the same waypoints. Shape (n, nq). [rad or m]
-
-    Returns:
-        Words, "" where nothing changed beyond what a correction moves.
-
+    "" where nothing changed beyond what a correction moves.
     """
     parts, arm = [], build_arm(robot)
     if len(arm.arm) == 6:
@@ -236,13 +219,7 @@ def _follow_program(
 
 
 def tilt_tool(rotation: Array, axis: Array) -> Array:
-    """Lean TCP frames by the least rotation that points their tool axis, against z, along another one.
-
-    Args:
-        rotation: Orientation of the TCP frame. Shape (n, 3, 3).
-        axis: Wanted tool axis, tip to spindle. Shape (n, 3).
-
-    """
+    """Lean TCP frames (n, 3, 3) by the least rotation that points their tool axis, against z, along axis (n, 3)."""
     before = -rotation[:, :, 2]
     across = np.cross(before, axis)
     angle = np.arctan2(np.linalg.norm(across, axis=1), np.einsum("ni,ni->n", before, axis))
@@ -267,25 +244,18 @@ def _stand_again(robot: Robot, start: Start) -> Start:
         reached = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) < REACHED
     inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
     missed: NDArray[np.bool_] = ~(reached & inside)
-    words = start.configuration
-    if len(arm.arm) == 6:
-        words = CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())]
+    words = name_along(robot, q) or start.configuration
     posture_choice = start.posture_choice
     if posture_choice is not None and start.request is not None and not missed.any():
-        costs = summarise_costs(build_chain(robot), robot, nominal, q, posture_choice.settings, start.request.axes)
+        asked = replace(start.request, settings=posture_choice.settings)
+        costs = summarise_costs(asked.state(robot, nominal, np.zeros(3)), q)
         posture_choice = replace(posture_choice, q=q, costs=costs)
     return replace(start, q=np.clip(q, robot.lower, robot.upper), rotation=rotation, missed=missed,
                    configuration=words, posture_choice=posture_choice)  # fmt: skip
 
 
 def turn_about_axis(stood: Array, axis: Array) -> Array:
-    """Return orientations with a wanted tool axis whose x is the nearest to that of others.
-
-    Args:
-        stood: Orientations of the TCP frame. Shape (n, 3, 3).
-        axis: Wanted tool axis, tip to spindle. Shape (n, 3).
-
-    """
+    """Return orientations with a tool axis (n, 3), tip to spindle, whose x is nearest to that of `stood` (n, 3, 3)."""
     z = -axis
     x = stood[:, :, 0] - np.einsum("ni,ni->n", stood[:, :, 0], z)[:, None] * z
     x = x / np.linalg.norm(x, axis=1, keepdims=True)

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.planning.posture.costs import measure_nodes
-from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.robot import Array
-from compplan.statics.chain import Chain, locate_frames
+from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, middle_of_limits, solve_branches
 from compplan.toolpath.contact import path_axes, tool_axes
-from compplan.toolpath.toolpath import Toolpath, select_waypoints
+from compplan.toolpath.toolpath import Toolpath
 
 #: Why a node cannot be used.
 USABLE, OUT_OF_REACH, JOINT_LIMIT, SINGULAR, COLLISION, NOT_WANTED = range(6)
@@ -108,19 +108,11 @@ def pick_stations(nominal: Toolpath, count: int) -> NDArray[np.int_]:
 
 
 def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
-    """Return positions of the joint next to the part at which the tool always comes from one side; None for no turn.
+    """Return positions (n,) [rad] of the joint next to the part at which the tool always comes from one side, or None.
 
     A part that is worked on from all sides turns under the tool: with b the angle of the tool axis about the joint's
-    axis, seen from the part, the joint stands at a constant - b. Where the two axes are nearly parallel b goes on as it
-    is on either side.
-
-    Args:
-        arm: The arm.
-        nominal: Toolpath, seen from the link that carries the part.
-
-    Returns:
-        Positions in the middle of the joint's range. Shape (n,). [rad]
-
+    axis, seen from the part, the joint stands at a constant - b, in the middle of its range. Where the two axes are
+    nearly parallel b goes on as it is on either side.
     """
     robot, joint = arm.robot, int(arm.robot.carriers.sum()) - 1
     if joint < 0 or joint not in arm.held or robot.prismatic[joint] or robot.lower[joint] == robot.upper[joint]:
@@ -138,16 +130,9 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
     return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
 
 
-def build_options(arm: Arm, settings: PostureSettings, follow: Array | None = None) -> Options:
-    """Build the grid of options; it holds for every station but for what follows.
-
-    Args:
-        arm: The arm.
-        settings: What may vary.
-        follow: Positions, at the stations, that the joint next to the part is tried around (`follow_axis`), or None.
-            Shape (k,). [rad]
-
-    """
+def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
+    """Build the grid of options; it holds for every station (k,) but for what follows the tool axis (`follow_axis`)."""
+    arm, settings, follow = problem.arm, problem.settings, follow_axis(problem.arm, problem.nominal)
     varies = bool(len(arm.held)) or settings.lead > 0 or settings.lean > 0
     step = max(settings.spin_step, FEW_SPINS if len(arm.held) < 2 else FEWER_SPINS) if varies else settings.spin_step
     count = max(1, round(2 * np.pi / step)) if settings.free_spin else 1
@@ -170,7 +155,7 @@ def build_options(arm: Arm, settings: PostureSettings, follow: Array | None = No
     s, h, t = (axis.ravel() for axis in np.meshgrid(*(np.arange(len(v)) for v in (spins, held, tilts)), indexing="ij"))
     standing = held[h][None]
     if follow is not None:
-        standing = standing + np.where(arm.held == followed, follow[:, None, None], 0.0)
+        standing = standing + np.where(arm.held == followed, follow[stations, None, None], 0.0)
     return Options(
         spin=spins[s][None],
         held=standing,
@@ -185,7 +170,7 @@ def build_options(arm: Arm, settings: PostureSettings, follow: Array | None = No
 def orient_tool(
     nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], spin: Array, lead: Array, lean: Array
 ) -> Array:
-    """Return the orientation of the TCP frame at some waypoints, z out of the tool.
+    """Return the orientation of the TCP frame at some waypoints, z out of the tool, columns in base axes.
 
     The tool axis leans forward by `lead` along the travel and by `lean` to the left of it, then the tool turns about
     its own axis by `spin`, right-handed about the direction from tip to spindle.
@@ -194,13 +179,12 @@ def orient_tool(
         nominal: The toolpath in the base frame.
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
         rows: The waypoints. Shape (k,).
-        spin: Shape (k, ...). [rad]
-        lead: Shape (k, ...). [rad]
-        lean: Shape (k, ...). [rad]
+        spin: Rotation, as lead and lean. Shape (k, ...). [rad]
+        lead: Lean along the travel.
+        lean: Lean across it.
 
     Returns:
-        Shape (k, ..., 3, 3), columns in base axes.
-
+        Shape (k, ..., 3, 3).
     """
     upright = tool_axes(nominal, tool_x)[rows]
     shape = np.broadcast_shapes(spin.shape, lead.shape, lean.shape)
@@ -215,30 +199,23 @@ def orient_tool(
     return rotation.reshape(*shape, 3, 3)
 
 
-def fill_lattice(
-    chain: Chain, arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options,
-    settings: PostureSettings, *, axes: Array | None = None,
-) -> Lattice:  # fmt: skip
-    """Solve the inverse kinematics of every node and measure it.
-
-    Args:
-        chain: The elastic chain, for costs.
-        arm: The arm, for inverse kinematics.
-        nominal: Toolpath in the base frame, with its wrench.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        stations: Waypoints. Shape (k,).
-        options: What varies.
-        settings: What the search weighs.
-        axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
-
-    """
-    path = select_waypoints(nominal, stations)
+def orient_options(
+    nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options
+) -> tuple[Array, Array]:
+    """Return orientations (k g, 3, 3) and extra axes (k g, h) of all options at stations (k,)."""
     k, g = len(stations), options.spin.shape[1]
     spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in (options.spin, options.lead, options.lean))
     held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
-    rotation = orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
-    position = np.repeat(path.position, g, axis=0)
-    q = solve_branches(arm, position, rotation, held).reshape(k, g, -1, chain.nq)
+    return orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3), held
+
+
+def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: Options) -> Lattice:
+    """Solve the inverse kinematics of every node at stations (k,) and measure it."""
+    arm, settings, nominal = problem.arm, problem.settings, problem.nominal
+    k, g = len(stations), options.spin.shape[1]
+    rotation, held = orient_options(nominal, problem.tool_x, stations, options)
+    position = np.repeat(nominal.position[stations], g, axis=0)
+    q = solve_branches(arm, position, rotation, held).reshape(k, g, -1, problem.chain.nq)
     q = _wrap_into_limits(q, arm)
     reached = np.isfinite(q[..., 0])
     reason = np.where(reached, USABLE, OUT_OF_REACH).astype(np.int8)
@@ -249,10 +226,9 @@ def fill_lattice(
     reason[(reason == USABLE) & ~_wanted(settings.configuration)[: q.shape[2]]] = NOT_WANTED
     values = {name: np.full(reached.shape, np.nan) for name in ("sensitivity", "deviation", "limits", "dexterity")}
     rows = np.nonzero(reason == USABLE)
-    wrench = np.zeros((len(path), 6)) if path.wrench is None else path.wrench
     nodes = measure_nodes(
-        chain, q[rows], wrench[rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, measure=settings.measure, axes=axes, margin=settings.limit_margin,
+        problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
+        uncertainty=settings.known, measure=settings.measure, axes=problem.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)

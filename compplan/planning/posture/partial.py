@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from compplan.errors import InfeasibleError
 from compplan.planning.posture.choose import NODE_BUDGET, choose_posture_path
+from compplan.planning.posture.configuration import find_nearest_rows
 from compplan.planning.posture.follow import reach_with_all
-from compplan.planning.posture.lattice import build_options, fill_lattice, follow_axis, orient_tool, pick_stations
-from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.lattice import build_options, fill_lattice, orient_tool, pick_stations
+from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureSummary
-from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain, locate_frames
-from compplan.statics.ik import build_arm
+from compplan.robot import Array
+from compplan.statics.chain import locate_frames
 from compplan.toolpath.toolpath import Toolpath, select_waypoints
 
 #: Stretches that are chosen for, the shortest one [waypoints], and attempts on each.
@@ -59,27 +59,17 @@ class Partial(NamedTuple):
     mend: str
 
 
-def find_partial(
-    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array
-) -> Partial | None:
-    """Keep the stretches of a path that an arm can follow; None where there is none.
-
-    Args:
-        robot: The robot with its tool.
-        nominal: Toolpath in the base frame with its wrench.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        settings: What the posture may vary.
-        axes: Axes in whose components the wrench errs. Shape (3, 3).
-
-    """
-    n, found = len(nominal), []
-    for first, last in _find_stretches(robot, nominal, tool_x, settings)[:STRETCHES]:
-        stretch = _choose_stretch(robot, nominal, tool_x, settings, axes, first, last)
+def find_partial(problem: PostureProblem) -> Partial | None:
+    """Keep the stretches of a path that an arm can follow, whatever is in the way; None where there is none."""
+    nominal, tool_x, found = problem.nominal, problem.tool_x, []
+    for first, last in _find_stretches(problem)[:STRETCHES]:
+        stretch = _choose_stretch(problem, first, last)
         if stretch is not None:
             found.append(stretch)
     if not found:
         return None
-    q, rotation, missed = np.full((n, robot.nq), np.nan), np.empty((n, 3, 3)), np.ones(n, bool)
+    n = len(nominal)
+    q, rotation, missed = np.full((n, problem.robot.nq), np.nan), np.empty((n, 3, 3)), np.ones(n, bool)
     for first, posture_choice in found:
         rows = slice(first, first + len(posture_choice.q))
         q[rows], rotation[rows], missed[rows] = posture_choice.q, posture_choice.rotation, posture_choice.missed
@@ -87,45 +77,39 @@ def find_partial(
         return None
     kept = np.flatnonzero(np.isfinite(q[:, 0]))
     lost = np.flatnonzero(~np.isfinite(q[:, 0]))
-    place = np.clip(np.searchsorted(kept, lost), 1, max(len(kept) - 1, 1))
-    near = np.where(lost - kept[place - 1] <= np.abs(kept[np.minimum(place, len(kept) - 1)] - lost), kept[place - 1],
-                    kept[np.minimum(place, len(kept) - 1)])  # fmt: skip
+    near = find_nearest_rows(kept, lost)
     q[lost] = q[near]
     spin = _spin_of(nominal, tool_x, kept, rotation[kept])
     rotation[lost] = orient_tool(
         nominal, tool_x, lost, spin[np.searchsorted(kept, near)], np.zeros(len(lost)), np.zeros(len(lost))
     )
     longest = max(found, key=lambda entry: len(entry[1].q))[1]
-    mend, first = _say(robot, nominal, tool_x, settings, axes, q, rotation, missed), int(np.flatnonzero(missed)[0])
+    mend, first = _say(problem, q, rotation, missed), int(np.flatnonzero(missed)[0])
     sentence = (f"{missed.sum()} of {n} waypoints of the toolpath are out of reach, the first is {first} "
                 f"(s = {1e3 * nominal.arc_length[first]:.0f} mm): {mend}")  # fmt: skip
     return Partial(q, rotation, missed, longest.configuration, sentence[:LONGEST], mend)
 
 
-def find_reached(
-    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, rows: NDArray[np.int_]
-) -> NDArray[np.bool_]:
+def find_reached(problem: PostureProblem, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
     """Tell which waypoints have a posture within the limits, on a coarse grid. Shape (k,)."""
-    arm, chain = build_arm(robot), build_chain(robot)
-    coarse = replace(settings, spin_step=max(settings.spin_step, COARSE))
-    follow = follow_axis(arm, nominal)
-    options = build_options(arm, coarse, None if follow is None else follow[rows])
-    lattice = fill_lattice(chain, arm, nominal, tool_x, rows, options, coarse)
+    step = max(problem.settings.spin_step, COARSE)
+    coarse = replace(problem, settings=replace(problem.settings, spin_step=step))
+    lattice = fill_lattice(coarse, rows, build_options(coarse, rows))
     return np.asarray(lattice.usable.any(axis=(1, 2)))
 
 
-def _find_stretches(robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings) -> list[tuple[int, int]]:
+def _find_stretches(problem: PostureProblem) -> list[tuple[int, int]]:
     """List stretches (first, last waypoint) whose waypoints are within reach, longest first."""
-    options = build_options(build_arm(robot), settings).spin.shape[1]
-    rows = pick_stations(nominal, int(np.clip(2 * NODE_BUDGET // options, 60, settings.stations)))
-    reached = find_reached(robot, nominal, tool_x, settings, rows)
+    options = build_options(problem, np.zeros(1, int)).spin.shape[1]
+    rows = pick_stations(problem.nominal, int(np.clip(2 * NODE_BUDGET // options, 60, problem.settings.stations)))
+    reached = find_reached(problem, rows)
     for _ in range(ROUNDS):
         edges = np.flatnonzero(np.diff(reached.astype(int)))
         more = [np.linspace(rows[e], rows[e + 1], LOOKED_AT + 2).astype(int)[1:-1] for e in edges[:LOOKED_AT]]
         new = np.setdiff1d(np.concatenate(more), rows) if more else np.zeros(0, int)
         if not len(new):
             break
-        seen = find_reached(robot, nominal, tool_x, settings, new)
+        seen = find_reached(problem, new)
         order = np.argsort(np.r_[rows, new], kind="stable")
         rows, reached = np.r_[rows, new][order], np.r_[reached, seen][order]
     ends = np.flatnonzero(np.diff(np.r_[0, reached.astype(int), 0]))
@@ -133,16 +117,14 @@ def _find_stretches(robot: Robot, nominal: Toolpath, tool_x: Array, settings: Po
     return sorted((s for s in spans if s[1] - s[0] >= SHORTEST), key=lambda s: s[0] - s[1])
 
 
-def _choose_stretch(
-    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array, first: int, last: int
-) -> tuple[int, PostureSummary] | None:
+def _choose_stretch(problem: PostureProblem, first: int, last: int) -> tuple[int, PostureSummary] | None:
     """Choose for a stretch; where no motion leads along it, for its longer part."""
     for _ in range(ATTEMPTS):
         if last - first < SHORTEST:
             return None
-        part = select_waypoints(nominal, np.arange(first, last + 1))
+        part = select_waypoints(problem.nominal, np.arange(first, last + 1))
         try:
-            return first, choose_posture_path(robot, part, tool_x, settings, axes=axes)
+            return first, choose_posture_path(replace(problem, nominal=part))
         except InfeasibleError as error:
             stops = first + min(error.waypoints, default=0)
         if stops - first >= last - stops:
@@ -159,17 +141,15 @@ def _spin_of(nominal: Toolpath, tool_x: Array, rows: NDArray[np.int_], rotation:
     return -np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
 
 
-def _say(
-    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array, q: Array, rotation: Array,
-    missed: NDArray[np.bool_],
-) -> str:  # fmt: skip
+def _say(problem: PostureProblem, q: Array, rotation: Array, missed: NDArray[np.bool_]) -> str:
     """Name what stops the first waypoint that fails, and the shift of the part that mends it."""
-    failing, chain = np.flatnonzero(missed), build_chain(robot)
+    robot, chain, settings, position = problem.robot, problem.chain, problem.settings, problem.nominal.position
+    failing = np.flatnonzero(missed)
     some = failing[np.unique(np.linspace(0, len(failing) - 1, FAILING).astype(int))]
     best, _ = reach_with_all(
-        robot, chain, q[some], nominal.position[some], rotation[some], free_spin=settings.free_spin, draw=False
+        robot, chain, q[some], position[some], rotation[some], free_spin=settings.free_spin, draw=False
     )
-    miss = nominal.position[some] - locate_frames(chain, best).tcp_position
+    miss = position[some] - locate_frames(chain, best).tcp_position
     lower, upper = robot.arm_limits
     room = np.minimum(best[0] - lower, upper - best[0])
     at = np.flatnonzero(room < np.where(robot.prismatic, 1e-3, settings.limit_room))
@@ -178,7 +158,7 @@ def _say(
     stopped = " and ".join(named[:2]) or "the reach of the arm"
     verb = "stop" if len(named) > 1 else "stops"
     text = f"{stopped} {verb} it"
-    shift = _find_shift(robot, nominal, tool_x, settings, axes, some, np.flatnonzero(~missed), miss)
+    shift = _find_shift(problem, some, np.flatnonzero(~missed), miss)
     if shift is None:
         most = 1e3 * float(np.linalg.norm(miss, axis=1).max())
         return f"{text}; no shift of the part by some {most:.0f} mm along one axis mends it"
@@ -188,9 +168,8 @@ def _say(
 
 
 def _find_shift(
-    robot: Robot, nominal: Toolpath, tool_x: Array, settings: PostureSettings, axes: Array,
-    failing: NDArray[np.int_], kept: NDArray[np.int_], miss: Array,
-) -> Array | None:  # fmt: skip
+    problem: PostureProblem, failing: NDArray[np.int_], kept: NDArray[np.int_], miss: Array
+) -> Array | None:
     """Return a shift of the part along one axis with which the whole path is followed, or None. Shape (3,). [m]"""
     rows = np.union1d(failing, kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), KEPT)).astype(int))])
     size, tried = max(float(np.linalg.norm(miss, axis=1).max()), STEP), 0
@@ -199,13 +178,13 @@ def _find_shift(
     for share in SHIFTS:
         length = np.ceil(share * size / STEP) * STEP
         for direction in directions:
-            moved = replace(nominal, position=nominal.position + length * direction)
-            if not find_reached(robot, moved, tool_x, settings, rows).all():
+            path = replace(problem.nominal, position=problem.nominal.position + length * direction)
+            moved = replace(problem, nominal=path)
+            if not find_reached(moved, rows).all():
                 continue
             tried += 1
             try:
-                posture_choice = choose_posture_path(robot, moved, tool_x, settings, axes=axes)
-                if not posture_choice.missed.any():
+                if not choose_posture_path(moved).missed.any():
                     return np.asarray(length * direction)
             except InfeasibleError:
                 pass

@@ -21,10 +21,10 @@ from compplan.job.job import Job
 from compplan.job.loading import load_nominal
 from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.costs import ErrorModel, measure_nodes
-from compplan.planning.posture.initial_branches import read_request, state_margin
-from compplan.planning.posture.lattice import build_options, follow_axis, orient_tool, pick_stations
+from compplan.planning.posture.lattice import build_options, orient_options, pick_stations
 from compplan.planning.posture.search import measure_rungs
-from compplan.planning.posture.settings import PostureSettings
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
+from compplan.planning.posture.start import read_request
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -91,18 +91,13 @@ class PlaceResult:
 def place_part(
     job: Job, robot: Robot, announce: Callable[[str], None] = lambda words: None, errors: ErrorModel | None = None,
 ) -> PlaceResult:  # fmt: skip
-    """Search the place of the part.
+    """Search the place of the part where the table [place] of a job lets it stand.
 
-    Args:
-        job: The job; its table [place] says where the part may stand.
-        robot: The robot with its tool.
-        announce: Is told what is being done.
-        errors: What the preset "error_band" counts.
+    `announce` is told what is being done; `errors` is what the preset "error_band" counts.
 
     Raises:
         InputError: If the table [place] asks for too many places.
         InfeasibleError: If the path can be followed at none of them.
-
     """
     if robot.ground and any(job.place.base_height_mm):
         message = "raises a base that a positioner turns with the part; leave it out, place moves the part on its plate"
@@ -184,29 +179,17 @@ class Rater:
         self.settings = replace(settings, spin_step=SPIN_STEP, held_steps=HELD_STEPS, stations=STATIONS)
 
     def rate(self, nominal: Toolpath, tool_x: Array, axes: Array, shifts: Array) -> Array:
-        """Bound the remaining deviation of the path moved by each shift.
+        """Bound the remaining deviation of the path moved by each shift (c, 3) [m]: rms over the cut. Shape (c,). [m]
 
-        Args:
-            nominal: The path at no shift, base frame.
-            tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-            axes: Axes in whose components the wrench errs, as columns. Shape (3, 3).
-            shifts: Shape (c, 3). [m]
-
-        Returns:
-            Root mean square over the cut, NaN where a station is out of reach. Shape (c,). [m]
-
+        NaN where a station is out of reach; tool_x and axes as of `PostureProblem`.
         """
+        problem = PostureProblem(self.robot, nominal, tool_x, self.settings, axes)
         stations = pick_stations(nominal, STATIONS)
         share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
         stations, share = stations[share > 0], share[share > 0]
-        follow = follow_axis(self.arm, nominal)
-        options = build_options(self.arm, self.settings, None if follow is None else follow[stations])
-        k, g = len(stations), options.spin.shape[1]
-        varied = (options.spin, options.lead, options.lean)
-        spin, lead, lean = (np.broadcast_to(v, (k, g)) for v in varied)
-        rotation = orient_tool(nominal, tool_x, stations, spin, lead, lean).reshape(k * g, 3, 3)
-        held = np.broadcast_to(options.held, (k, g, options.held.shape[2])).reshape(k * g, -1)
-        wrench = np.zeros((len(nominal), 6)) if nominal.wrench is None else nominal.wrench
+        rotation, held = orient_options(nominal, tool_x, stations, build_options(problem, stations))
+        k, wrench = len(stations), problem.wrench
+        g = len(held) // k
         bound = np.empty(len(shifts))
         at_once = max(1, BATCH // (k * g))
         for start in range(0, len(shifts), at_once):
@@ -296,9 +279,8 @@ def _search_posture(
     """Search the posture with the part at a place; None where nothing leads along the path."""
     moved = _move_job(job, place, turn)
     request = read_request(moved, robot, errors)
-    given = robot, load_nominal(moved), moved.tool_x_base, request.settings
     try:
-        return choose_posture_path(*given, axes=request.axes, margin=state_margin(request))
+        return choose_posture_path(request.state(robot, load_nominal(moved), moved.tool_x_base))
     except InfeasibleError:
         return None
 
@@ -376,15 +358,12 @@ class FirstPlace:
 
 
 def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
-    """Find a position of the part in whose surroundings the arm reaches its path; None where none is found.
+    """Find a position of the part in whose surroundings the arm reaches the path of a job; None where none is found.
 
-    Args:
-        job: The job; where its part stands does not matter.
-        robot: The robot with its tool.
+    Where its part stands in the job does not matter.
 
     Raises:
         InputError: If the toolpath cannot be read as the job has it.
-
     """
     nominal = load_nominal(job)
     cut = nominal.position[~nominal.rapid]

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compplan.planning.posture.costs import ErrorModel, Measure, ModelScatter
 from compplan.planning.posture.motion import MotionFigures
+from compplan.robot import Array, Robot
+from compplan.statics.chain import Chain, build_chain
+from compplan.statics.ik import Arm, build_arm
+from compplan.toolpath.toolpath import Toolpath
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
-    from compplan.robot import Robot
+
+#: By how much postures keep clear: (q (m, nq), waypoints (m,)) -> margin (m,) [m], negative where too near.
+Margin = Callable[[Array, NDArray[np.int_]], Array]
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,44 @@ class PostureSettings:
     def known(self) -> ModelScatter | ErrorModel:
         """What the sensitivity counts."""
         return self.uncertainty if self.errors is None else self.errors
+
+
+@dataclass(frozen=True)
+class PostureProblem:
+    """The choice of a posture along a path, as every step of the search has it.
+
+    Attributes:
+        robot: The robot with its tool.
+        nominal: Toolpath in the base frame, with its predicted wrench.
+        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
+        settings: What may vary and what it is chosen for.
+        axes: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
+        margin: By how much postures keep clear, or None where nothing is in the way.
+
+    """
+
+    robot: Robot
+    nominal: Toolpath
+    tool_x: Array
+    settings: PostureSettings
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    margin: Margin | None = None
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The elastic chain of the robot."""
+        return build_chain(self.robot)
+
+    @cached_property
+    def arm(self) -> Arm:
+        """The arm for inverse kinematics."""
+        return build_arm(self.robot)
+
+    @property
+    def wrench(self) -> Array:
+        """Predicted wrench, zero where the path carries none. Shape (n, 6). [N, N m]"""
+        wrench = self.nominal.wrench
+        return np.zeros((len(self.nominal), 6)) if wrench is None else wrench
 
 
 def read_settings(job: Job, robot: Robot, errors: ErrorModel | None = None) -> PostureSettings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,9 +13,8 @@ from compplan.planning.posture.costs import Weights, draw_errors, error_columns,
 from compplan.planning.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
 from compplan.planning.posture.motion import measure_inertia_error, measure_travel_error
 from compplan.planning.posture.search import Line
-from compplan.planning.posture.settings import PostureSettings
-from compplan.robot import Array, Robot
-from compplan.statics.chain import Chain
+from compplan.planning.posture.settings import Margin, PostureProblem, PostureSettings
+from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
 
@@ -136,32 +135,25 @@ class PostureSummary:
         }
 
 
-def measure_remaining(
-    chain: Chain, q: Array, nominal: Toolpath, settings: PostureSettings, axes: Array
-) -> dict[str, float]:
-    """Measure the remaining deviation of postures over the cut, under the stated uncertainty.
+def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
+    """Measure the deviation that postures (n, nq) leave over the cut, under the stated uncertainty: rms and 95 %. [mm]
 
     Errors hold for the whole path; the 95 % value is taken over samples of the errors and waypoints together.
-
-    Returns:
-        Expected root mean square and 95 % value. [mm]
-
     """
-    wrench = np.zeros((len(q), 6)) if nominal.wrench is None else nominal.wrench
-    share = cut_shares(nominal)
+    share = cut_shares(problem.nominal)
     rows = np.flatnonzero(share > 0)
     if not len(rows):
-        return {"expected_rms_mm": 0.0, "p95_mm": 0.0}
+        return 0.0, 0.0
     if len(rows) > 400:
         rows = rows[np.linspace(0, len(rows) - 1, 400).astype(int)]
-    spread = error_columns(chain, q[rows], wrench[rows], settings.known, axes)
+    spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.axes)
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))
     lengths = np.linalg.norm(spread @ draw_errors(spread.shape[2]), axis=1)
     order = np.argsort(lengths, axis=None)
     mass = np.cumsum(np.repeat(weight, lengths.shape[1])[order]) / lengths.shape[1]
     quantile = lengths.ravel()[order[min(int(np.searchsorted(mass, 0.95)), len(order) - 1)]]
-    return {"expected_rms_mm": 1e3 * expected, "p95_mm": 1e3 * float(quantile)}
+    return 1e3 * expected, 1e3 * float(quantile)
 
 
 def cut_shares(nominal: Toolpath) -> Array:
@@ -171,17 +163,15 @@ def cut_shares(nominal: Toolpath) -> Array:
     return np.asarray(share / max(share.sum(), 1e-300))
 
 
-def summarise_costs(
-    chain: Chain, robot: Robot, nominal: Toolpath, q: Array, settings: PostureSettings, axes: Array
-) -> dict[str, float]:
+def summarise_costs(problem: PostureProblem, q: Array) -> dict[str, float]:
     """Measure joint positions q (n, nq) along a path at every waypoint by every criterion."""
-    wrench = np.zeros((len(q), 6)) if nominal.wrench is None else nominal.wrench
+    chain, robot, nominal, settings = problem.chain, problem.robot, problem.nominal, problem.settings
     nodes = measure_nodes(
-        chain, q, wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=axes,
+        chain, q, problem.wrench, limits=robot.arm_limits, uncertainty=settings.uncertainty, axes=problem.axes,
         margin=settings.limit_margin,
     )  # fmt: skip
     share = cut_shares(nominal)
-    remaining = measure_remaining(chain, q, nominal, settings, axes)
+    expected, p95 = measure_remaining(problem, q)
     revolute = ~robot.prismatic
     room = np.minimum(q - robot.lower, robot.upper - q)[:, revolute & ~robot.carriers]
     steps = np.diff(q, axis=0)
@@ -191,8 +181,8 @@ def summarise_costs(
     gear, periods, lost, frequency, *_ = settings.motion
     travelled = measure_travel_error(chain, q, share, robot.prismatic, gear=gear, periods=periods, lost=lost)
     return {
-        "sensitivity_rms_mm": remaining["expected_rms_mm"],
-        "sensitivity_p95_mm": remaining["p95_mm"],
+        "sensitivity_rms_mm": expected,
+        "sensitivity_p95_mm": p95,
         "deviation_rms_mm": 1e3 * float(np.sqrt((share * nodes.deviation**2).sum())),
         "limit_distance_deg": float(np.degrees(room.min())) if room.size else float("inf"),
         "dexterity_min": float(nodes.dexterity.min()),
@@ -240,9 +230,7 @@ def slice_map(
     )
 
 
-def mark_collisions(
-    picture: PostureMap, margin: Callable[[Array, NDArray[np.int_]], Array], stride: int = 2
-) -> PostureMap:
+def mark_collisions(picture: PostureMap, margin: Margin, stride: int = 2) -> PostureMap:
     """Mark the postures of a map that come too near, from every `stride`-th station and rotation."""
     reason = picture.reason.copy()
     coarse = reason[::stride, ::stride]

@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from compplan.planning.posture.follow import reach_tip_and_axis
 from compplan.planning.posture.lattice import Options, orient_tool
 from compplan.planning.posture.motion import find_torn, least_strokes, steady_slide
+from compplan.planning.posture.search import Line
+from compplan.planning.posture.settings import PostureProblem
 from compplan.robot import Array
-from compplan.statics.chain import joint_jacobian, locate_frames
-from compplan.statics.ik import Arm, pose_error, refine_ik, solve_branches
+from compplan.statics.chain import locate_frames
+from compplan.statics.ik import pose_error, refine_ik, solve_branches
 from compplan.toolpath.toolpath import Toolpath
 
 #: A waypoint of the same configuration lies this near to the straight line between its stations. [rad]
@@ -46,29 +49,16 @@ class PostureTrace:
 
 
 def trace_line(
-    arm: Arm, nominal: Toolpath, tool_x: Array, stations: NDArray[np.int_], options: Options, choice: NDArray[np.int_],
-    q: Array, *, most_step: float, free_spin: bool = True,
-    smooth: bool = False,
-) -> PostureTrace:  # fmt: skip
-    """Follow a line of the graph at every waypoint.
+    problem: PostureProblem, stations: NDArray[np.int_], options: Options, line: Line, *, smooth: bool
+) -> PostureTrace:
+    """Follow a line of the graph through stations (k,) at every waypoint.
 
-    Args:
-        arm: The arm.
-        nominal: Toolpath in the base frame.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        stations: Waypoint of each station. Shape (k,).
-        options: What varies.
-        choice: Option at each station. Shape (k,).
-        q: Joint positions at each station. Shape (k, nq). [rad or m]
-        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad]
-        free_spin: Whether the rotation about the tool axis may give way where the line passes a singularity.
-        smooth: Whether the steps that the grid leaves in rotation and leans are smoothed.
-
+    The rotation about the tool axis gives way, where it is free, if the line passes a singularity; `smooth` takes out
+    the steps that the grid leaves in rotation and leans.
     """
-    n = len(nominal)
-    rows = np.arange(n)
-    place = _measure(nominal)
-    spin_at, lead_at, lean_at = (_take(v, choice) for v in (options.spin, options.lead, options.lean))
+    arm, nominal, q, most_step = problem.arm, problem.nominal, line.q, problem.settings.most_step
+    rows, place = np.arange(len(nominal)), _measure(nominal)
+    spin_at, lead_at, lean_at = (_take(v, line.option) for v in (options.spin, options.lead, options.lean))
     along = np.unwrap(spin_at)
     if smooth and len(stations) > 3:
         along, lead_at, lean_at = (_blur(v) for v in (along, lead_at, lean_at))
@@ -77,7 +67,7 @@ def trace_line(
     for j, stroke in enumerate(least_strokes(arm.robot)):
         if stroke > 0 and j in arm.held:
             between[:, j] = np.clip(steady_slide(between[:, j], stroke), arm.robot.lower[j], arm.robot.upper[j])
-    rotation = orient_tool(nominal, tool_x, rows, spin, lead, lean)
+    rotation = orient_tool(nominal, problem.tool_x, rows, spin, lead, lean)
     upright = rotation
     branches = solve_branches(arm, nominal.position, rotation, between[:, arm.held])
     away = branches - between[:, None]
@@ -93,7 +83,7 @@ def trace_line(
         error = pose_error(arm.chain, followed[lost], nominal.position[lost], rotation[lost])
         lost[lost] = np.abs(error).max(axis=1) > REACHED
     torn = find_torn(followed, nominal, most_step)
-    if free_spin and (lost | torn).any():
+    if problem.settings.free_spin and (lost | torn).any():
         stretch = _whole_stretches(lost | torn, stations)
         wanted = nominal.position[stretch], rotation[stretch]
         followed[stretch], reached = reach_tip_and_axis(arm, between[stretch], *wanted)
@@ -117,34 +107,6 @@ def _whole_stretches(marked: NDArray[np.bool_], stations: NDArray[np.int_]) -> N
         high = stations[min(after, len(stations) - 1)] - (after < len(stations))
         chosen[low : high + 1] = True
     return np.flatnonzero(chosen)
-
-
-def reach_tip_and_axis(
-    arm: Arm, q: Array, position: Array, rotation: Array, *, spin_free: bool = True
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Put the tool's tip and axis right from nearby, with least joint motion; the rotation about the axis gives way.
-
-    Where `spin_free` is false it does not: that is for arms of four joints.
-
-    Returns:
-        Joint positions and whether tip and axis are right.
-
-    """
-    q = q.copy()
-    for _ in range(20):
-        frames = locate_frames(arm.chain, q)
-        cross, across = np.cross(frames.tcp_rotation[:, :, 2], rotation[:, :, 2]), rotation[:, :, :2]
-        if not spin_free:
-            cross, across = cross + np.cross(frames.tcp_rotation[:, :, 0], rotation[:, :, 0]), rotation
-        error = np.concatenate([position - frames.tcp_position, np.einsum("nij,ni->nj", across, cross)], axis=1)
-        if np.abs(error).max() < 1e-10:
-            break
-        columns = joint_jacobian(arm.chain, frames)[:, :, arm.arm]
-        task = np.concatenate([columns[:, :3], np.swapaxes(across, 1, 2) @ columns[:, 3:]], axis=1)
-        gram = task @ np.swapaxes(task, 1, 2) + 1e-10 * np.eye(task.shape[1])
-        step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
-        q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-    return q, np.abs(error).max(axis=1) < REACHED
 
 
 def _blur(values: Array) -> Array:

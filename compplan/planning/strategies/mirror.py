@@ -24,17 +24,9 @@ def command_path(task: PlanTask) -> Command:
 
 
 def mirror_deviation(task: PlanTask, q: Array, position: Array, rotation: Array) -> tuple[Array, Array, Array, float]:
-    """Move the commanded pose against the deviation that the model predicts for it.
+    """Move the commanded pose (q, and its position and rotation) against the deviation that the model predicts for it.
 
-    Args:
-        task: The task.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        position: TCP positions that q commands. Shape (n, 3). [m]
-        rotation: Orientations that q commands. Shape (n, 3, 3).
-
-    Returns:
-        New joint positions, commanded positions and orientations, and the greatest deviation that was mirrored. [m]
-
+    Returns new joint positions, commanded positions and orientations, and the greatest deviation mirrored. [m]
     """
     attained = attain(task, q)
     moved = task.compensated[:, None]

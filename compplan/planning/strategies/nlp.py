@@ -20,15 +20,10 @@ words = "optimised (nlp)"
 
 
 def command_path(task: PlanTask, near: Command | None = None) -> Command:
-    """Solve for the joint positions whose loaded tool is on the path.
+    """Solve for the joint positions whose loaded tool is on the path, from `near`, a command for nearly these loads.
 
     Waypoints that cannot be reached within the limits make the status "infeasible"; they are named, and the command
     misses the path there by as little as the limits allow.
-
-    Args:
-        task: The task.
-        near: A command for nearly these loads, None for none.
-
     """
     real, task = task, without_play(task)
     links = None if near is None else np.asarray(near.facts.get("links", near.q))
@@ -48,10 +43,7 @@ def approach_path(task: PlanTask) -> Command:
 def correct_command(task: PlanTask, command: Command) -> Command:
     """Bring a command up to date after a small change of the load, by Newton steps that move the joints least.
 
-    Args:
-        task: The task with its new load.
-        command: A command for another load; waypoints that fail in it keep their joint positions.
-
+    Waypoints that fail in it keep their joint positions.
     """
     q, failing = np.array(command.facts.get("links", command.q)), np.array(sorted(command.failures), int)
     return _finish(task, correct_pose(without_play(task), q, failing), command)

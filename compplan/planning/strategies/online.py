@@ -56,16 +56,11 @@ def hold_robot(robot: Robot, spring_gain: Array) -> Robot:
 
 
 def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> dict[str, Answer]:
-    """Let strategies prepare themselves for a task.
-
-    Args:
-        task: The task.
-        strategies: Names of the strategies; all if left out.
+    """Let strategies (all if left out) prepare themselves for a task.
 
     Raises:
         UnknownNameError: If there is no such strategy.
         InputError: If a strategy does not suit the robot.
-
     """
     maps, answers = PathMaps(task), {}
     for name in list_strategies() if strategies is None else strategies:
@@ -127,16 +122,7 @@ class Answer:
 
 
 def answer_reading(gain: Array, reading: Array) -> Array:
-    """Answer a reading: gain times reading, components first.
-
-    Args:
-        gain: Shape (nq, k, n).
-        reading: Reading less the expected one. Shape (k, b, n), b samples.
-
-    Returns:
-        Change of the command. Shape (nq, b, n). [rad or m]
-
-    """
+    """Return the change of the command (nq, b, n) [rad or m] for b samples: gain (nq, k, n) times reading (k, b, n)."""
     answer = np.zeros((len(gain), *reading.shape[1:]))
     for row, rates in zip(answer, gain, strict=True):
         for rate, part in zip(rates, reading, strict=True):

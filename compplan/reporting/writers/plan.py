@@ -161,8 +161,7 @@ def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
     """
     n = len(plan.task)
     stands = np.zeros(before + n + after, bool)
-    if plan.task.rests is not None:
-        stands[before : before + n] = plan.task.rests
+    stands[before : before + n] = plan.task.rests
     stands[before] |= before > 0
     stands[find_halts(place_events(plan.task.nominal.events, before, n, after))] = True
     return stands
@@ -276,8 +275,7 @@ def choose_rows(plan: Plan) -> NDArray[np.bool_]:
     stay = np.zeros(len(time), bool)
     stay[[0, -1, first]] = True
     stay[first : first + n] |= rapid[:-1] | rapid[1:]
-    if plan.task.rests is not None:
-        stay[first : first + n] |= plan.task.rests
+    stay[first : first + n] |= plan.task.rests
     stay[[first + event.place for event in plan.task.nominal.events if event.place >= 0]] = True
     kept: list[int] = []
     for row in range(len(time)):
@@ -345,8 +343,7 @@ def make_program(plan: Plan) -> Program:
     rapid = np.r_[np.ones(before, bool), plan.task.nominal.rapid, np.ones(after, bool)]
     exact = np.zeros(len(rapid), dtype=bool)
     exact[before] = before > 0  # the tool stands where the cut begins
-    if plan.task.rests is not None:
-        exact[before : before + len(plan.task)] |= plan.task.rests
+    exact[before : before + len(plan.task)] |= plan.task.rests
     free = np.r_[np.zeros(before, bool), plan.task.lead, np.zeros(after, bool)]
     feed = np.r_[np.zeros(before), plan.command_feed, np.zeros(after)]
     start = float(plan.approach.key_gap.sum())

@@ -73,10 +73,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         file: Its name, for messages.
         options: What the file does not say by itself.
 
-    Raises:
-        InputError: With file and line, if an arc is off its circle, or the file holds what is not read here: splines,
-            macros, repeated or transformed paths, part programs whose geometry is not resolved.
-
     """
     reader = _AptReader(options, flipped=False)
     for flipped in (False, True):

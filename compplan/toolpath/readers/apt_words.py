@@ -23,12 +23,7 @@ OTHER = {"1STPECK", "BACKFEED", "BOTTOM", "BRKCHP", "CAM", "CHIP", "CSINK", "DEC
 
 
 def split_records(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each record with the line that it begins in; $ continues it, $$ begins a comment: whole lines are yielded.
-
-    Raises:
-        InputError: If a record is longer than any line may be.
-
-    """
+    """Yield each record with its first line; $ continues it, $$ begins a comment; whole lines are yielded."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         if not pending and raw.lstrip().startswith("$$"):
@@ -49,12 +44,7 @@ def split_records(text: str) -> Iterator[tuple[int, str]]:
 
 
 def split_fields(minor: str) -> list[float | str]:
-    """Return the fields of a record, numbers as such.
-
-    Raises:
-        InputError: If a field is neither a number nor a word: 1O, 1.2.3, nothing between two commas.
-
-    """
+    """Return the fields of a record, numbers as such."""
     texts = [text.strip() for text in (minor.upper().split(",") if "," in minor else minor.upper().split())]
     if len(texts) > 3 and not texts[-1]:
         texts.pop()
@@ -107,10 +97,6 @@ def read_cycle(fields: Sequence[float | str]) -> AptCycle:
 
     A depth is of either sign. In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or
     CYCLE/kind, d, f, IPM, c.
-
-    Raises:
-        InputError: If a number belongs to no word that is known.
-
     """
     if not fields:
         raise InputError("a cycle has no kind, expected CYCLE/DRILL, ..")

@@ -162,9 +162,6 @@ def find_arc(start: Point, via: Point, end: Point, angle: float | None = None) -
         end: End. [mm]
         angle: Angle of the arc in place of the one that ends at `end`. [rad]
 
-    Raises:
-        InputError: If the points lie on a line.
-
     """
     u, v = combine(1.0, via, -1.0, start), combine(1.0, end, -1.0, start)
     normal = cross(u, v)

@@ -61,9 +61,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         file: Its file, for messages; NAME.dat beside it holds positions.
         options: What the program does not say by itself.
 
-    Raises:
-        InputError: With file and line, if a move stands in a loop or a branch, is relative, or goes nowhere known.
-
     """
     reader = _KrlReader(file, options)
     reader.flow.run(text)

@@ -28,14 +28,7 @@ def clean_line(raw: str) -> str:
 
 
 class KrlFlow:
-    """Follow programs statement by statement.
-
-    Args:
-        program: The program that is read.
-        carry_out: Carries out a statement.
-        assign: Carries out an assignment; returns whether a statement is one.
-
-    """
+    """Follow programs statement by statement."""
 
     def __init__(self, program: RobotProgram, carry_out: Callable[[str], None], assign: Callable[[str], bool]) -> None:
         self.program, self.carry_out, self.assign = program, carry_out, assign

@@ -52,9 +52,6 @@ def find_machine(name: str, folder: Path) -> NamedMachine:
         name: Its name.
         folder: The folder of the CAM file.
 
-    Raises:
-        InputError: If there is none, or its file is not what it has to be.
-
     """
     own = folder / f"{name}.toml"
     if own.is_file():
@@ -72,9 +69,6 @@ def use_machine(options: CamTable, file: Path) -> CamTable:
     Args:
         options: The options.
         file: The CAM file.
-
-    Raises:
-        InputError: As `find_machine` does.
 
     """
     if options.machine is None:

@@ -164,12 +164,7 @@ class MoveLog:
         self._put(point, feed, 0.0)
 
     def arc(self, arc: Arc, end: Point, feed: float) -> None:
-        """Cut along an arc that ends at a point; the tool axis stays.
-
-        Raises:
-            InputError: If the arc is too large or too long.
-
-        """
+        """Cut along an arc that ends at a point; the tool axis stays."""
         self._start()
         if not arc.radius <= LARGEST_RADIUS:
             raise InputError(f"arc of radius {arc.radius:g} mm, at most {LARGEST_RADIUS:g} mm is read")
@@ -206,12 +201,7 @@ class MoveLog:
         self.notes[message] = (first, times + 1)
 
     def happen(self, kind: str, line: int, *, value: float = 0.0, text: str = "") -> None:
-        """Let something happen where the tool is now.
-
-        Raises:
-            InputError: If the file has more events than any program.
-
-        """
+        """Let something happen where the tool is now."""
         place = len(self._rows) // WIDTH - 1
         if kind == "comment":
             self.comments += 1
@@ -223,12 +213,7 @@ class MoveLog:
         self.events.append(Event(place, kind, value, text[:LONGEST_TEXT]))
 
     def _put(self, point: Point, feed: float, rapid: float, arc: float = 0.0) -> None:
-        """Put down a row at a point.
-
-        Raises:
-            InputError: If the file makes too many, or the point is too far off.
-
-        """
+        """Put down a row at a point."""
         self.waypoints += 1
         if self.waypoints > MOST_WAYPOINTS:
             raise InputError(f"more than {MOST_WAYPOINTS} waypoints come out, arcs as their chords; no more are read")
@@ -288,12 +273,7 @@ class MoveLog:
         return drilled
 
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
-        """Return toolpath and facts.
-
-        Raises:
-            InputError: If a coordinate is not finite.
-
-        """
+        """Return toolpath and facts."""
         table, found = self._tabulate()
         if not np.isfinite(table).all():
             raise InputError("a coordinate is too great to be a number", file=file)

@@ -65,9 +65,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
         file: Its file, for messages.
         options: What the module does not say by itself.
 
-    Raises:
-        InputError: With file and line, if a move stands in a loop or a branch, or goes to what is no number.
-
     """
     reader = _RapidReader(file, options)
     reader.run(text)

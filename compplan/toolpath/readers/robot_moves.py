@@ -31,13 +31,7 @@ SPLINE_POINTS = 16
 
 
 class RobotProgram:
-    """Hold a robot program that is followed: its line, blocks that are open and not carried out, calls, its moves.
-
-    Args:
-        file: Its file.
-        options: What it does not say by itself.
-
-    """
+    """Hold a robot program that is followed: its line, blocks that are open and not carried out, calls, its moves."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
         self.file, self.options, self.line = file, options, 0
@@ -140,12 +134,7 @@ class RobotMoves:
         self.note("the tool changes on the way: the path is that of the tip of each")
 
     def _begin(self, end: Array) -> Array:
-        """Return the pose at which a straight or circular move to a pose begins.
-
-        Raises:
-            InputError: If it is not known, and the user states no place.
-
-        """
+        """Return the pose at which a straight or circular move to a pose begins."""
         self._note()
         if self.pose is None:
             reason = "after a joint move to axis values" if self.moved else "at the beginning of the program"
@@ -180,9 +169,6 @@ class RobotMoves:
             feed: Feed. [mm/s]
             angle: Angle of the arc, positive from start over via to end, negative the other way round.
 
-        Raises:
-            InputError: If the three points lie on no circle.
-
         """
         end = self.frame @ pose
         before = self._begin(end)
@@ -200,12 +186,7 @@ class RobotMoves:
         self.pose = goal
 
     def spline(self, poses: list[Array], feed: float) -> None:
-        """Move on a spline through poses.
-
-        Raises:
-            InputError: If it begins at an unknown place.
-
-        """
+        """Move on a spline through poses."""
         ends = [self.frame @ pose for pose in poses]
         before = self._begin(ends[0])
         self.note(

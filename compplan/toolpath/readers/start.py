@@ -24,9 +24,6 @@ def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | N
         stated: Coordinates that take the place of unknown ones (`from_mm`), or None. [mm]
         reason: Why the place is not known, for the message.
 
-    Raises:
-        InputError: If a coordinate is not known and none is stated.
-
     """
     axes = sorted(set(unknown))
     if axes and stated is None:

@@ -224,6 +224,9 @@ def test_rotations_scales_mirrors_and_polar_coordinates_move_the_path(read) -> N
     assert end("G51.1 X5\nG50.1\nG1 X2 Y3 F9\n") == [2, 3, 10]
     assert end("G16\nG1 X10 Y90 F9\nG15\n") == [0, 10, 10]
     assert end("G16\nG1 X10 Y30 F9\nG91 Y60\nG90 G15\n") == [0, 10, 10]
+    assert end("G0 X0 Y10\nG16\nG1 X20 F9\n") == [0, 20, 10]  # an angle or radius left out: where the tool is
+    assert end("G0 X0 Y10\nG16\nG1 Y0 F9\n") == [10, 0, 10]
+    assert end("G16\nG1 X10 Y90 F9\nG15\nX5 Y0\nG16 X20\n") == [20, 0, 10]
     mirrored = read(HEAD + "G51.1 X0\nG1 X0 Y0 F9\nG3 X10 Y10 R10\n", ".nc").toolpath.position[2:] * 1e3
     assert np.hypot(mirrored[:, 0], mirrored[:, 1] - 10) == pytest.approx(10)  # it turns the other way, about (0, 10)
     with pytest.raises(InputError, match="would be an ellipse"):
@@ -325,6 +328,8 @@ def test_macros_loops_jumps_and_subprograms_of_the_file_are_carried_out(read) ->
     [
         ("N1 G1 X1 F9\nGOTO 1", ":4: this jump repeats without end"),
         ("#1=0\nN1 #1=#1+1\nGOTO 1", ":5: more than 20000 jumps"),
+        ("#1=0\nN1 #1=#1+1" + "+0" * 400 + "\nGOTO 1", ":4: more than 2000000 letters of macro blocks"),
+        ("WHILE [#1 LT 3] DO" + " 1" * 400 + "\n#1=#1+1\nEND1", r":3: .* expected WHILE \[..\] DO and a number"),
         ("WHILE [1 EQ 1] DO 1\nG1 X1 F9\nEND 1", ":5: this jump repeats without end"),
         ("GOTO 77", ":3: jump to block N77, which is not in this program"),
         ("WHILE [1 EQ 2] DO 1\nG1 X1 F9", "loop 1 has no END 1"),

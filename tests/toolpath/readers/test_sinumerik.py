@@ -267,6 +267,12 @@ def test_what_is_not_read_is_refused_with_its_line(read, body: str, sentence: st
     assert sentence in str(fault.value) and "part.mpf:" in str(fault.value)
 
 
+def test_a_second_work_offset_is_refused_with_what_this_control_can_state(read) -> None:
+    with pytest.raises(InputError, match=r"state which one is the part frame .*wcs") as fault:
+        read(f"{HEAD}G1 X5 F9\nG55 X5\nM30\n")
+    assert "G10" not in fault.value.message
+
+
 def test_the_text_says_the_language_whatever_the_ending(tmp_path: Path) -> None:
     assert read_cam_text(tmp_path, POST, ".nc").facts.kind == "sinumerik"
     everyday = "G90 G71\nMCALL\nG0 X0 Y0 Z5\nG1 Z0 F500\nG1 X20\nG3 X10 Y10 I=AC(10) J=AC(0)\n"

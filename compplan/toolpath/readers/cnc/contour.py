@@ -122,12 +122,7 @@ class Contour:
             self._put(element)
 
     def refuse_open(self) -> None:
-        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one.
-
-        Raises:
-            InputError: If there is one.
-
-        """
+        """Refuse a corner or an approach that no cut follows; put down what waits for a modal one."""
         if self.held is not None and self.held[1].modal:
             element, self.held = self.held[0], None
             self._put(element)

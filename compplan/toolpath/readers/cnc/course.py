@@ -28,14 +28,7 @@ class OffCircleError(InputError):
 
 
 class Course:
-    """Hold where the tool is, in the coordinates of the program, and put down its moves in the part.
-
-    Args:
-        reader: Knows the line that is read.
-        options: What the program does not say by itself: `from_mm` is where cuts begin whose start it leaves open.
-        starts_at_zero: Whether coordinates that were never stated are 0 at the first cut, with a note.
-
-    """
+    """Hold where the tool is, in the coordinates of the program, and put down its moves in the part."""
 
     def __init__(self, reader: HasLine, options: CamTable, *, starts_at_zero: bool = False) -> None:
         self.reader, self.options, self.starts_at_zero = reader, options, starts_at_zero
@@ -170,12 +163,7 @@ class Course:
         log.rapid(point, axis)
 
     def begin_cut(self) -> None:
-        """Let a cut begin where the tool is, before its block says where it ends.
-
-        Raises:
-            InputError: If that is not known, and the user states no place.
-
-        """
+        """Let a cut begin where the tool is, before its block says where it ends."""
         if self.muted:
             return
         unknown = self.untold | self.lost
@@ -205,12 +193,7 @@ class Course:
             find_start(self.position, unknown, None, self.reason)
 
     def leave_out(self, target: Point, named: Iterable[int] = ()) -> bool:
-        """Leave out a cut where moves are muted; return whether they are.
-
-        Raises:
-            InputError: If the reason allows no cut.
-
-        """
+        """Leave out a cut where moves are muted; return whether they are."""
         if not self.muted:
             return False
         if refusal := next((refusal for refusal, _ in self.muted.values() if refusal), ""):
@@ -221,12 +204,7 @@ class Course:
         return True
 
     def line(self, target: Point, named: Iterable[int], feed: float, axis: Point | None = None) -> None:
-        """Cut straight to a place with a feed in mm/s; the tool turns to `axis` on the great circle.
-
-        Raises:
-            InputError: If it begins where the tool is not known to be.
-
-        """
+        """Cut straight to a place with a feed in mm/s; the tool turns to `axis` on the great circle."""
         if self.leave_out(target, named):
             return
         if not self.knows:

@@ -95,12 +95,7 @@ def _cut_hole(course: Course, hole: Hole) -> None:
 
 
 def list_pecks(clear: float, bottom: float, first: float, less: float, least: float) -> list[float]:
-    """Return the levels of the pecks of a hole: of `first`, each by `less` shorter, none shorter than `least`.
-
-    Raises:
-        InputError: If there are more than any hole has.
-
-    """
+    """Return the levels of the pecks of a hole: of `first`, each by `less` shorter, none shorter than `least`."""
     if (clear - bottom) / max(least, 1e-9) > MOST_PECKS:
         raise InputError(f"a hole of more than {MOST_PECKS} pecks, of {least:g} mm")
     depths, peck = [clear], first

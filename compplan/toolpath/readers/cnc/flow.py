@@ -52,14 +52,7 @@ class Call:
 
 
 class Flow:
-    """Follow programs from line to line.
-
-    Args:
-        file: File of the first one.
-        most_jumps: Greatest number of jumps.
-        deepest: Greatest depth of calls.
-
-    """
+    """Follow programs from line to line."""
 
     def __init__(self, file: Path, most_jumps: int | None = None, deepest: int = DEEPEST) -> None:
         self.file, self.deepest = file, deepest
@@ -91,12 +84,7 @@ class Flow:
         self.call = kept
 
     def run_program(self, name: str, program: CncProgram, times: float, start: int | None = None) -> None:
-        """Carry out a subprogram so many times.
-
-        Raises:
-            InputError: If it is called more often or deeper than any program does.
-
-        """
+        """Carry out a subprogram so many times."""
         if not 0 <= times <= MOST_CALLS or self.depth >= self.deepest:
             raise self.error(f"subprogram {name} is called {times:g} times at depth {self.depth + 1}, allowed are "
                              f"{MOST_CALLS} times and a depth of {self.deepest}")  # fmt: skip
@@ -111,12 +99,7 @@ class Flow:
         self.line, self.file = here, at
 
     def count_jump(self) -> None:
-        """Count a jump or a call.
-
-        Raises:
-            InputError: If there are more than any program has.
-
-        """
+        """Count a jump or a call."""
         self.jumps += 1
         if self.jumps > self.most_jumps:
             raise self.error(f"more than {self.most_jumps} jumps and calls are carried out; no more are read")

@@ -57,13 +57,7 @@ SILENT_FUNCTION = re.compile(
 
 
 class Klartext:
-    """Carry out a conversational program.
-
-    Args:
-        file: Its file.
-        options: What the program does not say by itself.
-
-    """
+    """Carry out a conversational program."""
 
     tip_word = "M128"
     ends = frozenset({2.0, 30.0})

@@ -162,13 +162,7 @@ def _tangent_point(
 
 
 class Approaches:
-    """Carry out APPR and DEP.
-
-    Args:
-        it: The program that is read.
-        words: Words of its blocks.
-
-    """
+    """Carry out APPR and DEP."""
 
     def __init__(self, it: Interpreter, words: KlartextWords) -> None:
         self.it, self.words = it, words

@@ -50,14 +50,7 @@ class Cycle:
 
 
 class HeidenhainCycles:
-    """Define and carry out cycles.
-
-    Args:
-        it: The program that is read.
-        datums: Its frames and parameters.
-        words: Words of its blocks, and with them its tool.
-
-    """
+    """Define and carry out cycles."""
 
     def __init__(self, it: Interpreter, datums: KlartextDatums, words: KlartextWords) -> None:
         self.it, self.datums, self.words, self.to_mm_s = it, datums, words, words.to_mm_s

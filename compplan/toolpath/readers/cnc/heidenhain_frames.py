@@ -29,12 +29,7 @@ def find_spatial(a: float, b: float, c: float) -> Frame:
 
 
 class KlartextDatums:
-    """Hold the frames that a program has put in force, and its parameters.
-
-    Args:
-        it: The program that is read.
-
-    """
+    """Hold the frames that a program has put in force, and its parameters."""
 
     def __init__(self, it: Interpreter) -> None:
         self.it = it

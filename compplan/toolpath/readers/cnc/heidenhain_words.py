@@ -27,13 +27,7 @@ Words = dict[str, str]
 
 
 class KlartextWords:
-    """Read the words of blocks, and let happen what they switch.
-
-    Args:
-        it: The program that is read.
-        datums: Its frames and parameters.
-
-    """
+    """Read the words of blocks, and let happen what they switch."""
 
     def __init__(self, it: Interpreter, datums: KlartextDatums) -> None:
         self.it, self.datums = it, datums
@@ -64,12 +58,7 @@ class KlartextWords:
         self.it.set_frame()
 
     def split(self, text: str) -> tuple[Words, set[int]]:
-        """Return the words of a block by their letters, and its M functions.
-
-        Raises:
-            InputError: If something in it is not read, or a word stands twice.
-
-        """
+        """Return the words of a block by their letters, and its M functions."""
         functions: set[int] = set()
         if "M1" in text or "M 1" in text:
             for found in M_WORDS.finditer(text):

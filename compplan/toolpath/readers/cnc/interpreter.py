@@ -83,18 +83,7 @@ class HasInterpreter(Protocol):
 
 
 class Interpreter:
-    """Hold a program that is read: its state, and what carries out its words.
-
-    Args:
-        file: Its file.
-        options: What the program does not say by itself.
-        state: State at the beginning.
-        dialect: Its dialect.
-        flow: Order of its lines.
-        unit: Unit of its coordinates, for messages.
-        starts_at_zero: Whether coordinates that were never stated are 0 at the first cut.
-
-    """
+    """Hold a program that is read: its state, and what carries out its words."""
 
     def __init__(self, file: Path, options: CamTable, state: State, dialect: Dialect, flow: Flow, *, unit: str = " mm",
                  starts_at_zero: bool = False) -> None:  # fmt: skip
@@ -112,12 +101,7 @@ class Interpreter:
         flow.run_line = dialect.run_line
 
     def run(self, program: CncProgram, finish: Callable[[], None] = lambda: None) -> None:
-        """Carry out a program, refuse a corner that no move follows, and stop what still turns.
-
-        Raises:
-            InputError: With file and line, if a block is not read and may change the path.
-
-        """
+        """Carry out a program, refuse a corner that no move follows, and stop what still turns."""
         try:
             self.flow.run(program)
             self.contour.refuse_open()
@@ -208,12 +192,7 @@ class Interpreter:
         self.note(ask_compensation(self.options, word))
 
     def call(self, name: str, times: float) -> None:
-        """Carry out a subprogram of the file, or beside it.
-
-        Raises:
-            InputError: If it is not there.
-
-        """
+        """Carry out a subprogram of the file, or beside it."""
         if not self.flow.find_beside(name):
             where = f"neither %_N_{name}_SPF in this file nor {name}.SPF beside it is there"
             raise InputError(f"subprogram call {name[:40]} is not read: {where}")

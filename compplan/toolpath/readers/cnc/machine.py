@@ -20,15 +20,7 @@ LEAST_MILLISECONDS = 100.0
 
 
 class Machine:
-    """Let happen what M codes and the words S and T switch.
-
-    Args:
-        state: State of the program.
-        log: Log of the moves.
-        silent: M codes that switch nothing that a robot has, or that are dealt with elsewhere.
-        ends: M codes that end a program.
-
-    """
+    """Let happen what M codes and the words S and T switch."""
 
     def __init__(self, state: State, log: MoveLog, silent: frozenset[float], ends: frozenset[float]) -> None:
         self.state, self.log, self.silent, self.ends = state, log, silent | ends, ends

@@ -37,17 +37,7 @@ FARTHEST_WITHOUT_POINT = 10_000.0
 
 
 class MotionReader:
-    """Carry out the motion of blocks.
-
-    Args:
-        course: Where the tool is.
-        contour: Corners and arcs that wait for the next block.
-        rotary: The rotary axes.
-        state: What is modal.
-        dialect: The dialect.
-        set_frame: Puts the frame of the coordinates in force; carried: rotary axes have carried tool or part along.
-
-    """
+    """Carry out the motion of blocks."""
 
     def __init__(self, course: Course, contour: Contour, rotary: Rotary, state: State, dialect: Dialect,
                  set_frame: Callable[..., None]) -> None:  # fmt: skip
@@ -122,6 +112,8 @@ class MotionReader:
             if not self.keeps_polar:
                 state.polar_words.clear()
             for address in ("RP", "AP"):
+                if address not in values and address not in state.polar_words:
+                    self.course.check_place(PLANE_AXES[plane])
                 if address not in values:
                     state.polar_words.setdefault(address, now[address])
                 else:
@@ -258,12 +250,7 @@ class MotionReader:
         return max(1, math.ceil(turn / step - 1e-9))
 
     def find_direction(self, word: str = "") -> Point:
-        """Return the direction in which the contour arrives, in the coordinates of the program.
-
-        Raises:
-            InputError: If nothing is cut right before.
-
-        """
+        """Return the direction in which the contour arrives, in the coordinates of the program."""
         if self.contour.held is not None:
             return self.contour.held[0].tangent(self.contour.held[0].end)
         if self.course.direction is None or self.contour.approach is not None:

@@ -30,15 +30,10 @@ def find_offset(name: str) -> float | None:
 
 
 class Origins:
-    """Follow where the program's origin stands, and moves that count from elsewhere.
+    """Follow where the program's origin stands, and moves that count from elsewhere."""
 
-    Args:
-        it: The program that is read.
-
-    """
-
-    def __init__(self, it: Interpreter) -> None:
-        self.it, self.course, self.state = it, it.course, it.state
+    def __init__(self, it: Interpreter, setting: str = "") -> None:
+        self.it, self.course, self.state, self.setting = it, it.course, it.state, setting
         self.wcs = find_offset(it.options.wcs) if it.options.wcs else None
         #: The work offset in force, that which the path stands in, and those that were named.
         self.active = 54.0
@@ -93,8 +88,10 @@ class Origins:
         here, there = name_offset(self.part_offset), name_offset(code)
         refusal = (
             f"the file cuts in {here} and in {there}, and how they lie to each other is not known; state which one "
-            f'is the part frame with wcs = "{here}" (--wcs "{here}"), or set both with G10 L2 in the file'
+            f'is the part frame with wcs = "{here}" (--wcs "{here}")'
         )
+        if self.setting and not self.state.siemens:
+            refusal += f", or set both with {self.setting} in the file"
         note = f"rapid moves in {there} are left out: how it lies to {here} is not known"
         self.it.contour.refuse_open()
         self.course.mute(OUTSIDE, *(("", "") if self.wcs is not None else (refusal, note)))
@@ -183,12 +180,7 @@ class Origins:
         self.it.set_frame()
 
     def drop(self, code: float) -> None:
-        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped.
-
-        Raises:
-            InputError: If an offset from before the program comes back.
-
-        """
+        """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
         if code == 92.3:
             if self.kept is None:
                 raise InputError("G92.3 brings back an offset from before this program, which is not known; "

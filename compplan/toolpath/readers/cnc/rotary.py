@@ -156,12 +156,7 @@ def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
 
 
 class Rotary:
-    """Hold how the rotary axes of a program stand, and what they turn.
-
-    Args:
-        options: What the user says of the machine.
-
-    """
+    """Hold how the rotary axes of a program stand, and what they turn."""
 
     def __init__(self, options: CamTable) -> None:
         self.options = options

@@ -52,14 +52,7 @@ ENDS = frozenset({2.0, 17.0, 30.0, 99.0})
 
 
 class Rs274:
-    """Carry out a program of the RS-274 family.
-
-    Args:
-        file: Its file.
-        options: What the program does not say by itself.
-        state: State at the beginning.
-
-    """
+    """Carry out a program of the RS-274 family."""
 
     tip_word = ""
     ends = ENDS
@@ -67,7 +60,7 @@ class Rs274:
 
     def __init__(self, file: Path, options: CamTable, state: State) -> None:
         self.it = Interpreter(file, options, state, self, Flow(file, MOST_JUMPS), starts_at_zero=True)
-        self.origins = Origins(self.it)
+        self.origins = Origins(self.it, "G10 L2")
         self.layers = Layers(self.it, self.origins)
         self.macros = MacroFlow(self.it.flow)
         self.plain = PRINTED if state.printer else PLAIN
@@ -158,12 +151,7 @@ class Rs274:
         return it.machine.stop(machine, it.flow.line)
 
     def _give_words(self, block: CncBlock) -> bool:
-        """Give the words of a block to the M code that owns them; return whether nothing is left to be read.
-
-        Raises:
-            InputError: If an M code that is not known may own coordinates.
-
-        """
+        """Give the words of a block to the M code that owns them; return whether nothing is left to be read."""
         machine, it = block.machine, self.it
         owner = next((code for code in machine if owns_words(code)), None)
         if not block.codes and block.has(PLACES):
@@ -199,12 +187,7 @@ class Rs274:
             raise refuse_unit("G20 or G21")
 
     def _run_codes(self, block: CncBlock) -> str:
-        """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move.
-
-        Raises:
-            InputError: If codes contradict each other, or one is not known and may move the tool.
-
-        """
+        """Carry out the G codes; return what takes the coordinates of the block, "" where they are a move."""
         codes = block.codes
         for group in CONTRARY if len(codes) > 1 else ():
             if len(said := sorted(group & set(codes))) > 1:
@@ -214,12 +197,7 @@ class Rs274:
         return self.it.run_words(block, codes, find_code, self.pass_over)
 
     def pass_over(self, block: CncBlock, code: float | str) -> None:
-        """Note a code that is not known.
-
-        Raises:
-            InputError: If it may claim the coordinates of its block.
-
-        """
+        """Note a code that is not known."""
         if block.has(MOVING) and MOTIONS.isdisjoint(block.codes):
             raise InputError(f"G{code:g} with coordinates is not read and may move the tool; post-process without it")
         self.it.note(f"G{code:g} is not read")
@@ -359,10 +337,9 @@ def probe(dialect: Rs274, block: CncBlock, code: float) -> None:
 
 
 def set_polar(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G15, G16: X is a radius and Y an angle, or not."""
+    """G15, G16: X is a radius and Y an angle, or not; one that is left out is that of where the tool is."""
     dialect.it.state.polar = code == 16.0
-    for address in ("RP", "AP"):
-        dialect.it.state.polar_words.setdefault(address, 0.0)
+    dialect.it.state.polar_words.clear()
 
 
 def shift(dialect: Rs274, block: CncBlock, code: float) -> None:

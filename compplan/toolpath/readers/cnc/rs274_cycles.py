@@ -34,10 +34,6 @@ def run_cycle(it: Interpreter, block: CncBlock) -> None:
     The tool moves rapidly to each hole at the level where it is (or R if that is higher), and to the level R; it cuts
     to the bottom, in pecks of Q where the cycle has them, and goes back to R (G99) or to the level at which the cycle
     began (G98). R, Z, Q, P, I, J, K are modal, L (or K without I) repeats.
-
-    Raises:
-        InputError: If the block asks for more holes than any part has, or for what no other cycle can do.
-
     """
     state, values, code, axis = it.state, block.values, it.state.cycle_code, DEEP_AXIS[it.state.plane]
     deep, expand = AXES[axis], it.options.cycles == "expand"

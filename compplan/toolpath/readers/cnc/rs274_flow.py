@@ -11,7 +11,9 @@ from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 from compplan.toolpath.readers.cnc.rs274_macro import MacroError, Variables, assign, spell_out, work_out
 from compplan.toolpath.readers.cnc.rs274_words import CALL, GEOMETRY, HARMLESS, TEXT
 
+#: Greatest number of jumps, and of letters of macro blocks that are carried out again: a hundred a jump (assumed).
 MOST_JUMPS = 20_000
+MOST_LETTERS = 100 * MOST_JUMPS
 HEAD = re.compile(r"\s*[O:]\s*0*(\d+)\b(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.IGNORECASE)
 SEQUENCE = re.compile(r"\s*(?:/\d?\s*)?N\s*0*(\d+)", re.IGNORECASE)
 LOOP_END = re.compile(r"\s*(?:N\d+\s*)?END\s*([1-9])", re.IGNORECASE)
@@ -26,23 +28,20 @@ ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13
 
 
 class MacroFlow:
-    """Carry out the control of a G-code program.
-
-    Args:
-        flow: Order of its lines.
-
-    """
+    """Carry out the control of a G-code program."""
 
     def __init__(self, flow: Flow) -> None:
         self.flow = flow
         self.variables = Variables()
         #: Line that a jump goes to.
         self.next: int | None = None
+        self.file_lines = self.letters = 0
         #: Variables at the last pass of each jump of each call.
         self._passed: dict[tuple[int, int], list[tuple[str, float]]] = {}
 
     def find_programs(self, lines: Sequence[str], file: Path) -> CncProgram:
         """Find the subprograms of a file, after %_N_NAME_SPF or O1000; return the first program."""
+        self.file_lines = len(lines)
         heads = [index for index, line in enumerate(lines) if line.startswith("%_N_")]
         for index, stop in zip(heads, [*heads[1:], len(lines)], strict=False):
             if found := re.match(r"%_N_(\w+)_SPF", lines[index].upper()):
@@ -76,12 +75,12 @@ class MacroFlow:
         return program.labels[str(number)][0]
 
     def run_macro(self, line: str) -> str | None:
-        """Carry out the macro words of a line in capitals; return the block that is left to be read, None without any.
-
-        Raises:
-            InputError: If they cannot be worked out.
-
-        """
+        """Carry out the macro words of a line in capitals; return the block left to be read, None without any."""
+        if self.flow.executed > self.file_lines:
+            self.letters += len(line)
+            if self.letters > MOST_LETTERS:
+                raise InputError(f"more than {MOST_LETTERS} letters of macro blocks are carried out again by jumps and "
+                                 "calls; no more are read")  # fmt: skip
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
             if self._control(bare) or (bare.startswith("#") and assign(bare, self.variables)):
@@ -114,6 +113,8 @@ class MacroFlow:
                 self._jump(self._find_loop(self.flow.line, 1, found.group(2)) + 1)
         elif found := END_LOOP.match(line):
             self._jump(self._find_loop(self.flow.line - 2, -1, found.group(1)))
+        elif line.startswith("WHILE"):
+            raise InputError(f"{unread} WHILE [..] DO and a number from 1 to 9")
         return found is not None
 
     def _find_loop(self, index: int, step: int, label: str) -> int:
@@ -144,9 +145,6 @@ class MacroFlow:
             values: Words of the block: P names the program, L (or K in M98) says how often.
             macro: Whether the other words are arguments (G65).
             local: Whether P names a block (M97).
-
-        Raises:
-            InputError: If it is not in the file, or calls itself without end.
 
         """
         code = "G65" if macro else "M97" if local else "M98"

@@ -19,13 +19,7 @@ LAYERS = ("mirror", "scale", "rotation", "plane")
 
 
 class Layers:
-    """Hold the frames in force on top of the program's origin.
-
-    Args:
-        it: The program that is read.
-        origins: Where its origin stands.
-
-    """
+    """Hold the frames in force on top of the program's origin."""
 
     def __init__(self, it: Interpreter, origins: Origins) -> None:
         self.it, self.origins = it, origins

@@ -59,12 +59,6 @@ class Lexer:
     """Turn the lines of a G-code file into the words of blocks.
 
     Lines that are no block are dealt with here: comments, marks, assignments, jumps, calls, vendor words.
-
-    Args:
-        it: The program that is read.
-        macros: Carries out control of the flow.
-        origins: Where the program's origin stands.
-
     """
 
     def __init__(self, it: Interpreter, macros: MacroFlow, origins: Origins) -> None:
@@ -80,12 +74,7 @@ class Lexer:
         self.begun = False
 
     def read(self, raw: str) -> CncBlock | None:
-        """Return the block in a line, None where it holds none.
-
-        Raises:
-            InputError: If something in it is not known and may move the tool.
-
-        """
+        """Return the block in a line, None where it holds none."""
         try:
             line, comments = strip_comments(raw)
         except ValueError as fault:

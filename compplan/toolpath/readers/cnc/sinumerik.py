@@ -61,13 +61,7 @@ NO_UNIT = "G70, G71, G700 or G710; the control's own setting is not in the file"
 
 
 class Sinumerik:
-    """Carry out a Sinumerik program.
-
-    Args:
-        file: Its file.
-        options: What the program does not say by itself.
-
-    """
+    """Carry out a Sinumerik program."""
 
     tip_word = "TRAORI"
     ends = frozenset({2.0, 17.0, 30.0})

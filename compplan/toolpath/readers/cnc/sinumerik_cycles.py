@@ -29,14 +29,7 @@ Numbers = list[float | None]
 
 
 class SinumerikCycles:
-    """Carry out cycles.
-
-    Args:
-        it: The program that is read.
-        evaluate: Gives the value of an argument.
-        ask_for_unit: Refuses lengths before a unit is stated.
-
-    """
+    """Carry out cycles."""
 
     def __init__(self, it: Interpreter, evaluate: Callable[[str], float], ask_for_unit: Callable[..., None]) -> None:
         self.it, self.evaluate, self.ask_for_unit = it, evaluate, ask_for_unit

@@ -28,13 +28,7 @@ REFUSED = {"CALL", "PCALL", "EXTCALL", "ISOCALL", "GOTOS", "ID", "IDS", "WHEN", 
 
 
 class SinumerikFlow:
-    """Carry out the control of a Sinumerik program.
-
-    Args:
-        it: The program that is read.
-        values: Its variables.
-
-    """
+    """Carry out the control of a Sinumerik program."""
 
     def __init__(self, it: Interpreter, values: SinumerikVariables) -> None:
         self.it, self.flow, self.values, self.evaluate = it, it.flow, values, values.evaluate

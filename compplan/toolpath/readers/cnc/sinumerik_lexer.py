@@ -64,12 +64,7 @@ SYSTEM = {"$PI": math.pi, "TRUE": 1.0, "FALSE": 0.0, "$P_SEARCH": 0.0, "$P_ISTES
 
 
 class SinumerikVariables:
-    """Hold the variables of a program.
-
-    Args:
-        unknown: Why variables have no value.
-
-    """
+    """Hold the variables of a program."""
 
     def __init__(self, unknown: dict[str, str]) -> None:
         self.unknown = unknown

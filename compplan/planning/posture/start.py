@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,11 +18,12 @@ from compplan.planning.posture.contacts import describe_contact
 from compplan.planning.posture.costs import ErrorModel
 from compplan.planning.posture.follow import follow_from, follow_path
 from compplan.planning.posture.partial import find_partial
-from compplan.planning.posture.settings import PostureSettings, read_settings
+from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import locate_frames
 from compplan.statics.ik import CONFIGURATIONS, build_arm, name_configuration
+from compplan.toolpath.contact import tool_axes
 from compplan.toolpath.toolpath import Toolpath
 
 if TYPE_CHECKING:
@@ -62,6 +63,12 @@ class PostureRequest:
     axes: Array
     scene: CollisionScene | None = None
     wanted: float = 0.0
+
+    def state(self, robot: Robot, nominal: Toolpath, tool_x: Array) -> PostureProblem:
+        """State the choice of the posture along a path, x of the TCP pointing along tool_x (3,) at spin 0."""
+        scene, wanted = self.scene, self.wanted
+        margin = None if scene is None else lambda q, waypoints: measure_margin(scene, q, wanted)
+        return PostureProblem(robot, nominal, np.asarray(tool_x, float), self.settings, self.axes, margin)
 
 
 class Easing(NamedTuple):
@@ -177,96 +184,86 @@ def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> Po
 
 
 def find_start(
-    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Preference, request: PostureRequest | None
+    robot: Robot, nominal: Toolpath, tool_x: Array, wish: Preference, request: PostureRequest | None
 ) -> Start:
-    """Find where a plan starts.
+    """Find where a plan starts, x of the TCP pointing along tool_x (3,) at no rotation about the tool axis.
 
-    Args:
-        robot: The robot with its tool.
-        nominal: Toolpath in the base frame, with its predicted wrench.
-        tool_x: Where x of the TCP points at no rotation about the tool axis, base axes. Shape (3,).
-        rotation: Orientation of the TCP frame at no rotation about the tool axis. Shape (n, 3, 3).
-        wish: What is said about configuration and start.
-        request: What is asked of the posture; None keeps one configuration and the orientation as it is.
+    `wish` is what is said about configuration and start; without a request one configuration and the orientation are
+    kept as they are.
 
     Raises:
         InputError: If the wanted start lies outside the joint limits, or no waypoint is reached.
 
     """
-    note: tuple[str, ...] = ()
     if robot.nq < 6:
-        arm = build_arm(robot)
-        free = robot.nq == 5 or (request is not None and request.settings.free_spin)
-        q, missed = follow_path(arm, nominal.position, rotation, spin_free=free)
-        if missed.all():
-            least = ", which keep the tool where it points" if robot.nq < 5 else ""
-            raise InputError(
-                f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one branch"
-            )
-        if robot.nq < 5:
-            note = (FOUR_JOINTS,)
-        return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
+        return _follow_few_joints(robot, nominal, tool_x, request)
+    note: tuple[str, ...] = ()
     if request is not None:
-        if wish.start is not None and not robot.prismatic[: robot.nq - 6].all():  # the job says where seven axes stand
-            followed = _follow_start(robot, nominal, rotation, wish.start, request)
-            if followed is not None:
-                return followed
+        problem = request.state(robot, nominal, tool_x)
+        stated = wish.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
+        if stated and (followed := _follow_start(problem, wish, request)):
+            return followed
         try:
-            posture_choice = _ask_graph(robot, nominal, tool_x, request)
+            return stand(choose_posture_path(problem), nominal, request)
         except InfeasibleError as error:
             sentence = str(error)
-            plain = "One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the way."
-            note = (f"{sentence[0].upper()}{sentence[1:]}. {plain}",)
-            if request.scene is not None:
-                blind = find_start(robot, nominal, tool_x, rotation, wish, replace(request, scene=None))
-                if blind.posture_choice is not None:
-                    note = (f"{sentence[0].upper()}{sentence[1:]}. The posture is that without anything in the way.",)
-                    return replace(blind, request=request, notes=(*note, *blind.notes))
-            instead = _go_on(robot, nominal, tool_x, rotation, wish, request)
-            if instead is not None:
-                return instead
-        else:
-            return stand(posture_choice, nominal, request)
+        reason = f"{sentence[0].upper()}{sentence[1:]}."
+        if request.scene is not None:
+            blind = find_start(robot, nominal, tool_x, wish, replace(request, scene=None))
+            if blind.posture_choice is not None:
+                said = f"{reason} The posture is that without anything in the way."
+                return replace(blind, request=request, notes=(said, *blind.notes))
+        instead = _follow_start(problem, wish, request) or _keep_stretches(problem, request)
+        if instead is not None:
+            return instead
+        note = (f"{reason} One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the"
+                " way.",)  # fmt: skip
+    rotation = tool_axes(nominal, tool_x)
     posture = choose_posture(robot, nominal.position, rotation, wish)
     return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
 
 
-def _go_on(
-    robot: Robot, nominal: Toolpath, tool_x: Array, rotation: Array, wish: Preference, request: PostureRequest
-) -> Start | None:
-    """Go on where the graph finds no way along the whole path: from the job's start, else along what is in reach."""
-    settings = request.settings
-    followed = None if wish.start is None else _follow_start(robot, nominal, rotation, wish.start, request)
-    if followed is not None:
-        return followed
-    partial = find_partial(robot, nominal, tool_x, settings, request.axes)
+def _follow_few_joints(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest | None) -> Start:
+    """Follow the path with an arm of four or five joints, along one branch."""
+    arm = build_arm(robot)
+    free = robot.nq == 5 or (request is not None and request.settings.free_spin)
+    q, missed = follow_path(arm, nominal.position, tool_axes(nominal, tool_x), spin_free=free)
+    if missed.all():
+        least = ", which keep the tool where it points" if robot.nq < 5 else ""
+        raise InputError(
+            f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one branch"
+        )
+    note = (FOUR_JOINTS,) if robot.nq < 5 else ()
+    return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
+
+
+def _keep_stretches(problem: PostureProblem, request: PostureRequest) -> Start | None:
+    """Go on along what is in reach where the graph finds no way along the whole path."""
+    partial = find_partial(replace(problem, margin=None))
     if partial is None:
         return None
-    sentence = partial.sentence
-    return Start(
-        nominal, partial.q, partial.rotation, partial.configuration, partial.missed, None, request,
-        (f"{sentence[0].upper()}{sentence[1:]}.",), of_program=True, mend=partial.mend,
-    )  # fmt: skip
+    said = f"{partial.sentence[0].upper()}{partial.sentence[1:]}."
+    return Start(problem.nominal, partial.q, partial.rotation, partial.configuration, partial.missed, None, request,
+                 (said,), of_program=True, mend=partial.mend)  # fmt: skip
 
 
-def _follow_start(
-    robot: Robot, nominal: Toolpath, rotation: Array, start: Array, request: PostureRequest
-) -> Start | None:
+def _follow_start(problem: PostureProblem, wish: Preference, request: PostureRequest) -> Start | None:
     """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
-    if request.scene is not None:
+    if wish.start is None or request.scene is not None:
         return None
-    settings, chain = request.settings, build_chain(robot)
+    robot, nominal, settings = problem.robot, problem.nominal, problem.settings
     q, missed = follow_from(
-        robot, chain, nominal.position, rotation, start, free_spin=settings.free_spin, most_step=settings.most_step
-    )
+        robot, problem.chain, nominal.position, tool_axes(nominal, problem.tool_x), wish.start,
+        free_spin=settings.free_spin, most_step=settings.most_step,
+    )  # fmt: skip
     if missed.any():
         return None
-    stood = locate_frames(chain, q).tcp_rotation
     told = "The motion goes on from the job's start, every waypoint by the least motion of the joints."
-    return Start(nominal, q, stood, _name(robot, q), missed, None, request, (told,), of_program=True)
+    return Start(nominal, q, locate_frames(problem.chain, q).tcp_rotation, name_along(robot, q), missed, None, request,
+                 (told,), of_program=True)  # fmt: skip
 
 
-def _name(robot: Robot, q: Array) -> dict[str, str]:
+def name_along(robot: Robot, q: Array) -> dict[str, str]:
     """Name the configuration along most of a motion."""
     arm = build_arm(robot)
     return CONFIGURATIONS[int(np.bincount(name_configuration(arm, q)).argmax())] if len(arm.arm) == 6 else {}
@@ -283,16 +280,9 @@ def stand(posture_choice: PostureSummary, nominal: Toolpath, request: PostureReq
     if told := describe_finished(posture_choice):
         words += (told,)
     return Start(
-        path,
-        posture_choice.q,
-        posture_choice.rotation,
-        posture_choice.configuration,
-        posture_choice.missed,
-        posture_choice,
-        request,
-        words,
-        upright=nominal.axis if leaning else None,
-    )
+        path, posture_choice.q, posture_choice.rotation, posture_choice.configuration, posture_choice.missed,
+        posture_choice, request, words, upright=nominal.axis if leaning else None,
+    )  # fmt: skip
 
 
 def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | None, dict[int, str]]:
@@ -311,40 +301,16 @@ def check_clearance(start: Start | None, q: Array) -> tuple[ClearanceProfile | N
     return profile, near
 
 
-def _ask_graph(robot: Robot, nominal: Toolpath, tool_x: Array, request: PostureRequest) -> PostureSummary:
-    return choose_posture_path(
-        robot, nominal, tool_x, request.settings, axes=request.axes, margin=state_margin(request),
-    )  # fmt: skip
-
-
 def find_plain(robot: Robot, nominal: Toolpath, tool_x: Array, start: Start) -> Start | None:
     """Start with one configuration and the tool's x as the job has it, in place of what the graph chose.
 
-    Args:
-        robot: The robot with its tool.
-        nominal: Toolpath in the base frame, its tool axis as programmed.
-        tool_x: Where x of the TCP points, base axes. Shape (3,).
-        start: The graph's start.
-
-    Returns:
-        None where the graph chose it already, or it cannot be kept.
-
+    None where the graph chose it already, or it cannot be kept.
     """
     if start.posture_choice is None or start.request is None or start.posture_choice.instead_of is not None:
         return None
     request = start.request
-    posture_choice = solve_default_posture(
-        robot, nominal, tool_x, start.posture_choice, request.axes, state_margin(request)
-    )
+    posture_choice = solve_default_posture(request.state(robot, nominal, tool_x), start.posture_choice)
     return None if posture_choice is None else stand(replace(posture_choice, instead_of=None), nominal, request)
-
-
-def state_margin(request: PostureRequest) -> Callable[[Array, NDArray[np.int_]], Array] | None:
-    """State by how much joint positions at waypoints keep clear; None where nothing is in the way."""
-    scene = request.scene
-    if scene is None:
-        return None
-    return lambda q, waypoints: measure_margin(scene, q, request.wanted)
 
 
 def describe_finished(posture_choice: PostureSummary) -> str:
@@ -368,5 +334,5 @@ def compare_postures(robot: Robot, start: Start, tool_x: Array) -> tuple[dict[st
         return None
     if posture_choice.plain is not None:
         return posture_choice.instead_of or posture_choice.costs, posture_choice.plain
-    plain = solve_default_posture(robot, start.nominal, tool_x, posture_choice, request.axes, None)
+    plain = solve_default_posture(replace(request, scene=None).state(robot, start.nominal, tool_x), posture_choice)
     return None if plain is None else (posture_choice.costs, plain.costs)

@@ -7,6 +7,8 @@ A cubic from x_0 to x_1 with the derivatives d_0 and d_1 by its share u is
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from compplan.io.tables import Array
@@ -152,3 +154,40 @@ def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Arra
     u = -arm / np.linalg.norm(arm)
     normal = normal / np.sqrt(square)
     return a + arm, u, cross(normal, u), normal
+
+
+class Arc(NamedTuple):
+    """An arc: centre, arm from there to its start, that arm a right angle further, and the angle to its end [rad].
+
+    Lengths in the unit of the places that it was found from. Shapes (3,).
+    """
+
+    centre: Array
+    arm: Array
+    side: Array
+    sweep: float
+
+    @property
+    def length(self) -> float:
+        """Length of the arc."""
+        return float(np.linalg.norm(self.arm)) * self.sweep
+
+    def place(self, share: Array) -> Array:
+        """Return places at shares of the arc. Shape (k,) -> (k, 3)."""
+        turned = share[:, None] * self.sweep
+        return np.asarray(self.centre + np.cos(turned) * self.arm + np.sin(turned) * self.side)
+
+    def directions(self) -> Array:
+        """Return the directions of travel at start and end. Shape (2, 3)."""
+        ways = np.stack([self.side, np.cos(self.sweep) * self.side - np.sin(self.sweep) * self.arm])
+        return np.asarray(ways / max(float(np.linalg.norm(self.arm)), 1e-12))
+
+
+def find_arc(start: Array, via: Array, end: Array) -> Arc | None:
+    """Return the arc from one place through another to a third; None where they lie on a line."""
+    circle = find_circle(start, via, end)
+    if circle is None:
+        return None
+    centre, u, v, _ = circle
+    reach, radius = end - centre, float(np.linalg.norm(start - centre))
+    return Arc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
