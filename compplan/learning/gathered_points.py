@@ -82,18 +82,24 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
     """Say how far a part is off as a whole, where that is most of what was measured; "" elsewhere.
 
+    Only combinations of shift and turn that stand out of the noise count: others were not measured.
+
     Args:
         gathered: The measurements.
         tip: Where the tip goes at the rows of the path. Shape (k, 3). [m]
         R_base_part: Part axes seen from the base. Shape (3, 3).
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
+    sigma = np.repeat(np.sqrt(gathered.variance), 3)
     columns = gathered.counts @ rigid_columns(tip)[gathered.row] / np.repeat([1.0, size], 3)
     matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
-    motion = np.linalg.lstsq(matrix, seen, rcond=1e-3)[0]
-    left, noise = seen - matrix @ motion, float(gathered.variance.sum())
-    taken = 1.0 - float(left @ left) / max(float(seen @ seen), 1e-300)
-    if taken < WHOLE or seen @ seen < CLEAR**2 * noise:
+    left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
+    shares = left.T @ (seen / sigma)  # each of variance 1
+    clear = np.abs(shares) > CLEAR
+    motion = right[clear].T @ (shares[clear] / value[clear])
+    rest = seen - matrix @ motion
+    taken = 1.0 - float(rest @ rest) / max(float(seen @ seen), 1e-300)
+    if taken < WHOLE or seen @ seen < CLEAR**2 * float(gathered.variance.sum()):
         return ""
     where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
     return (
