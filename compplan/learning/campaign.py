@@ -94,14 +94,7 @@ def design_campaign(
     plan: Plan, equipment: Equipment, count: int, log: Campaign | None = None,
     announce: Callable[[str], None] = lambda words: None,
 ) -> PoseCampaign:  # fmt: skip
-    """Design measurements for the path of a plan.
-
-    Args:
-        plan: The plan.
-        equipment: What there is to measure with.
-        count: How many poses.
-        log: What has been measured already, or None.
-        announce: Told what is being done.
+    """Design `count` measurements for the path of a plan; `log`: what has been measured already, or None.
 
     Raises:
         InputError: If the arm finds too few postures.
@@ -180,14 +173,8 @@ def _choose(
 ) -> tuple[Design, Array, Candidates, Choice, list[str]]:
     """Choose measurements; places that are met no more often than they take are not put up.
 
-    Args:
-        bare: What is known, without unknown places.
-        learned: Its covariance.
-        candidates: What could be measured.
-        count: How many.
-
-    Returns:
-        Design and covariance with the places, the candidates at them, the choice, and what there is to say.
+    bare: what is known, without unknown places; learned: its covariance. Returns design and covariance with the places,
+    the candidates at them, the choice, and what there is to say.
     """
     asked = 0 if candidates.sights is None else len(candidates.sights.names)
     while True:
@@ -230,9 +217,7 @@ def add_places(design: Design, start: Array, sights: Observations, tip: Array, c
 def take_frames(design: Design, scene: ForwardModel) -> Design:
     """Return the design without what unknown frames follow: each later campaign, each part brings its own.
 
-    Args:
-        design: The design.
-        scene: The robot at all rows of its path.
+    scene: the robot at all rows of the design's path.
     """
     path = design.path
     attained = solve_model_poses(select_model_rows(scene, path.rows))

@@ -142,13 +142,9 @@ class Choice:
 
 
 def choose_measurements(design: Design, candidates: Candidates, count: int, start: Array | None = None) -> Choice:
-    """Choose measurements: greedily, then exchanged one by one while that helps.
+    """Choose `count` measurements: greedily, then exchanged one by one while that helps.
 
-    Args:
-        design: What is known, and the path.
-        candidates: What could be measured.
-        count: How many.
-        start: Covariance before the first of them; from `design` where left out.
+    start: covariance before the first of them; from `design` where left out.
     """
     before = design.start if start is None else start
     rows, first = design.look(candidates), first_visits(candidates)
@@ -182,12 +178,7 @@ def first_visits(candidates: Candidates) -> list[int]:
 
 
 def find_idle(candidates: Candidates, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which contacts stand at places that are met no more often than the places take. Shape (contacts,).
-
-    Args:
-        candidates: All that could be measured.
-        rows: What was chosen of it.
-    """
+    """Tell which contacts are at places that chosen rows meet no more often than the places take. Shape (contacts,)."""
     assert candidates.sights is not None
     contact, names = candidates.sights.contact, candidates.sights.names
     plate = np.unique([name.split("/")[0] for name in names], return_inverse=True)[1].reshape(-1)

@@ -52,12 +52,7 @@ def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath
 
 
 def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
-    """Gather measured points at the nearest rows of the path; those far from any row do not count.
-
-    Args:
-        measured: The points.
-        length: Length of the path at its rows. Shape (k,). [m]
-    """
+    """Gather measured points at the nearest rows of the path, of length (k,) [m]; far ones do not count."""
     middle = 0.5 * (length[1:] + length[:-1])
     row = np.searchsorted(middle, measured.length)
     window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
@@ -82,12 +77,8 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
     """Say how far a part is off as a whole, where that is most of what was measured; "" elsewhere.
 
-    Only combinations of shift and turn that stand out of the noise count: others were not measured.
-
-    Args:
-        gathered: The measurements.
-        tip: Where the tip goes at the rows of the path. Shape (k, 3). [m]
-        R_base_part: Part axes seen from the base. Shape (3, 3).
+    Only combinations of shift and turn that stand out of the noise count: others were not measured. tip: at the rows of
+    the path, (k, 3) [m]; R_base_part: part axes seen from the base, (3, 3).
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)

@@ -251,10 +251,7 @@ def learn_from_part(
 def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
     """Return what stays with the path where nothing is taken off it: nothing, and how open the lesson leaves it.
 
-    Args:
-        length: Length of the path at the rows of the lesson. Shape (k,). [m]
-        lesson: The lesson.
-        q: Joint positions there. Shape (k, nq). [rad or m]
+    length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the lesson.
     """
     return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
 
@@ -347,10 +344,7 @@ def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[To
 def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     """Return a task whose start stands as the arm stood when the path was learned.
 
-    Args:
-        task: The task, its posture chosen anew.
-        residual: What was learned, with the posture.
-        length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
+    length: of the wanted path at every waypoint of the task. Shape (n,). [m]
     """
     near = interpolate(length, residual.length, residual.q)
     if task.robot.nq < 6:
@@ -367,12 +361,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others) -> Residual:
     """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
 
-    Args:
-        old: What was learned before, or None.
-        lesson: The lesson.
-        cut: The path as it was cut.
-        task: Its task.
-        others: What robot folder and process say now.
+    old: what was learned before, or None; others: what robot folder and process say now.
     """
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]

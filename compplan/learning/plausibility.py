@@ -61,10 +61,7 @@ def sample_cut(nominal: Toolpath) -> tuple[Array, Array, Array]:
 def check_extent(table: Table, point: Array, place: Array) -> None:
     """Refuse points that all lie at one spot of the path, as a path in metres does that is read in millimetres.
 
-    Args:
-        table: Their file.
-        point: The points. Shape (m, 3). [m]
-        place: Places of the cut in the frame of the points. Shape (k, 3). [m]
+    point: shape (m, 3); place: places of the cut in the frame of the points, (k, 3). [m]
 
     Raises:
         InputError: If they extend over far less than the cut, or are of it in another unit.
@@ -86,14 +83,10 @@ def check_extent(table: Table, point: Array, place: Array) -> None:
 
 
 def explain_points(point: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool) -> str:
-    """Say how else measured points may be meant, "" where no other reading brings them to the path.
+    """Say how else measured points, (m, 3) [m], may be meant, "" where no other reading brings them to the path.
 
-    Args:
-        point: The points as they stand in their file. Shape (m, 3). [m]
-        nominal: The path, base frame.
-        T_base_part: Pose of the part frame. Shape (4, 4). [m]
-        in_base: Whether they were read in the base frame; otherwise in the part frame.
-        whole: Whether all points should be of the cut; of a scan a tenth may be.
+    in_base: whether they were read in the base frame; whole: whether all should be of the cut, of a scan a tenth may
+    be.
     """
     _, place, _ = sample_cut(nominal)
     local = (place - T_base_part[:3, 3]) @ T_base_part[:3, :3]

@@ -30,7 +30,6 @@ class Factors:
     Attributes:
         columns: By factor, the columns of the point that belong to it.
         groups: By group of the sensitivity analysis, its factors.
-
     """
 
     columns: Mapping[str, slice]
@@ -94,19 +93,10 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
 
 
 def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:
-    """Draw the points of some samples; sample i is point i // replicates of the Sobol sequence i % replicates.
+    """Draw points inside the unit cube; sample i is point i // replicates of the Sobol sequence i % replicates.
 
-    The replicates are scrambled independently, so that their scatter gives the intervals of means [Owen1995].
-
-    Args:
-        factors: The coordinates.
-        seed: Seed of the study.
-        replicates: Number of independent replicates.
-        samples: Which samples, a contiguous range.
-
-    Returns:
-        Points strictly inside the unit cube. Shape (len(samples), size).
-
+    The replicates are scrambled independently, so that their scatter gives intervals of means [Owen1995]. `samples` is
+    a contiguous range. Shape (len(samples), size).
     """
     points = np.empty((len(samples), factors.size))
     for replicate in range(replicates):

@@ -67,19 +67,13 @@ def run_study(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
-    """Run a study.
+    """Run a study; without a folder no chunk is kept, without a workforce all cores of this machine compute.
 
-    Args:
-        study: The study.
-        settings: How it is sampled.
-        folder: Folder for the chunks; nothing is kept if left out.
-        workforce: Who computes; all cores of this machine if left out.
-        progress: Called with samples done and samples wanted.
+    `progress` is called with samples done and samples wanted.
 
     Raises:
         InputError: If there are too few samples, the scheduler does not answer, or the folder cannot be written.
         ConvergenceError: If a cell buckles under its load.
-
     """
     least = 2 * settings.replicates
     if settings.samples < least:
@@ -109,7 +103,7 @@ def evaluate_chunks(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[dict[int, ChunkResult], int]:
-    """Evaluate chunks of points, using those that a folder holds.
+    """Evaluate chunks of points, using those that a folder holds; return them by number, and how many were found.
 
     Args:
         study: The study.
@@ -119,9 +113,6 @@ def evaluate_chunks(
         folder: Folder of the chunks, or None.
         workforce: Who computes.
         progress: Called with samples done and wanted.
-
-    Returns:
-        The chunks by number, and how many of them were found on disk.
     """
     store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
     done: dict[int, ChunkResult] = {}

@@ -54,7 +54,6 @@ class Surroundings:
         forget: What is left of the noise from one knot to the next.
         repeatability: Standard deviation, an axis. [m]
         posterior: What is known of the robot, which robots are drawn from.
-
     """
 
     noise: NoiseTable
@@ -87,7 +86,6 @@ class Cells(NamedTuple):
         motor: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
         link: Error of link-side encoders. Shape (nq, b, n). [rad or m]
         force: Error of the force sensor. Shape (6, b, n). [N, N m]
-
     """
 
     factor: Array
@@ -138,10 +136,9 @@ def find_travel(q: Array) -> Array:
 
 
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
-    """Differentiate the tip with respect to growth, part frame, effects and robot: (k, 3, n), and their sigmas (k,).
+    """Return the tip's motion by growth, part frame, effects and robot, (k, 3, n), and their sigmas, (k,).
 
-    First order. The unloaded robot is looked
-    at; the load changes it by its own relative deflection.
+    To first order, of the unloaded robot: the load changes it by its own relative deflection.
     """
     bare = replace(task.robot, springs=(), link_elasticities=(), effects=())
     scene = build_model(bare, command_campaign(task.q_start))
@@ -171,7 +168,6 @@ def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
 
     Raises:
         UnknownNameError: If there is no such effect, or no such joint.
-
     """
     table = entry.model_dump(exclude_none=True)
     (effect,) = robot_effects(replace(task.robot, effects=(table,), folder=None))
@@ -185,13 +181,7 @@ def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
 
 
 def sample_robots(at: Surroundings, points: Array) -> Cells:
-    """Make cells of points.
-
-    Args:
-        at: What all samples share.
-        points: Points of the unit cube. Shape (b, size).
-
-    """
+    """Make cells of points of the unit cube. points: shape (b, size)."""
     noise, columns = at.noise, at.factors.columns
     normal = to_normal(points)
 
@@ -240,10 +230,7 @@ def shift_tip(causes: Array, rates: Array) -> Array:
 def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises) -> Array:
     """Draw the wrench on the tool: level and direction hold for the cell, what varies along the path for a part.
 
-    Args:
-        at: What all samples share.
-        shares: Level and turns, in their deviations. Shape (4, b).
-        noises: What varies along the path.
+    shares: level and turns, in their deviations. Shape (4, b).
     """
     noise = at.noise
     turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()

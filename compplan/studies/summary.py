@@ -40,15 +40,7 @@ def _describe_draws(study: Study) -> list[str]:
 def summarise_run(
     run: Run, sensitivity: Sensitivity | None = None, *, name: str = "", main: str = ""
 ) -> dict[str, Any]:
-    """Summarise a run.
-
-    Args:
-        run: The run.
-        sensitivity: Total Sobol indices, or None.
-        name: Name of the job.
-        main: The strategy whose sensitivity stands at the top; the last blind one if left out.
-
-    """
+    """Return the content of montecarlo.json; `main` is the strategy whose sensitivity stands at the top."""
     study, settings = run.study, run.settings
     strategies = study.strategies
     main = main if main in strategies else strategies[-1]

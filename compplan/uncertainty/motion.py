@@ -131,10 +131,7 @@ def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
 def shift_part(position: Array, origin: Array, width: tuple[float, float]) -> Array:
     """Return how the part moves by one standard deviation of its place: three shifts, three turns. Shape (n, 3, 6).
 
-    Args:
-        position: Wanted tip. Shape (n, 3). [m]
-        origin: Origin of the part frame. Shape (3,). [m]
-        width: Standard deviations per axis. [m, rad]
+    position: wanted tip (n, 3) [m]; origin: of the part frame (3,) [m]; width: deviations per axis [m, rad].
     """
     columns = np.zeros((len(position), 3, 6))
     columns[:, :, :3] = width[0] * np.eye(3)
