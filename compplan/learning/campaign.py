@@ -23,7 +23,7 @@ from compplan.learning.contacts import (
     see_distances,
     sight_candidates,
 )
-from compplan.learning.design import Choice, Design, choose_measurements, find_idle, random_choice
+from compplan.learning.design import Choice, Design, choose_measurements, find_idle
 from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.distance import band_radius
@@ -40,8 +40,6 @@ from compplan.uncertainty.ladder import CALIBRATION, COMPLIANCES, PATH, TRACKER,
 from compplan.uncertainty.perturbation import build_varied_model
 from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, read_force_spread, select_model_rows
 
-#: Random poses that the design is compared with, and how often they are drawn.
-MANY, DRAWS = 50, 5
 #: Postures that stand for wherever an arm can stand (assumed).
 REACH = 100
 #: A log lies beyond its widths where chance would do so once in a thousand.
@@ -60,7 +58,6 @@ class PoseCampaign:
         choice: What they bring, in the order of their worth.
         design: What is known, and the path.
         start: Covariance before the first of them.
-        random: Root mean square model part of the band after as many, and after `MANY`, random poses (medians). [m]
         rest: What would narrow the band further afterwards: parameter and share of the variance.
         touching: Places in the order to which the way touches something.
         log: Rows of the partial log that counted.
@@ -74,7 +71,6 @@ class PoseCampaign:
     choice: Choice
     design: Design
     start: Array
-    random: tuple[float, float]
     rest: tuple[tuple[str, float], ...]
     touching: NDArray[np.int_]
     log: int
@@ -136,7 +132,6 @@ def design_campaign(
         choice=choice,
         design=design,
         start=start,
-        random=compare_random(design, candidates, count, start, equipment.seed),
         rest=_find_rest(design, known, choice.covariance),
         touching=touching,
         log=used,
@@ -274,18 +269,6 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
         )
     p = len(design.start)
     return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), said
-
-
-def compare_random(design: Design, candidates: Candidates, count: int, start: Array, seed: int) -> tuple[float, float]:
-    """Return the model part of the band after as many, and after many, random poses: medians. [m]"""
-    found = []
-    for number in (count, MANY):
-        tries = [
-            model_part(design, random_choice(design, candidates, number, seed + 1 + k, start).covariance)
-            for k in range(DRAWS)
-        ]
-        found.append(float(np.median(tries)))
-    return found[0], found[1]
 
 
 def model_part(design: Design, covariance: Array) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.learning.measured_path import MeasuredPath
-from compplan.learning.plausibility import rigid_columns
 from compplan.robot import Array
+from compplan.robot.pose import rigid_columns
 
 #: Points within this distance along the path count for a row of it. [m]
 NEAR = 2e-3
@@ -82,7 +82,7 @@ def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
     sigma = np.repeat(np.sqrt(gathered.variance), 3)
-    columns = gathered.counts @ rigid_columns(tip)[gathered.row] / np.repeat([1.0, size], 3)
+    columns = gathered.counts @ rigid_columns(tip, tip.mean(axis=0))[gathered.row] / np.repeat([1.0, size], 3)
     matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
     left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
     shares = left.T @ (seen / sigma)  # each of variance 1

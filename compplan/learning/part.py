@@ -19,7 +19,7 @@ from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
-from compplan.learning.plausibility import POSSIBLE, explain_points, rigid_columns
+from compplan.learning.plausibility import POSSIBLE, explain_points
 from compplan.learning.representable import Learned, list_learned
 from compplan.learning.residual import Residual, read_residual, residual_file
 from compplan.learning.surface import Surface
@@ -32,7 +32,7 @@ from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force
 from compplan.robot import Array, Robot, load_robot
-from compplan.robot.pose import fit_displacement, see_position
+from compplan.robot.pose import fit_displacement, rigid_columns, see_position
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -259,7 +259,7 @@ def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
     """State what the measured part and the next one have of their own, as far as the job or the force says it."""
     placed, tip = read_placement(job.noise), slopes.tip
-    columns = rigid_columns(tip)
+    columns = rigid_columns(tip, tip.mean(axis=0))
     free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
     clamped = None if placed is None else shift_part(tip, job.T_base_part[:3, 3], placed)
     warm = job.noise.temperature_K * job.noise.expansion_per_K if "temperature_K" in job.noise.model_fields_set else 0.0

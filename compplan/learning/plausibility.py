@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from compplan.io.tables import Table
 from compplan.learning.surface import Surface
 from compplan.robot import Array
-from compplan.robot.pose import build_pose
+from compplan.robot.pose import build_pose, rigid_columns
 from compplan.toolpath.toolpath import Toolpath
 
 #: Units that files are written in by mistake, against the millimetres that are read (theory).
@@ -165,7 +165,7 @@ def fit_rigid(
         left = float(np.median(size))
         weight = np.sqrt(np.minimum(1.0, 3.0 * max(left, 1e-7) / np.maximum(size, 1e-12)))
         middle = moved[near].mean(axis=0)
-        columns = np.concatenate([np.broadcast_to(np.eye(3), (len(gap), 3, 3)), _swing(moved[near] - middle)], axis=2)
+        columns = rigid_columns(moved[near], middle)
         a = (np.einsum("mij,mjk->mik", across, columns) * weight[:, None, None]).reshape(-1, 6)
         step = -np.linalg.lstsq(a, (residual * weight[:, None]).reshape(-1), rcond=1e-6)[0]
         turn = Rotation.from_rotvec(step[3:]).as_matrix()
@@ -175,19 +175,8 @@ def fit_rigid(
     return motion, left
 
 
-def rigid_columns(place: Array) -> Array:
-    """Return how places move by shifts and turns about their middle. Shape (k, 3, 6). [m per m, m per rad]"""
-    shifts = np.broadcast_to(np.eye(3), (len(place), 3, 3))
-    return np.concatenate([shifts, _swing(place - place.mean(axis=0))], axis=2)
-
-
 def describe_motion(motion: Array, at: Array) -> str:
     """Say a rigid motion by the shift of a place and the turn. at: shape (3,). [m]"""
     shift = (at @ motion[:3, :3].T + motion[:3, 3] - at) * 1e3
     angle = np.degrees(np.linalg.norm(Rotation.from_matrix(motion[:3, :3]).as_rotvec()))
     return f"[{shift[0]:.3g}, {shift[1]:.3g}, {shift[2]:.3g}] mm and {angle:.2g} deg"
-
-
-def _swing(arm: Array) -> Array:
-    """Return the motion of arms by turns about x, y and z. Shape (k, 3, 3)."""
-    return np.stack([np.cross(unit, arm) for unit in np.eye(3)], axis=2)

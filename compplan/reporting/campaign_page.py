@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.learning.campaign import MANY, PoseCampaign
+from compplan.learning.campaign import PoseCampaign
 from compplan.reporting import figure as go
 from compplan.reporting.page import Block, Chart, Column, Columns, PageTable, Row, Section, TableCell, write_page
 from compplan.reporting.path_scene import draw_cell
@@ -101,11 +101,9 @@ def _compare(campaign: PoseCampaign) -> PageTable:
     rows: list[Row] = [
         ["now", 1e3 * campaign.model_part(campaign.start)],
         [f"{count} designed poses", TableCell(1e3 * campaign.model_part(choice.covariance), "strong")],
-        [f"{count} random poses", 1e3 * campaign.random[0]],
-        [f"{MANY} random poses", 1e3 * campaign.random[1]],
     ]
     columns = [Column("after"), Column("band of the parameters alone, rms", "mm")]
-    caption = f"Random poses from the same candidates, loads and sides; instrument {1e3 * design.sigma:g} mm per axis."
+    caption = f"Instrument {1e3 * design.sigma:g} mm per axis."
     return PageTable(columns, rows, caption)
 
 

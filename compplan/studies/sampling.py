@@ -24,6 +24,7 @@ from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
+from compplan.robot.pose import rigid_columns
 from compplan.studies.factors import Factors, to_normal
 from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -149,9 +150,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
         parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
         scale += [1.0] * 6
     else:
-        lever = task.position - task.position.mean(axis=0)
-        parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)]
-        parts += [np.cross(axis, lever) for axis in np.eye(3)]
+        parts += list(np.moveaxis(rigid_columns(task.position, task.position.mean(axis=0)), 2, 0))
         scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
     parts += [move_by_effect(task, entry) for entry in noise.effects]
     scale += [1.0] * len(noise.effects)

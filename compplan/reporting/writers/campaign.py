@@ -11,7 +11,7 @@ from compplan.controllers.writers import build_program, write_program
 from compplan.io.provenance import describe_origin
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.learning.campaign import MANY, PoseCampaign
+from compplan.learning.campaign import PoseCampaign
 from compplan.measurement.observations import DISTANCE, READING, Observations
 from compplan.reporting.campaign_page import describe_campaign, write_campaign_page
 from compplan.robot import Array
@@ -159,8 +159,6 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "parameters_alone_p95_rms_mm": {
             "now": campaign.model_part(campaign.start) * 1e3,
             "designed": campaign.model_part(choice.covariance) * 1e3,
-            "as_many_random": campaign.random[0] * 1e3,
-            f"random_{MANY}": campaign.random[1] * 1e3,
         },
         "stop_after": choice.enough,
         "says": describe_campaign(campaign).replace("\u00a0", " "),
