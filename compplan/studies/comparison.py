@@ -24,13 +24,8 @@ DRAWS, SEED, WAYPOINTS = 200, 1, 300
 def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None) -> Comparison:
     """Compare every strategy on a job.
 
-    Args:
-        job: The job.
-        announce: Called with what is done next.
-
     Raises:
         InputError: If the job is not what it has to be, or the part is out of reach.
-
     """
     announce("robot, toolpath and posture")
     robot, nominal, options = prepare_job(job)
