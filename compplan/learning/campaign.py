@@ -231,8 +231,8 @@ def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force
             return []
         return [
             f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"
-            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); what a log says in doubt counts on a path only where"
-            " forces like its own were measured"
+            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); uncertain causes count on a path only where"
+            " similar forces were measured"
         ]
     rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
     left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))

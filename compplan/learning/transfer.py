@@ -76,7 +76,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
     names = ("nothing", "the force", "both")
     said = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
     told = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
-    reason = f"other paths are told {told}: stretches of the part that were left out stay off by {said}"
+    reason = f"transferred to other paths: {told}; error on left-out stretches of the part: {said}"
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 

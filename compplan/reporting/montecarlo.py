@@ -65,7 +65,7 @@ def _render(result: JobStudy) -> str:
         "The uncertainties are assumed unless the job sets them: the ranking holds for such robots and forces only."
     ]
     if summary["waypoints"] < summary["waypoints_of_path"]:
-        thinned = f"{summary['waypoints_of_path']} waypoints; the study looks at {summary['waypoints']}"
+        thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
         notes.insert(0, f"The path has {thinned}, spread evenly.")
     return page.render_page(
         summary["name"], _describe(result), sections, kind=f"Strategies under uncertainty, {study.task.robot.name}",
