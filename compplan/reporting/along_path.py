@@ -79,7 +79,7 @@ def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1])
 
 
-class Panel(NamedTuple):
+class PathPanel(NamedTuple):
     """One small chart of quantities along a path.
 
     Attributes:
@@ -100,7 +100,7 @@ class Panel(NamedTuple):
 
 
 def draw_panels(
-    stations: Stations, panels: Sequence[Panel], *, columns: int = 1, shared: str = "x",
+    stations: Stations, panels: Sequence[PathPanel], *, columns: int = 1, shared: str = "x",
     colours: Sequence[str] = CATEGORIES, shaded: bool = True, gaps: tuple[float, float] | None = None,
 ) -> Figure:  # fmt: skip
     """Draw small charts of quantities along a path.
@@ -143,7 +143,7 @@ def draw_panels(
 
 
 def _add_lines(
-    figure: Figure, stations: Stations, panel: Panel, number: int, colours: Sequence[str], limit: int
+    figure: Figure, stations: Stations, panel: PathPanel, number: int, colours: Sequence[str], limit: int
 ) -> None:
     """Add the series of a panel, thinned, with waypoint and time on hovering."""
     rows = thin_rows(list(panel.series.values()), limit)
@@ -175,7 +175,7 @@ def draw_lines(
         zero: Whether the axis starts at zero.
     """
     label = title if log or not unit else f"{title}, {unit}"
-    figure = draw_panels(stations, [Panel(series, label, unit)], colours=colours)
+    figure = draw_panels(stations, [PathPanel(series, label, unit)], colours=colours)
     if log:
         use_decades(figure, "y", *_span_positive(series.values()))
     if zero:
@@ -208,7 +208,7 @@ def draw_strategies(
     least, greatest = _span_positive(together)
     most = max(greatest, 1.3 * tolerance)
     label = "deviation" if log else "deviation, mm"
-    panels = [Panel(series, label, "mm", name, (0.0, 1.06 * most)) for name, series in deviations.items()]
+    panels = [PathPanel(series, label, "mm", name, (0.0, 1.06 * most)) for name, series in deviations.items()]
     figure = draw_panels(stations, panels, columns=min(COLUMNS, len(panels)), shared="y")
     figure.level(tolerance, width=1.2)
     if log:
@@ -249,7 +249,7 @@ def draw_joints(
         sides = ((bottom - room, low), (high, top + room))
         beyond = [(start, end) for start, end in sides if np.isfinite([start, end]).all() and end > start]
         title = f'<b>{name}</b><br><span style="font-size: 11px">{text}</span>'
-        panels.append(Panel({name: values}, unit, unit, title, (bottom - room, top + room), beyond))
+        panels.append(PathPanel({name: values}, unit, unit, title, (bottom - room, top + room), beyond))
     gaps = (0.075, 0.26 / -(-len(names) // COLUMNS) + 0.04)
     figure = draw_panels(stations, panels, columns=COLUMNS, shared="", shaded=False, gaps=gaps)
     figure.axis("y", nticks=6)
@@ -269,7 +269,7 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
         top = max(1.2 * used, 1e-6) if used < NEAR_LIMIT else max(110.0, 1.05 * used)
         series = {name: 100 * share[:, k] for k, name in enumerate(names)}
         beyond = [(100.0, top)] if top > 100 else []
-        panels.append(Panel(series, f"{title}, % of limit", "%", "", (0.0, top), beyond))
+        panels.append(PathPanel(series, f"{title}, % of limit", "%", "", (0.0, top), beyond))
     return draw_panels(stations, panels, shaded=False)
 
 
@@ -284,4 +284,6 @@ def draw_wrench(stations: Stations, wrench: Array) -> Figure:
     if not (np.abs(wrench[:, 3:]) > 1e-9).any():
         return draw_lines(stations, force, "N", title="force on the tool, base axes")
     moment = {f"m{axis}": wrench[:, 3 + k] for k, axis in enumerate("xyz")}
-    return draw_panels(stations, [Panel(force, "force, N", "N"), Panel(moment, "moment, N m", "N m")], shaded=False)
+    return draw_panels(
+        stations, [PathPanel(force, "force, N", "N"), PathPanel(moment, "moment, N m", "N m")], shaded=False
+    )

@@ -46,14 +46,16 @@ def show_calibration(
     return page.Section("For the controller", blocks)
 
 
-def _accuracy(assessment: Assessment) -> page.Table:
+def _accuracy(assessment: Assessment) -> page.DataTable:
     rows: list[page.Row] = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
         rows.append([word, *(1e3 * value for value in (a.mean, a.largest, a.three_sigma, a.rms))])
     poses = assessment.accuracy["before"].poses
     caption = f"Distance between command and mean attained position (AP of ISO 9283) over {poses} poses."
-    return page.Table(["pose accuracy", "mean [mm]", "largest [mm]", "mean + 3 sigma [mm]", "rms [mm]"], rows, caption)
+    return page.DataTable(
+        ["pose accuracy", "mean [mm]", "largest [mm]", "mean + 3 sigma [mm]", "rms [mm]"], rows, caption
+    )
 
 
 def _more_poses(learning: Learning | None) -> list[page.Block]:
@@ -73,7 +75,7 @@ def _more_poses(learning: Learning | None) -> list[page.Block]:
     return [page.Chart(draw_curves(Curves("", "poses given", "rms of the others [mm]", lines)), text, 260)]
 
 
-def _corrections(corrections: Sequence[Correction], caption: str) -> page.Table:
+def _corrections(corrections: Sequence[Correction], caption: str) -> page.DataTable:
     rows: list[page.Row] = []
     for c in corrections:
         if abs(c.value) < UNSEEN * (c.high - c.value):
@@ -82,10 +84,10 @@ def _corrections(corrections: Sequence[Correction], caption: str) -> page.Table:
         digits = DIGITS[c.unit]
         value = page.Cell(f"{c.value:.{digits}f}", "strong" if c.plain else "muted")
         rows.append([what, value, f"{c.low:.{digits}f} to {c.high:.{digits}f}", c.unit, "named" if c.named else ""])
-    return page.Table(["what", "change", "95 %", "unit", ""], rows, caption, 12)
+    return page.DataTable(["what", "change", "95 %", "unit", ""], rows, caption, 12)
 
 
-def _frames(frames: Sequence[Pose]) -> page.Table:
+def _frames(frames: Sequence[Pose]) -> page.DataTable:
     def show(values: Any, digits: int, sign: str = "") -> str:
         return "–" if values is None else sign + ", ".join(f"{v:.{digits}f}" for v in values)
 
@@ -97,21 +99,21 @@ def _frames(frames: Sequence[Pose]) -> page.Table:
         "Tool: TCP in the controller's flange frame. Base: robot base in the measurement frame. A, B, C turn about z, "
         "the new y and the new x; half widths are along and about the frame's own axes."
     )
-    return page.Table(["frame", "x, y, z [mm]", "95 % [mm]", "A, B, C [deg]", "95 % [deg]"], rows, caption)
+    return page.DataTable(["frame", "x, y, z [mm]", "95 % [mm]", "A, B, C [deg]", "95 % [deg]"], rows, caption)
 
 
-def _regions(regions: Sequence[Mapping[str, Any]]) -> page.Table:
+def _regions(regions: Sequence[Mapping[str, Any]]) -> page.DataTable:
     rows: list[page.Row] = []
     for e in sorted(regions, key=lambda entry: -float(entry["after_rms_mm"]))[:WORST_REGIONS]:
         reach, height = (" to ".join(format_number(float(v), 4) for v in e[k]) for k in ("reach_mm", "height_mm"))
         rows.append([reach, height, int(e["rows"]), float(e["rms_mm"]), float(e["after_rms_mm"])])
     heads = ["reach [mm]", "height [mm]", "rows", "before [mm]", "after [mm]"]
-    return page.Table(heads, rows, "Worst regions, rms of the fitted rows.")
+    return page.DataTable(heads, rows, "Worst regions, rms of the fitted rows.")
 
 
-def _poses(assessment: Assessment, joints: Sequence[str]) -> page.Table:
+def _poses(assessment: Assessment, joints: Sequence[str]) -> page.DataTable:
     rows: list[page.Row] = [
         [pose.row, ", ".join(f"{v:.1f}" for v in pose.joints), 1e3 * pose.distance] for pose in assessment.worst
     ]
     names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
-    return page.Table(["row", f"{names} [deg or mm]", "not in the fit [mm]"], rows, "Worst poses.")
+    return page.DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], rows, "Worst poses.")

@@ -142,7 +142,7 @@ def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: 
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _UsedRows:
     """The measured rows that count, as charts take them; k rows, base axes.
 
     Attributes:
@@ -174,7 +174,7 @@ def render_diagnosis(
     campaign, before, after = diagnosis.fit.problem.campaign, diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
-    rows = _Rows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
+    rows = _UsedRows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
     structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.deliveries[0].kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
     taken_up = words.reaches_noise(gap, kind)
@@ -280,7 +280,7 @@ def _name_log(campaign: Campaign) -> str:
     return f"{campaign.file.stem}, {folder}" if folder else campaign.file.stem
 
 
-def _list_facts(diagnosis: Diagnosis, rows: _Rows) -> list[tuple[str, str]]:
+def _list_facts(diagnosis: Diagnosis, rows: _UsedRows) -> list[tuple[str, str]]:
     campaign, left, outliers = diagnosis.fit.problem.campaign, int((~rows.used).sum()), diagnosis.outliers
     apart = f", of which {left} are left out as outliers or incomplete" if left else ""
     shown = f"rows {', '.join(str(int(row)) for row in outliers[:20])}{', …' if len(outliers) > 20 else ''}"
@@ -294,7 +294,7 @@ def _list_facts(diagnosis: Diagnosis, rows: _Rows) -> list[tuple[str, str]]:
     ]
 
 
-def _show_where(diagnosis: Diagnosis, split: Split, rows: _Rows) -> page.Section:
+def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> page.Section:
     shares = split.shares
     figure = draw_residuals(diagnosis.robot, rows.q, rows.point, rows.before, rows.after)
     magnified = describe_magnification(rows.point, rows.before)
@@ -345,16 +345,16 @@ def _list_splits(split: Split) -> list[page.Block]:
         shown = page.Cell(size, "strong" if abs(size) > 4 * error else "")
         approach.append([name, shown, error, key.rsplit("_", 1)[1]])
     blocks: list[page.Block] = [
-        page.Table(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        page.Table(["rows of the log", "time [s]", *end], times, "By time."),
-        *([page.Table(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
-        page.Table(["reach [mm]", "height [mm]", *end], regions,
+        page.DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
+        page.DataTable(["rows of the log", "time [s]", *end], times, "By time."),
+        *([page.DataTable(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
+        page.DataTable(["reach [mm]", "height [mm]", *end], regions,
                    "By region: distance from the axis of the base, and height."),
-        page.Table(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
+        page.DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
     if approach:
         caption = "How far a joint stands apart when its last move came from either side; positive: it lags behind."
-        blocks.append(page.Table(["joint", "lost motion", "standard error", "unit"], approach, caption))
+        blocks.append(page.DataTable(["joint", "lost motion", "standard error", "unit"], approach, caption))
     return blocks
 
 
@@ -369,16 +369,16 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> page.Sect
             told = describe_parameters(effect.get("parameters", {}), effect.get("interval95"))
             rows.append([name_effect(effect), sure, page.Cell(describe_change(effect) or None, "strong"), told, rivals])
         heads = ["effect", "probability", "change of the model's value, 95 %", "parameters", "may also be"]
-        blocks.append(page.Table(heads, rows, "Effects present together, the largest share of the gap first."))
+        blocks.append(page.DataTable(heads, rows, "Effects present together, the largest share of the gap first."))
     blocks += [f"What is left: {sentence}" for sentence in structure]
     if candidates:
         rows = [[name_effect(c), float(c["probability"]), c.get("held_out_rms_mm")] for c in candidates]
         heads = ["candidate", "probability", "rms, rows not in the fit [mm, 4]"]
-        blocks.append(page.Table(heads, rows, "All candidates, ranked.", 12))
+        blocks.append(page.DataTable(heads, rows, "All candidates, ranked.", 12))
     return page.Section("Which effect", blocks)
 
 
-def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, measured: _Rows) -> page.Section:
+def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, measured: _UsedRows) -> page.Section:
     gap, parts = table["gap"], diagnosis.fit.problem.register
     held_out, floor = (
         page.Cell(gap.get("held_out_after_rms_mm"), "strong"),
@@ -396,7 +396,7 @@ def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, 
     rows += [[name, None, 1e3 * rms] for name, rms in rivals.items()]
     rows.append([page.Cell("noise floor", "muted"), floor, floor])
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
-    figures = page.Table(heads, rows, "Rms of the 3D distance, outliers left out.")
+    figures = page.DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
     before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))
     histogram = draw_histogram(before, after, 1e-3 * float(gap.get("noise_floor_mm") or 0.0))
     bars = page.Chart(histogram, "Deviations of all rows; dashed: what noise alone would give.", 320)
@@ -406,7 +406,7 @@ def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, 
     return page.Section("How far it shrinks", [page.Columns([[figures], [bars]], (0.45, 0.55)), chart])
 
 
-def _list_factors(diagnosis: Diagnosis, split: Split, rows: _Rows) -> dict[str, tuple[Array, str]]:
+def _list_factors(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> dict[str, tuple[Array, str]]:
     campaign, used, point, robot = diagnosis.fit.problem.campaign, rows.used, rows.point, diagnosis.robot
     factors: dict[str, tuple[Array, str]] = {"row": (np.flatnonzero(used).astype(float), "")}
     if campaign.time is not None:
@@ -439,5 +439,5 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> page.Section:
         separates = " from ".join(map(name, step.get("separates", [])))
         rows.append([separates, how, len(step.get("poses", [])), len(step.get("wrenches", [])), gain])
     text = "Poses and loads stand in diagnosis.json; all are within joint limits and the loads of this campaign."
-    table = page.Table(["separates", "how", "poses", "loads", "expected gain"], rows)
+    table = page.DataTable(["separates", "how", "poses", "loads", "expected gain"], rows)
     return page.Section("What to measure next", [table, text])

@@ -147,8 +147,8 @@ def _render(summary: Mapping[str, Any]) -> str:
     files = [[tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools]
     files += [["all, in order", ", ".join(mains)]] if mains else []
     sections = [
-        page.Section("Tools", [page.Table(columns, rows)], "One plan a tool; its name opens its page.", True),
-        page.Section("Programs", [page.Table(["tool", "files"], files)],
+        page.Section("Tools", [page.DataTable(columns, rows)], "One plan a tool; its name opens its page.", True),
+        page.Section("Programs", [page.DataTable(["tool", "files"], files)],
                      "In this order; each begins with its tool change.", True),
     ]  # fmt: skip
     return page.render_page(

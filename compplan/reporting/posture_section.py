@@ -133,7 +133,7 @@ def _draw_clearance(stations: Stations, clearance: ClearanceProfile) -> page.Cha
     return page.Chart(figure, caption, 280)
 
 
-def _list_costs(plan: Plan, choice: PostureSummary) -> page.Table:
+def _list_costs(plan: Plan, choice: PostureSummary) -> page.DataTable:
     """List what the posture costs, beside the plain one where that is known."""
     both = None
     if plan.job is not None and plan.task.start is not None and plan.robot.nq >= 6:
@@ -153,10 +153,10 @@ def _list_costs(plan: Plan, choice: PostureSummary) -> page.Table:
         told = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
         rows.append(["configuration changes", told, *none])
     if not plain:
-        return page.Table(["what the posture costs", ""], rows)
+        return page.DataTable(["what the posture costs", ""], rows)
     names = ["the graph's way", "tool's x as the job has it"]
     names[choice.instead_of is not None] += ": chosen"
-    return page.Table(["what the posture costs", *names], rows, _weigh(chosen, plain))
+    return page.DataTable(["what the posture costs", *names], rows, _weigh(chosen, plain))
 
 
 def _weigh(found: dict[str, float], plain: dict[str, float]) -> str:
