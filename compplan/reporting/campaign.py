@@ -69,12 +69,7 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
 
 
 def sight_columns(sights: Observations | None, poses: int) -> dict[str, object]:
-    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose.
-
-    Args:
-        sights: What the instrument sees; None: positions.
-        poses: How many poses.
-    """
+    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose."""
     empty = np.full(2 * poses, np.nan)
     if sights is None:
         return {f"{axis}_mm": empty for axis in "xyz"}

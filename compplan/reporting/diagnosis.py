@@ -63,13 +63,7 @@ def deliver_diagnosis(
 ) -> tuple[dict[str, Any], page.Summary]:
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
-    Args:
-        diagnosis: The diagnosis.
-        out: The folder.
-        progress: Called with what is being done.
-
-    Returns:
-        What diagnosis.json holds, and the first screen of the page.
+    Returns what diagnosis.json holds, and the first screen of the page.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -90,13 +84,6 @@ def write_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
 ) -> dict[str, Any]:
     """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds.
-
-    Args:
-        diagnosis: The diagnosis.
-        split: Where the gap lies.
-        assessment: What it is worth to the one who calibrates.
-        table: What `Diagnosis.to_table` gave.
-        out: The folder.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -163,14 +150,7 @@ class _UsedRows:
 def render_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment | None, table: Mapping[str, Any]
 ) -> str:
-    """Return the page of a diagnosis.
-
-    Args:
-        diagnosis: The diagnosis.
-        split: Where the gap lies.
-        assessment: What it is worth to the one who calibrates; left out of the page if None.
-        table: What diagnosis.json holds.
-    """
+    """Return the page of a diagnosis; `table` is what diagnosis.json holds, without `assessment` no advice is given."""
     campaign, before, after = diagnosis.fit.problem.campaign, diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
@@ -222,13 +202,8 @@ def open_diagnosis(
 ) -> page.Summary:  # fmt: skip
     """Return the first screen: what is wrong with the robot, and how much of the gap that explains.
 
-    Args:
-        verdict_table: `verdict` of diagnosis.json.
-        gap: `gap` of diagnosis.json.
-        delivered: Kind of the robot folder that is written: "nominal" where nothing predicts better.
-        picture: The picture.
-        small: Share of the gap that small errors everywhere carry.
-        listed: Whether poses to measure next stand below.
+    delivered: kind of the robot folder that is written; small: share of the gap that small errors everywhere carry;
+    listed: whether poses to measure next stand below.
     """
     status, effects = verdict_table["status"], verdict_table["effects"]
     after, before = gap.get("held_out_after_rms_mm"), gap.get("held_out_before_rms_mm")

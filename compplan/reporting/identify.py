@@ -34,13 +34,7 @@ FRAMES = ("geometry", "base", "tool", "contact")
 
 
 def write_identification(result: Identification, out: Path, log_notes: Sequence[str] = ()) -> dict[str, Any]:
-    """Write identify.json, report.html and the updated robot folder, and return the summary.
-
-    Args:
-        result: The identification.
-        out: Folder to write into; made if needed.
-        log_notes: What the reading of the log noted.
-    """
+    """Write identify.json, report.html and the updated robot folder with what the reading of the log noted."""
     said = {"log_notes": list(log_notes), "made_by": describe_origin()}
     summary = {**summarise_identification(result), **said}
     with replace_folder(out, "identify") as part:

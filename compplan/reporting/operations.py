@@ -33,12 +33,7 @@ CHANGE = 1.0
 
 
 def write_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> list[Path]:
-    """Write the plans of all operations of a job, all files or none, and return the files.
-
-    Args:
-        plans: One an operation, in order.
-        folder: Folder to write to; made if needed.
-        name: Name of the job.
+    """Write the plans of all operations of a job, one an operation, all files or none, and return the files.
 
     Raises:
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.

@@ -86,13 +86,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Picture:
-    """Show a PNG picture, kept inside the page.
-
-    Args:
-        png: The bytes of the picture.
-        caption: What to see in it.
-        description: What is said to those who cannot see it; default: the caption.
-    """
+    """Show a PNG picture, kept inside the page; `description` is for those who cannot see it (default: the caption)."""
 
     png: bytes
     caption: str = ""

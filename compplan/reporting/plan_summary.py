@@ -42,12 +42,7 @@ NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 
 
 def open_plan(plan: Plan, folder: Path | None = None) -> page.Summary:
-    """Return the first screen of a plan.
-
-    Args:
-        plan: The plan.
-        folder: Folder that its programs are written to already, for their checksums; None where there are none.
-    """
+    """Return the first screen of a plan; programs that stand in a folder already are listed with their checksums."""
     verdict = plan.verdict
     tone = TONES[verdict.word]
     band = "not known" if verdict.band is None else format_mm(verdict.band)

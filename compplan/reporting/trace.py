@@ -60,12 +60,7 @@ class Traced:
 
 
 def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:
-    """Hold logs against their programs and identify the controller.
-
-    Args:
-        logs: LOG.csv files.
-        programs: One program a log, in the same order; one alone is every log's.
-        robot: The robot; [motion] of its controller.toml is where the search begins.
+    """Hold logs against their programs, one each in the same order or one for all, and identify the controller.
 
     Raises:
         InputError: If a file is not what it has to be, or the numbers of logs and programs differ.
