@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from compplan.io.display import Curve, Curves
-from compplan.io.quantities import format_number, format_percent
+from compplan.io.quantities import format_percent
 from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
 
@@ -16,18 +16,14 @@ if TYPE_CHECKING:
     from compplan.diagnosis.results.accuracy import Assessment, Learning
     from compplan.diagnosis.results.calibration import Correction, Pose
 
-#: Regions that are listed as the worst.
-WORST_REGIONS = 3
 #: A change of less than this share of its half width is none: poses that see a parameter by noise alone give it more.
 UNSEEN = 0.01
 #: Digits behind the point, by unit.
 DIGITS = {"mm": 3, "deg": 4}
 
 
-def show_calibration(
-    assessment: Assessment, regions: Sequence[Mapping[str, Any]], joints: Sequence[str]
-) -> page.Section:
-    """Show what a diagnosis is worth to the one who calibrates; `regions`: `by_region` of the gap."""
+def show_calibration(assessment: Assessment, joints: Sequence[str]) -> page.Section:
+    """Show what a diagnosis is worth to the one who calibrates."""
     blocks: list[page.Block] = [page.Columns([[_accuracy(assessment)], _more_poses(assessment.learning)], (0.5, 0.5))]
     if assessment.corrections:
         zeros = [c for c in assessment.corrections if c.effect == "joint_offset"]
@@ -42,7 +38,7 @@ def show_calibration(
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
     blocks.append(_frames(assessment.frames))
-    blocks.append(page.Columns([[_regions(regions)], [_poses(assessment, joints)]], (0.5, 0.5)))
+    blocks.append(_poses(assessment, joints))
     return page.Section("For the controller", blocks)
 
 
@@ -100,15 +96,6 @@ def _frames(frames: Sequence[Pose]) -> page.DataTable:
         "the new y and the new x; half widths are along and about the frame's own axes."
     )
     return page.DataTable(["frame", "x, y, z [mm]", "95 % [mm]", "A, B, C [deg]", "95 % [deg]"], rows, caption)
-
-
-def _regions(regions: Sequence[Mapping[str, Any]]) -> page.DataTable:
-    rows: list[page.Row] = []
-    for e in sorted(regions, key=lambda entry: -float(entry["after_rms_mm"]))[:WORST_REGIONS]:
-        reach, height = (" to ".join(format_number(float(v), 4) for v in e[k]) for k in ("reach_mm", "height_mm"))
-        rows.append([reach, height, int(e["rows"]), float(e["rms_mm"]), float(e["after_rms_mm"])])
-    heads = ["reach [mm]", "height [mm]", "rows", "before [mm]", "after [mm]"]
-    return page.DataTable(heads, rows, "Worst regions, rms of the fitted rows.")
 
 
 def _poses(assessment: Assessment, joints: Sequence[str]) -> page.DataTable:

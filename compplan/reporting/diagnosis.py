@@ -30,7 +30,6 @@ from compplan.reporting import page
 from compplan.reporting.calibration_section import show_calibration
 from compplan.reporting.effect_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
-    draw_factors,
     draw_gap_shares,
     draw_histogram,
     draw_residuals,
@@ -161,10 +160,10 @@ def render_diagnosis(
     sections = [
         _show_where(diagnosis, split, rows),
         _show_which(table, structure),
-        _show_how_far(diagnosis, table, split, rows),
+        _show_how_far(diagnosis, gap, rows),
     ]
     if assessment is not None:
-        sections.append(show_calibration(assessment, split.spread.by_region, robot.joint_names))
+        sections.append(show_calibration(assessment, robot.joint_names))
     sections += [_show_next(steps)] if steps else []
     notes = [
         f"Considered and not named: {name_effect(effect)} "
@@ -353,12 +352,9 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> page.Sect
     return page.Section("Which effect", blocks)
 
 
-def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, measured: _UsedRows) -> page.Section:
-    gap, parts = table["gap"], diagnosis.fit.problem.register
-    held_out, floor = (
-        page.Cell(gap.get("held_out_after_rms_mm"), "strong"),
-        page.Cell(gap.get("noise_floor_mm"), "muted"),
-    )
+def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> page.Section:
+    parts, floor = diagnosis.fit.problem.register, page.Cell(gap.get("noise_floor_mm"), "muted")
+    held_out = page.Cell(gap.get("held_out_after_rms_mm"), "strong")
     rivals = {f"registration only ({', '.join(parts)})": diagnosis.gap.registration_only} if parts else {}
     for number, delivery in reversed(list(enumerate(diagnosis.deliveries[1:], start=1))):
         rivals[f"{delivery.folder(number)}: {DELIVERED[delivery.kind]}"] = delivery.held.rms
@@ -375,32 +371,7 @@ def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, 
     before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))
     histogram = draw_histogram(before, after, 1e-3 * float(gap.get("noise_floor_mm") or 0.0))
     bars = page.Chart(histogram, "Deviations of all rows; dashed: what noise alone would give.", 320)
-    factors = _list_factors(diagnosis, split, measured)
-    height = 70 + 230 * -(-len(factors) // 3)
-    chart = page.Chart(draw_factors(factors, before, after), "The deviation along each factor.", height)
-    return page.Section("How far it shrinks", [page.Columns([[figures], [bars]], (0.45, 0.55)), chart])
-
-
-def _list_factors(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> dict[str, tuple[Array, str]]:
-    campaign, used, point, robot = diagnosis.fit.problem.campaign, rows.used, rows.point, diagnosis.robot
-    factors: dict[str, tuple[Array, str]] = {"row": (np.flatnonzero(used).astype(float), "")}
-    if campaign.time is not None:
-        factors = {"time": (campaign.time[used], "s")}
-    if campaign.load_varies:
-        factors["force on the tool"] = np.linalg.norm(np.nan_to_num(campaign.wrench[used, :3]), axis=1), "N"
-    factors["reach from the base axis"] = 1e3 * np.hypot(point[:, 0], point[:, 1]), "mm"
-    factors["height"] = 1e3 * point[:, 2], "mm"
-    if campaign.temperature is not None:
-        factors["temperature"] = campaign.temperature[used], "°C"
-    speed = np.abs(campaign.speed[used]).max(axis=1)
-    if speed.max(initial=0.0) > 0:
-        factors["fastest joint"] = speed, "rad/s"
-    for name, share in sorted(split.shares.by_place.items(), key=lambda item: -item[1].share)[:2]:
-        if name in robot.joint_names and share.share > 0.05 and len(factors) < 6:
-            k = robot.joint_names.index(name)
-            scale, unit = (1e3, "mm") if robot.prismatic[k] else (180 / np.pi, "deg")
-            factors[f"position of {name}"] = campaign.q[used, k] * scale, unit
-    return factors
+    return page.Section("How far it shrinks", [page.Columns([[figures], [bars]], (0.45, 0.55))])
 
 
 def _show_next(steps: Sequence[Mapping[str, Any]]) -> page.Section:

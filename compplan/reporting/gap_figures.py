@@ -149,19 +149,3 @@ def draw_histogram(before: Array, after: Array, noise: float) -> Figure:
     use_decades(figure, "x", 1e3 * low, 1e3 * high, title="deviation")
     figure.axis("y", title="share of rows, %", rangemode="tozero")
     return figure
-
-
-def draw_factors(factors: Mapping[str, tuple[Array, str]], before: Array, after: Array) -> Figure:
-    """Draw distances before and after, shape (n,) [m], along each factor: values (n,) and unit by its name."""
-    figure, rows = Figure([""] * len(factors), 3, gaps=(0.07, 0.26 / -(-len(factors) // 3))), thin_dots(before, DOTS)
-    for panel, (name, (values, unit)) in enumerate(factors.items()):
-        for (label, colour), side in zip(MODELS, (before, after), strict=True):
-            figure.line(
-                values[rows], 1e3 * side[rows], label, panel, mode="markers", legendgroup=label,
-                marker={"size": 3, "color": colour, "opacity": 0.5}, showlegend=panel == 0,
-                hovertemplate=f"%{{x:.4g}} {unit}: %{{y:.3g}} mm<extra></extra>",
-            )  # fmt: skip
-        figure.axis("x", panel, title=f"{name}, {unit}" if unit else name)
-        figure.axis("y", panel, title="deviation, mm" if panel % 3 == 0 else None, rangemode="tozero")
-    figure.layout["legend"] = {"itemsizing": "constant"}
-    return figure
