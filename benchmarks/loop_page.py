@@ -47,7 +47,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Equipment:
+class ShopResult:
     """What happened in one virtual shop: its seed, robot and hidden causes, and its programs by folder."""
 
     seed: int
@@ -56,7 +56,7 @@ class Equipment:
     programs: Mapping[str, Program]
 
 
-def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
+def describe_shops(shops: Sequence[ShopResult], floor: float) -> list[str]:
     """Say how the shops stand beside what is asked; `floor` is the noise floor without a part's own force. [m]"""
     true = {name: np.array([shop.programs[name].true for shop in shops]) for name in ROUNDS}
     own = {name: np.array([shop.programs[name].floor for shop in shops]) for name in ROUNDS}
@@ -66,13 +66,13 @@ def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
     solid = np.mean([s.programs["taught_A"].whole <= FLOORS * s.programs["taught_A"].floor for s in shops])
     ratio = true["taught_B"] / true["poses_B"]
     near, second = float(np.mean(a <= FLOORS)), float(np.mean(b <= SECOND))
+    scatter = format_length(float(np.median(own["taught_A"])))
     worse = [int((true[f"taught_{path}"] > 1.001 * true[f"nominal_{path}"]).sum()) for path in "AB"]
     return [
         f"Path A after one part: at most {FLOORS} noise floors off across the path in {format_percent(near)} (asked:"
         f" 95 %), {plain[0]} if the force is left out of the floor, median {np.median(a):.2f}; in 3D in"
         f" {format_percent(float(solid))} (asked: 90 %), {worse[0]} worse than nominal. Noise floor: instrument,"
-        f" robot and clamping {format_length(floor)},"
-        f" with force scatter {format_length(float(np.median(own['taught_A'])))}.",
+        f" robot and clamping {format_length(floor)}, with force scatter {scatter}.",
         f"Path B after one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at most"
         f" {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at most"
         f" {SECOND} noise floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"
@@ -80,7 +80,7 @@ def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
     ]
 
 
-def write_loop_page(shops: Sequence[Equipment], floor: float, file: Path) -> None:
+def write_loop_page(shops: Sequence[ShopResult], floor: float, file: Path) -> None:
     """Write the page; `floor` is the noise floor. [m]"""
     each: list[Block] = [
         Chart(_draw(shops, "poses", "taught"), "Below the line one part of A helped.", 420), _table(shops)
@@ -92,7 +92,7 @@ def write_loop_page(shops: Sequence[Equipment], floor: float, file: Path) -> Non
     write_text(file, html)
 
 
-def _draw(shops: Sequence[Equipment], before: str, after: str) -> Figure:
+def _draw(shops: Sequence[ShopResult], before: str, after: str) -> Figure:
     figure = Figure()
     ends = []
     for number, path in enumerate("AB"):
@@ -107,7 +107,7 @@ def _draw(shops: Sequence[Equipment], before: str, after: str) -> Figure:
     return figure
 
 
-def _table(shops: Sequence[Equipment]) -> DataTable:
+def _table(shops: Sequence[ShopResult]) -> DataTable:
     rows: list[Row] = []
     for shop in shops:
         row: Row = [shop.seed, shop.robot]

@@ -14,7 +14,7 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_mm, format_percent
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import list_files, replace_folder
-from compplan.learning.campaign import MANY, PoseCampaign
+from compplan.learning.campaign import PoseCampaign
 from compplan.measurement.observations import DISTANCE, READING, Observations
 from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
@@ -150,7 +150,6 @@ def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
         "parameters_alone_p95_rms_mm": {
             "now": campaign.model_part(campaign.start) * 1e3,
             "designed": campaign.model_part(choice.covariance) * 1e3,
-            "as_many_random": campaign.random[0] * 1e3, f"random_{MANY}": campaign.random[1] * 1e3,
         },
         "stop_after": choice.enough, "says": describe_campaign(campaign).replace("\u00a0", " "),
         "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
@@ -246,11 +245,9 @@ def _compare(campaign: PoseCampaign) -> page.DataTable:
     rows: list[page.Row] = [
         ["now", 1e3 * campaign.model_part(campaign.start)],
         [f"{count} designed poses", page.Cell(designed, "strong")],
-        [f"{count} random poses", 1e3 * campaign.random[0]],
-        [f"{MANY} random poses", 1e3 * campaign.random[1]],
     ]
     sigma = f"{1e3 * campaign.design.sigma:g} mm per axis"
-    caption = f"Random poses from the same candidates, loads and sides; instrument {sigma}."
+    caption = f"Instrument {sigma}."
     return page.DataTable(["after", "band of the parameters alone, rms [mm]"], rows, caption)
 
 

@@ -56,7 +56,7 @@ def _render(result: JobStudy) -> str:
     sections.append(page.Section("Convergence", [page.Chart(_draw_convergence(result.run), caption, 320)]))
     facts = [
         ("job", str(result.job.file)),
-        ("samples", f"{summary['samples']} in {summary['replicates']} replicates, {summary['sequence']}"),
+        ("samples", f"{summary['samples']} in {summary['replicates']} replicates of a Sobol sequence"),
         ("seed", str(summary["seed"])),
         ("waypoints", f"{summary['waypoints']} of {summary['waypoints_of_path']}"),
         ("tip computed by", "exact loaded equilibrium of every sample and waypoint to 1 nm, geometry to first order"),
@@ -65,8 +65,6 @@ def _render(result: JobStudy) -> str:
         "The uncertainties are assumed unless the job sets them: the ranking holds for cells like these, "
         "and only as far as they are like yours."
     ]
-    if result.run.stopped:
-        notes.insert(0, f"Stopped after {summary['samples']} samples: all intervals were narrow enough.")
     if summary["waypoints"] < summary["waypoints_of_path"]:
         thinned = f"{summary['waypoints_of_path']} waypoints; the study looks at {summary['waypoints']}"
         notes.insert(0, f"The path has {thinned}, spread evenly.")

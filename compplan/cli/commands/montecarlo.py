@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +26,6 @@ from compplan.job.names import ONLINE, STRATEGIES
               f"{', '.join((*STRATEGIES, *ONLINE))}.")  # fmt: skip
 @click.option("--replicates", type=click.IntRange(2, 1024), default=8, show_default=True,
               help="Independent replicates.")  # fmt: skip
-@click.option("--sequence", type=click.Choice(["sobol", "latin_hypercube"]), default="sobol", show_default=True,
-              help="How the samples are spread.")  # fmt: skip
-@click.option("--stop-below", type=click.FloatRange(min=0, min_open=True), metavar="MM",
-              help="Stop when the 95 % interval of every mean rms is within this many mm.")  # fmt: skip
 @click.option("--waypoints", type=click.IntRange(2, 5_000_000), default=2500, show_default=True,
               help="A longer path is thinned evenly to this many waypoints.")  # fmt: skip
 @click.option("--no-sensitivity", is_flag=True, help="Leave out the sensitivity analysis.")
@@ -38,7 +33,7 @@ from compplan.job.names import ONLINE, STRATEGIES
 @json_summary
 def command(
     job: Path, folder: Path, workers: int | None, scheduler: str | None, as_json: bool, strategies: str | None,
-    stop_below: float | None, waypoints: int, no_sensitivity: bool, discard: bool, **design: Any,
+    waypoints: int, no_sensitivity: bool, discard: bool, **design: Any,
 ) -> None:  # fmt: skip
     """Let strategies cut JOB in many uncertain cells: write montecarlo.json, report.html and the samples.
 
@@ -59,9 +54,7 @@ def command(
     names = [name.strip() for name in (strategies or "").split(",") if name.strip()]
     if strategies is not None and (not names or len(set(names)) < len(names)):
         raise InputError(f"--strategies is {strategies!r}, expected names with commas, each once")
-    if stop_below is not None and not isfinite(stop_below):
-        raise InputError("--stop-below is a finite number of mm")
-    settings = Settings(**design, stop_below=None if stop_below is None else stop_below * 1e-3)
+    settings = Settings(**design)
     with lock_folder(folder), show_progress() as announce:
         study = study_job(
             checked, settings, folder, strategies=names, most_waypoints=waypoints, sensitivity=not no_sensitivity,

@@ -150,7 +150,7 @@ def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
 
 def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     counting = load_controller(robot)
-    if counting.known:
+    if not counting.unchecked:
         yield Remark("fine", "controller", "controller.toml says how the joints are counted")
     else:
         yield Remark("note", "controller", f"{counting.unchecked}: signs and zeros of native programs are not known",
