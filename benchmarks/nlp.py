@@ -31,7 +31,7 @@ HEAD = (
     "# The nonlinear program: exact, and at what cost?", "",
     "**Question.** What do shipped jobs come to, and what do they cost, beside an earlier state of the project?", "",
     "Written by `python -m benchmarks nlp --beside CHECKOUT --out docs/results/nlp.md`. CPU is that of the whole",
-    "command in a process of its own, both checkouts in one run, one BLAS thread.", "",
+    "command in a process of its own, both checkouts in one run, one BLAS thread. Each computes its own 95 % band.", "",
 )  # fmt: skip
 
 
