@@ -392,3 +392,8 @@ def interpolate(length: NDArray[Any], places: NDArray[Any], values: Array) -> Ar
     """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
     flat = values.reshape(len(places), -1)
     return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
+
+
+def pick_even(values: NDArray[Any], most: int) -> NDArray[Any]:
+    """Return at most so many of some values (n, ...), evenly spread, both ends included."""
+    return values[np.unique(np.linspace(0, len(values) - 1, min(len(values), most)).astype(int))]
