@@ -77,12 +77,12 @@ def find_engagement(
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
     depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
-    wake = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
-    if wake is None:
+    surface = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
+    if surface is None:
         return Engagement(cutter, depth, travel, level, turning)
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
     kind = _PointEdge if by_points else _FlatEdge
-    solver = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
+    solver = kind(cutter, surface, stock, position, start, frame, travel, turning, run_from)
     removing = cutting & moving
     removing[0] = False
     chunk = EDGE_CHUNK if by_points else CHUNK
@@ -92,7 +92,7 @@ def find_engagement(
         near = rows[solver.may_touch(rows)]
         if len(near):
             solver.fill(near[cutting[near]], moves, depth)
-        wake.cut(moves)
+        surface.cut(moves)
     return Engagement(cutter, depth, travel, level, turning)
 
 
@@ -146,7 +146,7 @@ class _EdgeSolver:
     """Compares the edge of a cutter with what earlier moves left of the stock."""
 
     cutter: Cutter
-    wake: CutSurface
+    surface: CutSurface
     stock: StockColumns
     position: Array
     start: Array
@@ -170,7 +170,7 @@ class _EdgeSolver:
         """Tell where the cutter is near enough to the stock. Shape (r,)."""
         box, tip, reach = self.stock.bounds(), self.position[rows], self.cutter.radius
         low = tip[:, 2]
-        if self.wake.tilt is not None:
+        if self.surface.tilt is not None:
             low = low - reach
             reach = reach + self.cutter.flute
         beside = (tip[:, :2] > box[0, :2] - reach) & (tip[:, :2] < box[1, :2] + reach)
@@ -224,7 +224,7 @@ class _FlatEdge(_EdgeSolver):
         if not len(live):
             return share
         place, bottom, low, k, row = place[live], bottom[live], low[live], k[live], row[live]
-        rise, swept = edge.rise[k], self.wake.lowest(place)
+        rise, swept = edge.rise[k], self.surface.lowest(place)
         top = np.minimum(top[live], swept)
         self._cut_in_chunk(row, place, low, top, moves)
         flat = rise < NOTHING
@@ -356,11 +356,11 @@ class _PointEdge(_EdgeSolver):
     def _uncut(self, point: Array, row: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which points stand in what moves before those of rows left of the stock. Shape (s,)."""
         solid = self._in_stock(point)
-        solid[solid] = self.wake.uncut(point[solid], self.run_from[row[solid]])
+        solid[solid] = self.surface.uncut(point[solid], self.run_from[row[solid]])
         if len(moves):
             sample, move = self._list_before(row, moves, solid)
             if len(sample):
-                solid[sample[self.wake.gap(point[sample], move) < NOTHING]] = False
+                solid[sample[self.surface.gap(point[sample], move) < NOTHING]] = False
         return np.asarray(solid)
 
 
