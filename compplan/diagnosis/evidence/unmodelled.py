@@ -164,7 +164,7 @@ def _of_time(at: Linearization) -> Iterable[Signature]:
     curves = time_curves(at.campaign)
     base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
     yield from _offer(None, "time", "base", _times(base, curves))
-    yield from _offer(None, "time", "tool", _times(tool_twists(at), curves))
+    yield from _offer(None, "time", "tool", _times(tool_twists(at), curves[:, 1:]))
     for joint in at.robot.actuated:
         turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
         yield from _offer(joint.name, "time", "link", _times(turn, curves), common=True)
