@@ -122,7 +122,9 @@ class Parser:
                 value = need(self.operand())
                 return -value if sign == "-" else value
             if sign == self.grammar.brackets[0]:
-                return self._close(self.parse())
+                inner = self.parse()
+                self._expect(self.grammar.brackets[1])
+                return inner
             if sign[0] == "#":
                 return self.lookup(self.read_name(sign), ())
         finally:
@@ -173,10 +175,6 @@ class Parser:
             values.append(need(self.parse()))
         self._expect("]")
         return tuple(values)
-
-    def _close(self, value: Value) -> Value:
-        self._expect(self.grammar.brackets[1])
-        return value
 
     def _take(self) -> str:
         found = self.grammar.token.match(self.text, self.place)
