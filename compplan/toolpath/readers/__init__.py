@@ -60,10 +60,7 @@ def list_suffixes() -> list[str]:
 def find_reader(path: Path, text: str) -> CamReader | None:
     """Return the reader of a file: that whose language the text is most surely in, its suffix between equals.
 
-    Args:
-        path: The file; a text that no reader recognises goes to the reader of its suffix.
-        text: What stands in it.
-
+    A text that no reader recognises goes to the reader of its suffix.
     """
     head, suffix = text[:HEAD_LETTERS], path.suffix.lower()
     ranks = {name: (int(reader.recognise(head)), suffix in reader.suffixes) for name, reader in READERS.items()}
@@ -119,12 +116,7 @@ def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
 
 
 def refuse_idle(cam: CamFile) -> Toolpath:
-    """Return the toolpath of a file that cuts something.
-
-    Raises:
-        InputError: If it holds drilling alone, or nothing to cut.
-
-    """
+    """Return the toolpath of a file that cuts something; an InputError where nothing is cut, or holes alone are drilled."""
     if cam.facts.cutting_moves or cam.facts.rotary_only_moves or cam.toolpath.cutting_length > 0.0:
         return cam.toolpath
     if cam.facts.cycles:

@@ -74,15 +74,10 @@ def read_numbers(minor: str) -> list[float]:
 
 @dataclass(frozen=True)
 class AptCycle:
-    """Hold a drilling cycle, in the unit of the file.
+    """Hold a drilling cycle, in the unit of the file: its kind (DRILL, TAP ..) and feed words, as those of FEDRAT.
 
-    Args:
-        kind: DRILL, TAP, ...
-        depth: How far below the programmed point the hole ends, along the tool axis; None: not said.
-        clear: How far above it the feed begins.
-        retract: How far above it the tool comes and goes.
-        feed: Feed words of the record, as those of FEDRAT, "" without any.
-
+    `depth` lies below the programmed point along the tool axis (None: not said), the feed begins at `clear` above it,
+    the tool comes and goes at `retract`.
     """
 
     kind: str

@@ -67,12 +67,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 
 def split_statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield statements in capitals, text in quotes left out, with the line that each begins in.
-
-    Raises:
-        ValueError: If a quote is never closed, or a statement is longer than any may be.
-
-    """
+    """Yield statements in capitals, text in quotes left out, with the line that each begins in."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         line = re.sub(r'"[^"]*"', '""', raw) if '"' in raw else raw

@@ -132,14 +132,10 @@ class Interpreter:
 
     def run_words(self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None],
                   pass_over: Callable[[CncBlock, float | str], None]) -> str:  # fmt: skip
-        """Carry out the G codes and names of a block; return what takes its coordinates, "" where they are a move.
+        """Carry out the G codes and names of a block by their rank, however they are shuffled.
 
-        Args:
-            block: The block.
-            words: Its codes and names, which act by their rank, however they are shuffled.
-            find: Gives what a word does, None where it is not known.
-            pass_over: Notes a word that is not known, or refuses it.
-
+        Return what takes the coordinates of the block, "" where they are a move. `find` gives what a word does, None
+        where it is unknown; `pass_over` notes such a word, or refuses it.
         """
         takes = ""
         found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]

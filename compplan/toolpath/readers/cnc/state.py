@@ -20,15 +20,10 @@ DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 @dataclass
 class CncBlock:
-    """Hold the words of a block.
+    """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
 
     Args:
-        values: Numbers by address: X, CR, A3, I1 ...
-        codes: G codes.
-        machine: M codes.
-        absolute: Addresses whose number is absolute, whatever the mode.
-        relative: Addresses whose number counts from where the tool is, whatever the mode.
-        names: Words without a number.
+        absolute: Addresses whose number is absolute, whatever the mode; relative: counts from where the tool is.
         calls: Names with arguments, as texts.
         assigned: Variables and their values: name, indices, number (None: text).
 
