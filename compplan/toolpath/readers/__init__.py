@@ -4,6 +4,9 @@ Each reader offers `name`, the `suffixes` of its files, `recognise(text)`, and `
 `recognise` gets the head of a file and says how surely it is of that language: 0 (or False) not, 1 (True) it may be,
 2 it has marks that no other language has (BEGIN PGM, %_N_NAME_MPF). The suffix only decides between equals.
 A new reader is one new file and one line in `READERS`.
+
+What a reader does not know and may move the tool is refused: an InputError with file and line. Functions of the readers
+raise it, or a ValueError, without them; whoever follows the program adds them.
 """
 
 from __future__ import annotations
@@ -116,7 +119,7 @@ def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
 
 
 def refuse_idle(cam: CamFile) -> Toolpath:
-    """Return the toolpath of a file that cuts something; an InputError where nothing is cut, or holes alone are drilled."""
+    """Return the toolpath of a file that cuts something; refuse one that cuts nothing, or drills holes alone."""
     if cam.facts.cutting_moves or cam.facts.rotary_only_moves or cam.toolpath.cutting_length > 0.0:
         return cam.toolpath
     if cam.facts.cycles:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle
@@ -159,8 +160,7 @@ class MotionReader:
         element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis)
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
-            element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis,
-                              run=lambda: self._cut_turning(element, before, after))  # fmt: skip
+            element = replace(element, run=lambda: self._cut_turning(element, before, after))
         contour.add(element, self._corner(block))
 
     def _corner(self, block: CncBlock) -> Corner | None:
