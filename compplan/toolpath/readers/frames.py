@@ -102,7 +102,7 @@ def stretch(x: float, y: float, z: float) -> Frame:
 
 
 def stand_on(first: Point, normal: Point) -> Frame:
-    """Return the frame whose z points along a normal and whose x as far as it can along a direction; else ValueError."""
+    """Return the frame whose z points along a normal, and x as far as it can along a direction; else ValueError."""
     length = math.hypot(*normal)
     if length < 1e-9:
         raise ValueError("the normal of the plane has no direction")
