@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from compplan.errors import InputError
@@ -87,12 +87,13 @@ class AptCycle:
     feed: str
 
 
-def read_cycle(fields: Sequence[float | str]) -> AptCycle:
+def read_cycle(minor: str) -> AptCycle:
     """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
 
     A depth is of either sign. In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or
     CYCLE/kind, d, f, IPM, c.
     """
+    fields = split_fields(minor)
     if not fields:
         raise InputError("a cycle has no kind, expected CYCLE/DRILL, ..")
     kind = word = str(fields[0])

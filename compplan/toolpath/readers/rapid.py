@@ -213,7 +213,10 @@ class _RapidReader:
         if re.search(r"\\T\s*:=", switches):
             raise InputError(f"{word} with a time (\\T) is not read; give it a speed")
         self._use_wobj(switches)
-        self._note_tool(fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)])
+        tool = fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)].partition("\\")[0].strip()
+        if self.tool and tool != self.tool:
+            self.moves.note_tool()
+        self.tool = tool
         poses = [self._target(field) for field in fields[:count]]
         self._carry_over(word, fields, poses, circle=circle)
         if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
@@ -233,12 +236,6 @@ class _RapidReader:
             self.moves.rapid(poses[0])
         else:
             self.moves.straight(poses[0], self._speed(fields[1]))
-
-    def _note_tool(self, field: str) -> None:
-        tool = field.partition("\\")[0].strip()
-        if self.tool and tool != self.tool:
-            self.moves.note_tool()
-        self.tool = tool
 
     def _use_wobj(self, switches: str) -> None:
         """Put a work object in force; the path stays in the one of the first move."""

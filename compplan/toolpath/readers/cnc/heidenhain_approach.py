@@ -187,8 +187,5 @@ class Approaches:
             raise InputError(f"{what} {kind} has no {need}")
         length, radius, angle = (self.words.datums.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
         feed, line = self.it.motion.feed(0.0), self.it.flow.line
-        return (
-            Way(kind, length, radius, angle, self.words.side, self._normal, feed, feed_before, line),
-            words,
-            functions,
-        )
+        way = Way(kind, length, radius, angle, self.words.side, self._normal, feed, feed_before, line)
+        return way, words, functions

@@ -19,16 +19,7 @@ from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS, VALUES
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
-from compplan.toolpath.readers.cnc.state import (
-    AXES,
-    DEEP_AXIS,
-    INCH,
-    LETTERS,
-    PLANE_AXES,
-    PLANE_NORMALS,
-    CncBlock,
-    State,
-)
+from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -187,7 +178,7 @@ class Sinumerik:
         if takes == "once" or not block.has(MOVING):
             return False
         if takes == "machine":
-            for letter in LETTERS:
+            for letter in "ABC":
                 if abs(values.get(letter, 0.0)) > 0.5 * lexer.ELSEWHERE:
                     raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
             it.leave_out_machine_move(block, "SUPA, G53, G153, G74, G75")

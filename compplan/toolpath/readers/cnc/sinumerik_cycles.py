@@ -110,7 +110,6 @@ class SinumerikCycles:
         first, second = PLANE_AXES[self.it.state.plane]
         self.it.contour.refuse_open()
         for u, v, _ in places:
-            point = list(self.it.course.position)
-            point[first], point[second] = u * self.it.state.scale, v * self.it.state.scale
-            self.it.course.rapid((point[0], point[1], point[2]), (first, second))
+            place = set_level(self.it.course.position, first, u * self.it.state.scale)
+            self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
             self.drill_here()
