@@ -83,6 +83,19 @@ def combine(a: float, one: Point, b: float, other: Point) -> Point:
     return a * one[0] + b * other[0], a * one[1] + b * other[1], a * one[2] + b * other[2]
 
 
+def normalise(vector: Point) -> Point:
+    """Return a vector of length 1."""
+    size = math.hypot(*vector)
+    return vector[0] / size, vector[1] / size, vector[2] / size
+
+
+def set_level(point: Point, axis: int, level: float) -> Point:
+    """Return a point at another level along an axis."""
+    moved = list(point)
+    moved[axis] = level
+    return moved[0], moved[1], moved[2]
+
+
 def fits_circle(radius: float, end_radius: float) -> bool:
     """Return whether start and end lie on one circle but for rounding."""
     return radius > NOTHING and abs(radius - end_radius) <= allow_mismatch(radius)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Greatest number of holes of one block or pattern, and of pecks of one hole.
@@ -98,13 +98,6 @@ def list_pecks(clear: float, bottom: float, first: float, less: float, least: fl
         depths.append(depths[-1] - peck)
         peck = max(peck - less, least)
     return depths[1:]
-
-
-def set_level(point: Point, axis: int, level: float) -> Point:
-    """Return a point at another level along an axis."""
-    moved = list(point)
-    moved[axis] = level
-    return moved[0], moved[1], moved[2]
 
 
 def list_circle(centre: tuple[float, float], radius: float, start: float, step: float, count: int) -> list[Point]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.cycles import set_level
+from compplan.toolpath.readers.arcs import set_level
 from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_lexer import M_WORDS, VALUE, split_words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter

@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.cycles import Hole, drill, list_circle, list_grid, set_level
+from compplan.toolpath.readers.arcs import set_level
+from compplan.toolpath.readers.cnc.cycles import Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import DEEP_AXIS, PLANE_AXES
 
