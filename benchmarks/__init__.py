@@ -12,7 +12,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "Is a program read as the controller would read it?": ("reading",),
     "Is the force right?": ("engagement",),
     "Is the cause found?": ("outsider", "diagnosis", "rival", "ablation"),
-    "Do measuring and learning make the next part better?": ("loop", "shop"),
+    "Do measuring and learning make the next part better?": ("loop", "ladder", "shop"),
     "Does it bear bad files?": ("bad_inputs", "bad_inputs.cam_mutants"),
     "What is written from all this?": ("results",),
 }

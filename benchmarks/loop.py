@@ -9,12 +9,7 @@ taught folder. No command may end with another status than 0 (`diagnose` may ask
 Every program is then run again and again, clamping and repeatability drawn anew for every part: the table gives the
 median of the true rms across the path under the shop's own force. Bands are held against parts whose force is drawn
 anew by 7 %: the true 95 % point, and the share of tips within.
-`--with sockets` measures plates of two sockets instead, joints alone; `dial` and `ballbar` what gauges and a bar read;
-`probe` measures no poses, and the part with a probe along one normal at a time. By the commands alone, and beside each
-other:
-
-    for kind in tracker sockets dial ballbar; do python -m benchmarks loop --shops 1 --with $kind --out DIR/$kind; done
-    python -m benchmarks results instruments
+`--with sockets` measures plates of two sockets instead, joints alone.
 
 Steps whose files are in DIR are not done again. A noise floor is sqrt(3) times the standard deviations of the
 instrument, the robot and the clamping per axis, and with them, in squares, what one standard deviation of a part's own
@@ -36,20 +31,17 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.coverage.__main__ import read_band
-from benchmarks.loop_page import ROUNDS, Program, describe_shops, write_loop_page
-from benchmarks.loop_page import Equipment as ChunkResult
+from benchmarks.loop_page import ROUNDS, Program, ShopResult, describe_shops, write_loop_page
 from benchmarks.shop import (
-    BAR,
     CLAMPED,
     REPEATABILITY,
     ROOT,
     SCATTER,
     TRACKER,
-    Equipment,
+    VirtualShop,
     cut_part,
     draw_shop,
     fill_log,
-    probe_normals,
     probe_part,
 )
 
@@ -57,10 +49,9 @@ FLOOR = float(np.sqrt(3.0) * np.sqrt(TRACKER**2 + REPEATABILITY**2 + CLAMPED[0] 
 #: Poses; parts that a band is held against, their force drawn anew, and parts of the shop's own force.
 POSES, DRAWS, STEADY = 12, 20, 5
 WEIGHTS, PULL = "0,60", 400.0
-#: Poses with an instrument that sees no positions, how the product calls it, and with what length. [mm]
-SEATED = 36
-WITH = {"sockets": ("sockets", 200.0), "dial": ("gauge", None), "ballbar": ("ball_bar", 1e3 * BAR)}
-INSTRUMENTS = ("tracker", *WITH, "probe")
+#: Poses with sockets, and how far two of a plate are apart. [mm]
+SEATED, PLATE = 36, 200.0
+INSTRUMENTS = ("tracker", "sockets")
 #: Robots: middle of path A [mm], the force as a share of that on the KUKA KR 270, and the language of programs.
 ROBOTS = {
     "kuka_kr270": ((1700.0, 0.0, 900.0), 1.0, "krl"), "abb_irb6640_185_280": ((1600.0, 0.0, 800.0), 0.7, "rapid"),
@@ -125,7 +116,7 @@ def write_jobs(work: Path, robot: str, waypoints: int) -> tuple[Path, Path]:
     return files[0], files[1]
 
 
-def judge_program(shop: Equipment, out: Path) -> Program:
+def judge_program(shop: VirtualShop, out: Path) -> Program:
     """Run a program on the true robot as often as `DRAWS` says, every part of its own force and clamping."""
     band = read_band(out / "deviation.csv")
     band = band[np.isfinite(band)]
@@ -147,22 +138,18 @@ def judge_program(shop: Equipment, out: Path) -> Program:
     )  # fmt: skip
 
 
-def measure_robot(shop: Equipment, robot: str, job: Path, work: Path, instrument: str) -> Path | str:
-    """Measure poses of the shop's robot and diagnose them; return the folder, the shipped one where nothing is."""
+def measure_robot(shop: VirtualShop, robot: str, job: Path, work: Path, instrument: str) -> Path:
+    """Measure poses of the shop's robot and diagnose them; return the folder."""
     poses, log = work / "poses", work / "log.csv"
-    if instrument == "probe":
-        return robot
     loads, sigma = ("--weights-kg", WEIGHTS, "--pull-N", PULL), ("--sigma-mm", 1e3 * TRACKER)
     same = replace(shop, random=np.random.default_rng([20261122, shop.seed, 2]))
     if instrument == "tracker":
         run_product(poses, "campaign", job, "--poses", POSES, *loads, *sigma)
         told: tuple[object, ...] = ("--register", "base,tool")
     else:
-        name, length = WITH[instrument]
         # nobody pulls at a ball that has to sit in its socket
-        run_product(poses, "campaign", job, "--poses", SEATED, "--with", name,
-                    *(() if length is None else ("--length-mm", length)),
-                    "--register", "tool", *(loads[:2] if instrument == "sockets" else loads), *sigma)  # fmt: skip
+        run_product(poses, "campaign", job, "--poses", SEATED, "--with", instrument, "--length-mm", PLATE,
+                    "--register", "tool", *loads[:2], *sigma)  # fmt: skip
         told = ("--register", "tool", "--instrument", poses / "instrument.toml")
     if not log.exists():
         fill_log(same, poses / "campaign.csv", log)
@@ -170,7 +157,7 @@ def measure_robot(shop: Equipment, robot: str, job: Path, work: Path, instrument
     return work / "diagnosed" / "robot"
 
 
-def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> ChunkResult:
+def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str = "tracker") -> ShopResult:
     """Run one shop; return what every program of it left and had promised."""
     shop = draw_shop(ROOT / "robots" / robot, seed)
     a, b = write_jobs(work, robot, waypoints)
@@ -182,10 +169,10 @@ def run_shop(seed: int, robot: str, waypoints: int, work: Path, instrument: str 
     part = work / "part.csv"
     if not part.exists():
         one = replace(shop, random=np.random.default_rng([20261122, seed, 6]))
-        (probe_normals if instrument == "probe" else probe_part)(one, cut_part(one, work / "poses_A"), part)
+        probe_part(one, cut_part(one, work / "poses_A"), part)
     run_product(work / "taught_A", "learn", a, part, "--robot", folder, "--frame", "base")
     run_product(work / "taught_B", "plan", b, "--robot", work / "taught_A" / "robot")
-    return ChunkResult(seed, robot, shop.hidden, {name: judge_program(shop, work / name) for name in ROUNDS})
+    return ShopResult(seed, robot, shop.hidden, {name: judge_program(shop, work / name) for name in ROUNDS})
 
 
 def main() -> None:
@@ -199,7 +186,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="Folder to keep the shops' files in.")
     words = parser.parse_args()
     print(f"noise floor {1e3 * FLOOR:.4f} mm; true rms across / widest band, mm, share held: {', '.join(ROUNDS)}")
-    shops: list[ChunkResult] = []
+    shops: list[ShopResult] = []
     failed = 0
     for seed in range(words.seed, words.seed + words.shops):
         robot = words.robot or list(ROBOTS)[seed % len(ROBOTS)]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from compplan.reporting import figure as go
-from compplan.reporting.page import Block, Chart, Column, PageTable, Provenance, Row, Section, TableCell, write_page
-from compplan.reporting.style import CATEGORIES, format_length, format_percent
+from compplan.io.palette import CATEGORIES
+from compplan.io.quantities import format_length, format_percent
+from compplan.io.tables import write_text
+from compplan.reporting.charts import Figure
+from compplan.reporting.page import Block, Cell, Chart, Provenance, Row, Section, Table, render_page
 
 #: Programs of a shop, by folder, and what people call them.
 ROUNDS = {
@@ -46,7 +47,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Equipment:
+class ShopResult:
     """What happened in one virtual shop: its seed, robot and hidden causes, and its programs by folder."""
 
     seed: int
@@ -55,7 +56,7 @@ class Equipment:
     programs: Mapping[str, Program]
 
 
-def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
+def describe_shops(shops: Sequence[ShopResult], floor: float) -> list[str]:
     """Say how the shops stand beside what is asked; `floor` is the noise floor without a part's own force. [m]"""
     true = {name: np.array([shop.programs[name].true for shop in shops]) for name in ROUNDS}
     own = {name: np.array([shop.programs[name].floor for shop in shops]) for name in ROUNDS}
@@ -65,13 +66,13 @@ def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
     solid = np.mean([s.programs["taught_A"].whole <= FLOORS * s.programs["taught_A"].floor for s in shops])
     ratio = true["taught_B"] / true["poses_B"]
     near, second = float(np.mean(a <= FLOORS)), float(np.mean(b <= SECOND))
+    scatter = format_length(float(np.median(own["taught_A"])))
     worse = [int((true[f"taught_{path}"] > 1.001 * true[f"nominal_{path}"]).sum()) for path in "AB"]
     return [
         f"Path A after one part: at most {FLOORS} noise floors off across the path in {format_percent(near)} (asked:"
         f" 95 %), {plain[0]} if the force is left out of the floor, median {np.median(a):.2f}; in 3D in"
         f" {format_percent(float(solid))} (asked: 90 %), {worse[0]} worse than nominal. Noise floor: instrument,"
-        f" robot and clamping {format_length(floor)},"
-        f" with force scatter {format_length(float(np.median(own['taught_A'])))}.",
+        f" robot and clamping {format_length(floor)}, with force scatter {scatter}.",
         f"Path B after one part of A: {np.median(ratio):.2f} of after poses alone in the median (asked: at most"
         f" {BETTER}), {ratio.max():.2f} in the worst (asked: {WORSE}), {int((ratio > WORSE).sum())} above that; at most"
         f" {SECOND} noise floors in {format_percent(second)} (asked: 60 %), {plain[1]} if the force is left out;"
@@ -79,34 +80,34 @@ def describe_shops(shops: Sequence[Equipment], floor: float) -> list[str]:
     ]
 
 
-def write_loop_page(shops: Sequence[Equipment], floor: float, file: Path) -> None:
+def write_loop_page(shops: Sequence[ShopResult], floor: float, file: Path) -> None:
     """Write the page; `floor` is the noise floor. [m]"""
     each: list[Block] = [
         Chart(_draw(shops, "poses", "taught"), "Below the line one part of A helped.", 420), _table(shops)
     ]  # fmt: skip
     sections = [Section("Poses alone, and one part", each, "True rms across the path, median over drawn parts.")]
-    write_page(
-        file, "The loop in virtual shops", describe_shops(shops, floor), sections, kind="Benchmark",
-        provenance=Provenance([("robot", "MuJoCo, hidden effects drawn from the seed"), ("shops", str(len(shops)))]),
-    )  # fmt: skip
+    origin = Provenance([("robot", "MuJoCo, hidden effects drawn from the seed"), ("shops", str(len(shops)))])
+    said = describe_shops(shops, floor)
+    html = render_page("The loop in virtual shops", said, sections, kind="Benchmark", provenance=origin)
+    write_text(file, html)
 
 
-def _draw(shops: Sequence[Equipment], before: str, after: str) -> Any:
-    figure = go.Figure()
+def _draw(shops: Sequence[ShopResult], before: str, after: str) -> Figure:
+    figure = Figure()
     ends = []
     for number, path in enumerate("AB"):
         x, y = ([1e3 * shop.programs[f"{one}_{path}"].true for shop in shops] for one in (before, after))
         ends += [*x, *y]
         marker = {"color": CATEGORIES[number], "size": 9}
-        figure.add_trace(go.Scatter(x=x, y=y, mode="markers", name=f"path {path}", marker=marker))
+        figure.line(x, y, f"path {path}", mode="markers", marker=marker)
     line = [min(ends), max(ends)]
-    figure.add_trace(go.Scatter(x=line, y=line, mode="lines", showlegend=False))
-    figure.update_xaxes(type="log", title="after 12 poses, mm")
-    figure.update_yaxes(type="log", title="after one part of A, mm")
+    figure.line(line, line, showlegend=False)
+    figure.axis("x", type="log", title="after 12 poses, mm")
+    figure.axis("y", type="log", title="after one part of A, mm")
     return figure
 
 
-def _table(shops: Sequence[Equipment]) -> PageTable:
+def _table(shops: Sequence[ShopResult]) -> Table:
     rows: list[Row] = []
     for shop in shops:
         row: Row = [shop.seed, shop.robot]
@@ -115,9 +116,9 @@ def _table(shops: Sequence[Equipment]) -> PageTable:
             bad = name == "taught_B" and program.true > WORSE * after.true
             good = name.startswith("taught") and program.true <= SECOND * program.floor
             mark = "bad" if bad else "good" if good else ""
-            row += [TableCell(1e3 * program.true, mark), 1e3 * program.band, f"{program.held:.0%}"]
+            row += [Cell(1e3 * program.true, mark), 1e3 * program.band, f"{program.held:.0%}"]
         rows.append([*row, ", ".join(shop.hidden)])
-    columns = [Column("shop"), Column("robot")]
+    columns = ["shop", "robot"]
     for words in ROUNDS.values():
-        columns += [Column(words, "mm"), Column("band", "mm"), Column("held")]
-    return PageTable([*columns, Column("hidden")], rows, "True rms, widest band, share of tips held.", scroll=24)
+        columns += [f"{words} [mm]", "band [mm]", "held"]
+    return Table([*columns, "hidden"], rows, "True rms, widest band, share of tips held.", scroll=24)

@@ -10,10 +10,9 @@ predicted, and a little otherwise at every part. Every part is clamped anew. The
 target anywhere on the tool (`compplan diagnose --register base,tool`). A shop reads what the controller would read,
 joints and loads, and tells what an instrument would tell: a filled log, or points on the part, brought to the robot
 base by the part's own datum (`compplan learn --frame base`). A probe does not know how far along the path a point
-lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm, `--normals` for
-one that touches along one normal at a time. A campaign with sockets is filled in with the joints at which the ball
-sits, its plates as long as instrument.toml beside it says; one with dial gauges or a ball bar with what they read,
-put up by hand. The shop knows the robot folder's tool, not a job's own.
+lies; `--tracked` stands for an instrument that the program triggers, so that points carry their s_mm. A campaign with
+sockets is filled in with the joints at which the ball sits, its plates as long as instrument.toml beside it says. The
+shop knows the robot folder's tool, not a job's own.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from benchmarks.campaigns.description import Array, read_description
@@ -44,11 +42,8 @@ TRACKER, REPEATABILITY, PROBE = 2e-5, 1.5e-5, 1e-5
 LEVEL, SCATTER, CLAMPED = 0.15, 0.07, (1e-5, 2e-5)
 #: Where the tracker's frame and its target on the tool are, per axis. [m, rad, m]
 FRAME, TARGET = (3e-3, 2e-3), 1e-3
-#: How far from where it should be a plate of sockets, a gauge or a bar is put up, per axis [m], and how far a gauge
-#: leans, per axis. [rad]
-HAND, LEAN = 3e-3, 2e-3
-#: Length of the ball bar. [m]
-BAR = 0.3
+#: How far from where it should be a plate of sockets is put up, per axis. [m]
+HAND = 3e-3
 #: Everyday errors: lengths [m], directions [rad], zeros [rad], gears [rad], own compliances (share).
 LENGTH, TURN, ZERO, GEAR, SOFT = 2e-5, 1e-5, 1e-5, 1e-5, 0.04
 #: A program whose tip is farther from the path than this is of another robot or tool. [m]
@@ -57,7 +52,7 @@ LOAD = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 @dataclass(frozen=True)
-class Equipment:
+class VirtualShop:
     """A virtual shop: what its robot hides, its force over the predicted one, and the randomness of its instruments."""
 
     scenario: Scenario
@@ -67,7 +62,7 @@ class Equipment:
     random: np.random.Generator
 
 
-def draw_shop(robot: Path, seed: int) -> Equipment:
+def draw_shop(robot: Path, seed: int) -> VirtualShop:
     """Draw a shop: three hidden effects of different kinds; every third shop has one outside the vocabulary."""
     random = np.random.default_rng([20261122, seed])
     scenario = nominal_scenario(read_description(robot))
@@ -94,7 +89,7 @@ def draw_shop(robot: Path, seed: int) -> Equipment:
         hidden.append("hose (in no vocabulary)")
     force = 1.0 + LEVEL * float(np.random.default_rng([20261122, seed, 1]).standard_normal())
     hidden.append(f"force x {force:.2f}")
-    return Equipment(
+    return VirtualShop(
         add_everyday(scenario, np.random.default_rng([20261122, seed, 3])), seed, tuple(hidden), force, random
     )
 
@@ -164,7 +159,7 @@ def read_rows(file: Path) -> tuple[list[dict[str, str]], Array, Array]:
 
 
 def move(
-    shop: Equipment, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None
+    shop: VirtualShop, q: Array, wrench: Array, *, path: bool, measured: np.ndarray | None = None
 ) -> tuple[Array, Array]:
     """Let the shop's robot go through rows; return where the tip really is, (n, 3) [m], and its axes, (n, 3, 3)."""
     n = len(q)
@@ -175,7 +170,7 @@ def move(
     return tip, seen.rotation
 
 
-def cut_part(shop: Equipment, folder: Path, scatter: float = SCATTER) -> Cut:
+def cut_part(shop: VirtualShop, folder: Path, scatter: float = SCATTER) -> Cut:
     """Cut the program of a plan, the force and the clamping of this part drawn anew.
 
     Raises:
@@ -197,7 +192,7 @@ def cut_part(shop: Equipment, folder: Path, scatter: float = SCATTER) -> Cut:
     return Cut(tip, wanted, length[cutting])
 
 
-def measure_poses(shop: Equipment, empty: Path, log: Path) -> int:
+def measure_poses(shop: VirtualShop, empty: Path, log: Path) -> int:
     """Fill in an empty log; return the number of measured poses.
 
     Two rows a pose: where its approach begins, which stays empty, and the pose, approached from there and measured.
@@ -215,7 +210,7 @@ def measure_poses(shop: Equipment, empty: Path, log: Path) -> int:
     return len(rows) // 2
 
 
-def seat_ball(shop: Equipment, empty: Path, log: Path, plate: float) -> int:
+def seat_ball(shop: VirtualShop, empty: Path, log: Path, plate: float) -> int:
     """Fill in an empty log of sockets: the ball of the true robot sits in them, its joints are what is written down.
 
     A plate of two sockets, `plate` apart [m], is put up by hand near each place that the log asks for.
@@ -251,46 +246,11 @@ def seat_ball(shop: Equipment, empty: Path, log: Path, plate: float) -> int:
     return len(pose)
 
 
-def read_stands(shop: Equipment, empty: Path, log: Path) -> int:
-    """Fill in an empty log of dial gauges or a ball bar; return the number of measured poses.
-
-    A gauge is set to zero by hand near the first pose of its label and leans a little; the bar turns about a centre
-    below the tips, near where all of them are `BAR` away.
-    """
-    rows, q, wrench = read_rows(empty)
-    tip, axes = move(shop, q, wrench, path=False)
-    tip = (tip + axes @ (TARGET * np.random.default_rng([20261122, shop.seed, 4]).standard_normal(3)))[1::2]
-    measured, bar = rows[1::2], "distance_mm" in rows[0]
-    labels = np.array([row["contact"] for row in measured])
-    for name in dict.fromkeys(labels):
-        met = np.flatnonzero(labels == name)
-        middle = _find_centre(tip[met]) if bar else tip[met[0]]
-        away = tip[met] - middle - HAND * shop.random.standard_normal(3)
-        if bar:
-            seen = np.linalg.norm(away, axis=1)
-        else:
-            way = np.array([float(measured[met[0]][f"dir_{axis}"]) for axis in "ijk"])
-            way = way + np.cross(LEAN * shop.random.standard_normal(3), way)
-            seen = away @ (way / np.linalg.norm(way))
-        for k, value in zip(met, seen + TRACKER * shop.random.standard_normal(len(met)), strict=True):
-            measured[k]["distance_mm" if bar else "reading_mm"] = f"{1e3 * value:.5f}"
-    _write_rows(log, rows)
-    return len(measured)
-
-
-def _find_centre(tip: Array) -> Array:
-    """Find the place below some tips, shape (n, 3), from which all are `BAR` away. [m]."""
-    start = tip.mean(axis=0) - [0.0, 0.0, BAR]
-    return np.asarray(least_squares(lambda at: np.linalg.norm(tip - at, axis=1) - BAR, start).x)
-
-
-def fill_log(shop: Equipment, empty: Path, log: Path) -> int:
+def fill_log(shop: VirtualShop, empty: Path, log: Path) -> int:
     """Fill in the empty log of a campaign, whatever is to be measured; return the number of measured poses."""
     head = read_rows(empty)[0][0]
     if "contact" not in head:
         return measure_poses(shop, empty, log)
-    if "distance_mm" in head or "reading_mm" in head:
-        return read_stands(shop, empty, log)
     lengths = {table["mm"] for table in tomllib.loads(empty.with_name("instrument.toml").read_text())["distance"]}
     return seat_ball(shop, empty, log, 1e-3 * lengths.pop())
 
@@ -302,18 +262,7 @@ def _write_rows(file: Path, rows: list[dict[str, str]]) -> None:
         writer.writerows(rows)
 
 
-def probe_normals(shop: Equipment, cut: Cut, file: Path) -> None:
-    """Measure a cut part with a probe that moves along one normal at a time: outwards, then upwards at the next."""
-    out = cut.wanted - cut.wanted.mean(axis=0)
-    out = out / np.linalg.norm(out, axis=1)[:, None]
-    way = np.where((np.arange(len(out)) % 2 == 0)[:, None], out, [0.0, 0.0, 1.0])
-    reading = np.sum((cut.tip - cut.wanted) * way, axis=1) + PROBE * shop.random.standard_normal(len(out))
-    table = np.column_stack([1e3 * cut.wanted, way, 1e3 * reading, np.full(len(out), 1e3 * PROBE)])
-    head = "x_mm,y_mm,z_mm,dir_i,dir_j,dir_k,reading_mm,sigma_mm"
-    file.write_text("\n".join([head, *(",".join(f"{v:.7f}" for v in row) for row in table)]) + "\n", encoding="utf-8")
-
-
-def probe_part(shop: Equipment, cut: Cut, file: Path, *, tracked: bool = False) -> None:
+def probe_part(shop: VirtualShop, cut: Cut, file: Path, *, tracked: bool = False) -> None:
     """Measure a cut part: points in the frame of the robot base; tracked ones say how far along the path they are."""
     points = cut.tip * 1e3 + 1e3 * PROBE * shop.random.standard_normal(cut.tip.shape)
     table = np.column_stack([points, np.full(len(points), 1e3 * PROBE), 1e3 * cut.length])
@@ -330,7 +279,6 @@ def main() -> int:
     parser.add_argument("--robot", default="kuka_kr270", help="robot folder, or the name of a shipped one")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tracked", action="store_true", help="cut: points carry their place along the path")
-    parser.add_argument("--normals", action="store_true", help="cut: readings along one normal at a time")
     parser.add_argument("--out", type=Path)
     words = parser.parse_args()
     folder = Path(words.robot) if Path(words.robot).is_dir() else ROOT / "robots" / words.robot
@@ -348,10 +296,7 @@ def main() -> int:
             print(f"{fill_log(shop, words.file, words.out)} poses measured, wrote {words.out}")
         else:
             part = cut_part(shop, words.file)
-            if words.normals:
-                probe_normals(shop, part, words.out)
-            else:
-                probe_part(shop, part, words.out, tracked=words.tracked)
+            probe_part(shop, part, words.out, tracked=words.tracked)
             print(f"{len(part.tip)} points measured, wrote {words.out}; to the shop alone is known that the tip was"
                   f" {1e3 * part.across:.3f} mm off, rms across the path")  # fmt: skip
     except (OSError, KeyError, ValueError) as error:

@@ -48,10 +48,11 @@ if TYPE_CHECKING:
     from compplan.planning.evaluate import Evaluation, evaluate_run
     from compplan.planning.plan import Plan, PlanOptions, plan_compensation, plan_job
     from compplan.planning.posture.place import place_part
+    from compplan.reporting.compare import write_comparison
     from compplan.reporting.maps.survey import map_robot
-    from compplan.reporting.writers.montecarlo import write_study
-    from compplan.reporting.writers.operations import write_operations
-    from compplan.reporting.writers.plan import write_comparison, write_plan
+    from compplan.reporting.montecarlo import write_study
+    from compplan.reporting.operations import write_operations
+    from compplan.reporting.writers.plan import write_plan
     from compplan.reporting.writers.post import Posted, post
     from compplan.robot import Robot, load_robot, write_robot_folder
     from compplan.simulation.predict import Prediction, predict_campaign
@@ -87,10 +88,11 @@ _MODULES = {
     "measurement.instrument": ("read_instrument",),
     "measurement.reading": ("read_campaign",),
     "measurement.registration": ("Registration",),
-    "reporting.writers.identify": ("write_identification",),
-    "reporting.writers.montecarlo": ("write_study",),
-    "reporting.writers.operations": ("write_operations",),
-    "reporting.writers.plan": ("write_comparison", "write_plan"),
+    "reporting.identify": ("write_identification",),
+    "reporting.montecarlo": ("write_study",),
+    "reporting.operations": ("write_operations",),
+    "reporting.compare": ("write_comparison",),
+    "reporting.writers.plan": ("write_plan",),
     "reporting.writers.post": ("Posted", "post"),
     "toolpath.events": ("Event",),
     "toolpath.reading": ("read_toolpath",),

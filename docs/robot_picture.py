@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from compplan.reporting.robot_scene import EYE, Shape, place_shapes, shade_faces
+from compplan.reporting.scenes import EYE, Shape, place_shapes, shade_faces
 from compplan.robot import Array, Robot
 
 #: Triangles are cut until no edge is longer, so that near ones cover far ones. [m]

@@ -70,7 +70,7 @@ def load_commands() -> None:
 
     for name in COMMANDS:
         importlib.import_module(f"compplan.cli.commands.{name}")
-    for module in ("compplan.reporting", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
+    for module in ("compplan.reporting.page", "matplotlib.pyplot", "rich.table", "casadi", "eaik"):
         importlib.import_module(module)
     for encoding in ("utf-8-sig", "utf-16", "latin-1"):
         codecs.lookup(encoding)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.loop import FLOOR
-from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, WORSE, Equipment, Program, describe_shops
+from benchmarks.loop_page import FLOORS, HELD, ROUNDS, WIDE, WORSE, Program, ShopResult, describe_shops
 from benchmarks.results.chart import Chart
 from benchmarks.results.findings import Findings, Settings, draw_table, run_benchmark
 
@@ -54,15 +54,15 @@ def measure(settings: Settings) -> Findings:
     return Findings((said, *describe_shops(shops, FLOOR)), (table, table_bands(shops)), losses, draw_table(head, rows))
 
 
-def read_rounds(file: Path) -> list[Equipment]:
+def read_rounds(file: Path) -> list[ShopResult]:
     """Read the shops that `benchmarks.loop` wrote."""
     return [
-        Equipment(t["seed"], t["robot"], tuple(t["hidden"]), {k: Program(**p) for k, p in t["programs"].items()})
+        ShopResult(t["seed"], t["robot"], tuple(t["hidden"]), {k: Program(**p) for k, p in t["programs"].items()})
         for t in json.loads(file.read_text("utf-8"))
     ]
 
 
-def table_bands(shops: list[Equipment]) -> str:
+def table_bands(shops: list[ShopResult]) -> str:
     """Return how many tips the band of each program holds, and how wide it is."""
     rows = []
     for name, words in ROUNDS.items():
@@ -74,7 +74,7 @@ def table_bands(shops: list[Equipment]) -> str:
     return draw_table(("program", *aims), rows)
 
 
-def _fall_short(shops: list[Equipment]) -> list[str]:
+def _fall_short(shops: list[ShopResult]) -> list[str]:
     """Count the shops that fall short after one part: A above its noise floors, bands too narrow or too wide."""
     far = {s.seed: s.programs["taught_A"].true / s.programs["taught_A"].floor for s in shops}
     said = _count(f"Path A after one part: more than {FLOORS} noise floors off", far, FLOORS)
@@ -98,7 +98,7 @@ def _count(words: str, ratios: dict[int, float], most: float) -> list[str]:
     return [f"{words} in {len(beyond)} shops{seeds}; at most {max(beyond.values()):.1f}."] if beyond else []
 
 
-def _lose_by_poses(shops: list[Equipment]) -> list[str]:
+def _lose_by_poses(shops: list[ShopResult]) -> list[str]:
     """Say where poses alone left a path farther off than the shipped folder, and where the force alone is why."""
     said = []
     for path in "AB":

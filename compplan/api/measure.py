@@ -47,7 +47,7 @@ def diagnose(
     import numpy as np
 
     from compplan.api.given_robot import take_robot
-    from compplan.cli.commands.measured import settle_questions
+    from compplan.cli.measured import settle_questions
     from compplan.diagnosis.campaign_diagnosis import diagnose_campaign
     from compplan.effects import EFFECTS
     from compplan.errors import UnknownNameError
@@ -69,7 +69,7 @@ def diagnose(
     settle_questions(mounted, campaign, tuple(register), assume_ok, events=True)
     result = diagnose_campaign(mounted, campaign, register=register, without=without, progress=progress)
     if out is not None:
-        from compplan.reporting.writers.diagnosis import deliver_diagnosis
+        from compplan.reporting.diagnosis import deliver_diagnosis
 
         deliver_diagnosis(result, Path(out), progress)
     return result
@@ -105,7 +105,7 @@ def learn(
     from compplan.api.given_job import make_job
     from compplan.errors import InputError
     from compplan.learning.part import learn_from_part
-    from compplan.reporting.writers.learn import write_learning
+    from compplan.reporting.learn import write_learning
 
     if frame not in ("part", "base"):
         raise InputError(f"frame is {frame!r}, choose from ['part', 'base']")

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from compplan.cli.application import COMMANDS, describe_command, group, main
+from compplan.cli.application import COMMANDS, group, main
 
-__all__ = ["COMMANDS", "describe_command", "group", "main"]
+__all__ = ["COMMANDS", "group", "main"]

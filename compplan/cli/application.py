@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import gc
 import importlib
 import os
@@ -16,9 +15,7 @@ from typing import Any
 
 import click
 
-from compplan.cli import commands
-from compplan.cli.commands.streams import steady_streams
-from compplan.cli.commands.verbosity import add_verbosity
+from compplan.cli.terminal import add_verbosity, steady_streams
 from compplan.errors import CompplanError, InputError, find_near
 from compplan.io.lazy_imports import put_off
 from compplan.io.provenance import record_inputs
@@ -29,37 +26,35 @@ DEBUG = "COMPPLAN_DEBUG"
 #: Threads of numeric libraries, unless the environment says otherwise: one, for many small matrices gain nothing from
 #: more, and on a busy machine threads that wait for one another take six times the processor time.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-#: Every command, by the name of its file in `compplan.cli.commands`.
-COMMANDS = (
-    "plan",
-    "compare",
-    "montecarlo",
-    "map",
-    "identify",
-    "diagnose",
-    "predict",
-    "campaign",
-    "learn",
-    "calibration",
-    "convert",
-    "post",
-    "execute",
-    "trace",
-    "reproduce",
-    "place",
-    "forces",
-    "view",
-    "init",
-    "doctor",
-)  # fmt: skip
+#: What each command is for, by the name of its file in `compplan.cli.commands`.
+COMMANDS = {
+    "plan": "from a job to a corrected robot program",
+    "compare": "every strategy side by side, in the cell as modelled and in cells that differ",
+    "montecarlo": "strategies against each other under uncertainty",
+    "map": "deflection, stiffness and dexterity over a horizontal and a vertical plane",
+    "identify": "compliances of a robot from a measurement log",
+    "diagnose": "where the sim-to-real gap lies, which effect causes it, how far it shrinks",
+    "predict": "what the measuring instrument should see of a campaign",
+    "campaign": "the measurements that narrow a path's 95 % band most",
+    "learn": "the next program from the measured deviations of a cut part",
+    "calibration": "a controller's own calibration, read into a robot folder or written from one",
+    "convert": "a CAM file becomes a toolpath table",
+    "post": "from a CAM file to the corrected robot program, in one command",
+    "execute": "what the robot's controller makes of a program",
+    "trace": "what a controller made of programs, identified from logs",
+    "reproduce": "the figures of a paper beside ours",
+    "place": "where the part should stand",
+    "forces": "engagement and force along the path, and which coefficients fit a measured log",
+    "view": "a plan or a diagnosis in the browser, on this machine alone",
+    "init": "write a commented job, a robot folder from a URDF, or an empty measurement log",
+    "doctor": "what is odd about the installation, a robot folder or a log",
+}
 
 
 class LazyGroup(click.Group):
     """Import a command's module only when it is asked for, so that the command line starts fast.
 
-    Each module in `compplan.cli.commands` offers a click command named `command`; the first line of its docstring is
-    "`compplan NAME`: what it is for."
+    Each module in `compplan.cli.commands` offers a click command named `command`.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -71,7 +66,7 @@ class LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         put_off()  # loads numpy, as every command does, and therefore not before
-        command: click.Command = importlib.import_module(f"{commands.__name__}.{cmd_name}").command
+        command: click.Command = importlib.import_module(f"compplan.cli.commands.{cmd_name}").command
         return add_verbosity(command)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -90,43 +85,17 @@ class LazyGroup(click.Group):
             meant = f"did you mean {' or '.join(near)}" if near else f"choose from {list(COMMANDS)}"
             raise InputError(f"no command named {args[0]!r}, {meant}; compplan --help lists them")
         name, command, rest = super().resolve_command(ctx, args)
-        if command is not None:
-            refuse_twice(command, rest)
+        given = [word.partition("=")[0] for word in rest]
+        for option in () if command is None else command.params:
+            single = isinstance(option, click.Option) and not option.multiple and not option.is_flag
+            if single and any(given.count(word) > 1 for word in option.opts):
+                raise InputError(f"{option.opts[0]} is given twice, choose one")
         return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands with the first lines of their modules, none of which is imported for that."""
-        width = formatter.width - 6 - max(map(len, COMMANDS))
+        """List the commands and what they are for; no module is imported for that."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, shorten(describe_command(name), width)) for name in COMMANDS])
-
-
-def refuse_twice(command: click.Command, words: Sequence[str]) -> None:
-    """Refuse a command line that gives an option twice, unless the option takes several values.
-
-    Raises:
-        InputError: With the option.
-
-    """
-    given = [word.partition("=")[0] for word in words]
-    single = [p for p in command.params if isinstance(p, click.Option) and not p.multiple and not p.is_flag]
-    for option in single:
-        if sum(given.count(name) for name in option.opts) > 1:
-            raise InputError(f"{option.opts[0]} is given twice, choose one")
-
-
-def describe_command(name: str) -> str:
-    """Return what a command is for, from the text of its module."""
-    file = Path(str(commands.__file__)).with_name(f"{name}.py")
-    first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-    return (first.partition("`: ")[2] or first).rstrip(".")
-
-
-def shorten(text: str, width: int) -> str:
-    """Cut a line at a word."""
-    if len(text) <= max(width, 20):
-        return text
-    return text[: max(width, 20) - 3].rpartition(" ")[0] + " ..."
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
@@ -142,12 +111,7 @@ add_verbosity(group)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and leave with its exit status.
-
-    Args:
-        arguments: Words after the program's name; those of this process if left out.
-
-    """
+    """Run the command line, the words after the program's name, and leave with its exit status."""
     if DEBUG not in os.environ:
         warnings.simplefilter("ignore")
         os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of worker processes
@@ -166,12 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run_words(words: list[str]) -> int:
-    """Run a command line and return its exit status; what goes wrong is said in one line on stderr.
-
-    Args:
-        words: The words after the program's name.
-
-    """
+    """Run a command line and return its exit status; what goes wrong is said in one line on stderr."""
     try:
         if "" in words:
             raise InputError("an argument is empty, expected a name or a path")
@@ -192,12 +151,7 @@ def run_words(words: list[str]) -> int:
 
 
 def describe_fault(error: Exception) -> tuple[str, int]:
-    """Return the one line that an exception ends with, and the exit status.
-
-    Args:
-        error: The exception.
-
-    """
+    """Return the one line that an exception ends with, and the exit status."""
     said = " ".join(str(error).split())
     if isinstance(error, CompplanError):
         return cut(said), error.exit_status

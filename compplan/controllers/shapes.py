@@ -41,12 +41,9 @@ def follow_line(x: Array) -> tuple[Array, Array]:
 
 
 def follow_arc(x: Array, via: Array) -> tuple[Array, Array] | None:
-    """Return the same of the arc through a place; None where there is none that controllers take.
+    """Return the same of the arc from the first row through a place to the last; None where controllers take none.
 
-    Args:
-        x: Rows; the arc begins at the first and ends at the last. Shape (k, 3). [mm]
-        via: The place. Shape (3,). [mm]
-
+    Shapes (k, 3), (3,). [mm]
     """
     circle = find_circle(x[0], via, x[-1])
     if circle is None:
@@ -70,13 +67,10 @@ def is_flat(start: Array, via: Array, end: Array) -> bool:
 
 
 def follow_curve(x: Array, along: Array, bend: Array) -> tuple[Array, Array]:
-    """Return the same of a cubic, and how far it bulges from the chords between rows.
+    """Return the same of a cubic from the first row to the last, and how far it bulges from the chords between rows.
 
-    Args:
-        x: Rows; it begins at the first and ends at the last. Shape (k, 3). [mm]
-        along: Length of the path up to each. Shape (k,). [mm]
-        bend: Its derivatives by its share, at start and end. Shape (2, 3). [mm]
-
+    `along` is the length of the path up to each row, `bend` the derivatives of the cubic by its share at its ends.
+    Shapes (k, 3), (k,), (2, 3). [mm]
     """
     share = (along - along[0]) / max(float(along[-1] - along[0]), 1e-12)
     middle = 0.5 * (share[:-1] + share[1:])
@@ -110,13 +104,9 @@ def find_tangents(x: Array, along: Array) -> Array:
 def find_via(x: Array, middle: int) -> Array:
     """Return a place beside a middle row, on the circle from the first row to the last that lies nearest to all.
 
-    Of circles through both ends in the plane of the greatest bulge, with t along the chord of length L and y across,
-    c = sum y (t^2 + y^2 - L t) / (2 sum y^2) puts the centre of the one of least squares at (L / 2, c).
-
-    Args:
-        x: Rows. Shape (k, 3). [mm]
-        middle: The row. Where the rows lie on a line the place is the row itself.
-
+    Of circles through both ends in the plane of the greatest bulge, with t along the chord of length L and y across, c
+    = sum y (t^2 + y^2 - L t) / (2 sum y^2) puts the centre of the one of least squares at (L / 2, c). Where the rows
+    lie on a line the place is the row itself. Shape (k, 3). [mm]
     """
     chord = x[-1] - x[0]
     length = float(np.linalg.norm(chord))

@@ -33,7 +33,6 @@ def send_speeds(
 
     Returns:
         Shape (n,). [mm/s]
-
     """
     speed = step / np.maximum(lasts, 1e-9)
     if asked is not None:
@@ -66,7 +65,6 @@ def _leave_ramps(speed: Array, lasts: Array, stops: NDArray[np.bool_]) -> Array:
     """Return speeds as they are sent: beside a rest the one that the plan has reached, or comes from, within `RAMP`.
 
     The speed has to rise from row to row up to there, and not to fall at once again.
-
     """
     sent, at = speed.copy(), np.flatnonzero(stops)
     for a, b in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):

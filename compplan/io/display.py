@@ -28,7 +28,7 @@ MOST_LINES, MOST_LETTERS = 15, 130
 #: Colour and dash of a line by what it shows.
 ROLES = {
     "before": (BEFORE, "solid"), "after": (AFTER, "solid"), "band": (BAND, "solid"), "limit": (LIMIT, "dash"),
-    "tolerance": (TOLERANCE, "dash"), "neutral": (NEUTRAL, "solid"),
+    "tolerance": (TOLERANCE, "dash"), "neutral": (NEUTRAL, "solid"), "seen": (AFTER, "dot"),
 }  # fmt: skip
 MATPLOTLIB_DASHES = {"solid": "-", "dash": "--", "dot": ":"}
 
@@ -44,12 +44,14 @@ class Curve(NamedTuple):
         x: Shape (n,), in the unit of the axis.
         y: Shape (n,), in the unit of the axis.
         role: One of `ROLES`, or the number of a category.
+        mode: "lines", "markers" or "lines+markers".
     """
 
     label: str
     x: Array
     y: Array
     role: str | int
+    mode: str = "lines"
 
 
 class Curves(NamedTuple):
@@ -168,7 +170,9 @@ def draw_curves(curves: Curves, axes: Axes) -> Axes:
     """Draw curves into matplotlib axes and return them."""
     for curve in curves.lines:
         colour, dash = pick_style(curve.role)
-        axes.plot(curve.x, curve.y, color=colour, linestyle=MATPLOTLIB_DASHES[dash], linewidth=1.4, label=curve.label)
+        style = MATPLOTLIB_DASHES[dash] if "lines" in curve.mode else ""
+        marker = "." if "markers" in curve.mode else ""
+        axes.plot(curve.x, curve.y, color=colour, linestyle=style, marker=marker, linewidth=1.4, label=curve.label)
     if curves.level is not None:
         colour, dash = pick_style("tolerance")
         axes.axhline(curves.level[0], color=colour, linestyle=MATPLOTLIB_DASHES[dash], label=curves.level[1])

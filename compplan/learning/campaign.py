@@ -23,7 +23,7 @@ from compplan.learning.contacts import (
     see_distances,
     sight_candidates,
 )
-from compplan.learning.design import Choice, Design, choose_measurements, find_idle, random_choice
+from compplan.learning.design import Choice, Design, choose_measurements, find_idle
 from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.distance import band_radius
@@ -40,8 +40,6 @@ from compplan.uncertainty.ladder import CALIBRATION, COMPLIANCES, PATH, TRACKER,
 from compplan.uncertainty.perturbation import build_varied_model
 from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, read_force_spread, select_model_rows
 
-#: Random poses that the design is compared with, and how often they are drawn.
-MANY, DRAWS = 50, 5
 #: Postures that stand for wherever an arm can stand (assumed).
 REACH = 100
 #: A log lies beyond its widths where chance would do so once in a thousand.
@@ -60,7 +58,6 @@ class PoseCampaign:
         choice: What they bring, in the order of their worth.
         design: What is known, and the path.
         start: Covariance before the first of them.
-        random: Root mean square model part of the band after as many, and after `MANY`, random poses (medians). [m]
         rest: What would narrow the band further afterwards: parameter and share of the variance.
         touching: Places in the order to which the way touches something.
         log: Rows of the partial log that counted.
@@ -74,7 +71,6 @@ class PoseCampaign:
     choice: Choice
     design: Design
     start: Array
-    random: tuple[float, float]
     rest: tuple[tuple[str, float], ...]
     touching: NDArray[np.int_]
     log: int
@@ -94,14 +90,7 @@ def design_campaign(
     plan: Plan, equipment: Equipment, count: int, log: Campaign | None = None,
     announce: Callable[[str], None] = lambda words: None,
 ) -> PoseCampaign:  # fmt: skip
-    """Design measurements for the path of a plan.
-
-    Args:
-        plan: The plan.
-        equipment: What there is to measure with.
-        count: How many poses.
-        log: What has been measured already, or None.
-        announce: Told what is being done.
+    """Design `count` measurements for the path of a plan; `log`: what has been measured already, or None.
 
     Raises:
         InputError: If the arm finds too few postures.
@@ -143,7 +132,6 @@ def design_campaign(
         choice=choice,
         design=design,
         start=start,
-        random=compare_random(design, candidates, count, start, equipment.seed),
         rest=_find_rest(design, known, choice.covariance),
         touching=touching,
         log=used,
@@ -180,14 +168,8 @@ def _choose(
 ) -> tuple[Design, Array, Candidates, Choice, list[str]]:
     """Choose measurements; places that are met no more often than they take are not put up.
 
-    Args:
-        bare: What is known, without unknown places.
-        learned: Its covariance.
-        candidates: What could be measured.
-        count: How many.
-
-    Returns:
-        Design and covariance with the places, the candidates at them, the choice, and what there is to say.
+    bare: what is known, without unknown places; learned: its covariance. Returns design and covariance with the places,
+    the candidates at them, the choice, and what there is to say.
     """
     asked = 0 if candidates.sights is None else len(candidates.sights.names)
     while True:
@@ -230,9 +212,7 @@ def add_places(design: Design, start: Array, sights: Observations, tip: Array, c
 def take_frames(design: Design, scene: ForwardModel) -> Design:
     """Return the design without what unknown frames follow: each later campaign, each part brings its own.
 
-    Args:
-        design: The design.
-        scene: The robot at all rows of its path.
+    scene: the robot at all rows of the design's path.
     """
     path = design.path
     attained = solve_model_poses(select_model_rows(scene, path.rows))
@@ -289,18 +269,6 @@ def learn_log(design: Design, robot: Robot, log: Campaign | None) -> tuple[Array
         )
     p = len(design.start)
     return learn_rows(own.start, rows, design.noise)[:p, :p], len(use), said
-
-
-def compare_random(design: Design, candidates: Candidates, count: int, start: Array, seed: int) -> tuple[float, float]:
-    """Return the model part of the band after as many, and after many, random poses: medians. [m]"""
-    found = []
-    for number in (count, MANY):
-        tries = [
-            model_part(design, random_choice(design, candidates, number, seed + 1 + k, start).covariance)
-            for k in range(DRAWS)
-        ]
-        found.append(float(np.median(tries)))
-    return found[0], found[1]
 
 
 def model_part(design: Design, covariance: Array) -> float:

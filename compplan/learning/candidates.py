@@ -98,15 +98,10 @@ def run_up(robot: Robot) -> Array:
 def find_postures(
     robot: Robot, path_q: Array, lowest: float, scene: CollisionScene | None, seed: int, kept: int = KEPT
 ) -> Array:
-    """Draw postures that the arm can take. Shape (k, nq). [rad or m]
+    """Draw at most `kept` postures that the arm can take. Shape (k, nq). [rad or m]
 
-    Args:
-        robot: The robot with its tool.
-        path_q: Joint positions along the path. Shape (n, nq). [rad or m]
-        lowest: Lowest place of the path over the base plane. [m]
-        scene: What may touch what, or None.
-        seed: Seed.
-        kept: How many to keep at most.
+    path_q: joint positions along the path, (n, nq); lowest: its lowest place over the base plane [m]; scene: what may
+    touch what, or None.
     """
     random = np.random.default_rng(seed)
     span = np.where(robot.prismatic, np.inf, TURN)
@@ -128,14 +123,9 @@ def find_postures(
 def list_candidates(
     robot: Robot, postures: Array, weights: Sequence[float], pull: float, unknowns: tuple[Unknown, ...]
 ) -> Candidates:
-    """Combine postures with ways to approach, weights and pulls, and differentiate what would be measured.
+    """Combine postures, (k, nq), with ways to approach, weights [kg] and pulls; differentiate what is measured.
 
-    Args:
-        robot: The robot with its tool.
-        postures: Joint positions. Shape (k, nq). [rad or m]
-        weights: Weights that can hang at the tool. [kg]
-        pull: Force with which the tool can be pulled along x and y of the base, either way; 0 for none. [N]
-        unknowns: What is to be known better.
+    pull: force with which the tool can be pulled along x and y of the base, either way; 0 for none. [N]
     """
     k = len(postures)
     loads = [(0.0, 0.0, 0.0 - STANDARD_GRAVITY * weight) for weight in weights]

@@ -81,7 +81,7 @@ def find_touching(
         middle: Middle of the path. Shape (3,). [m]
         lowest: Lowest place of the path over the base plane. [m]
         instrument: "sockets", "gauge" or "ball_bar".
-        places: How many places.
+        places: How many.
         length: Length of the ball bar, or distance of two sockets of a plate, 0 for single ones. [m]
         scene: What may touch what, or None.
 
@@ -148,10 +148,7 @@ class Fixture:
 def list_fixtures(instrument: str, sights: Observations | None, tip: Array) -> tuple[Fixture, ...]:
     """Tell where the instrument of a campaign stands, label by label.
 
-    Args:
-        instrument: "tracker", "sockets", "gauge" or "ball_bar".
-        sights: What it sees in every pose; None for a tracker.
-        tip: Where the tip is in every pose, base frame. Shape (m, 3). [m]
+    sights: what it sees in every pose, None for a tracker; tip: base frame, (m, 3). [m]
     """
     stands, names = [], () if sights is None else sights.names
     for number, label in enumerate(names):
@@ -187,12 +184,9 @@ def sight_candidates(candidates: Candidates, sights: Observations) -> Candidates
 
 
 def observe_rows(rows: Array, sights: Observations, point: Array) -> Array:
-    """Return what sights see of parameters, frames and places, from what positions would. Shape (m, 3, P + 3 c).
+    """Return what sights of c contacts see of parameters, frames and places. Shape (m, 3, P + 3 c).
 
-    Args:
-        rows: Derivatives of the measured point. Shape (m, 3, P).
-        sights: The sights, c contacts.
-        point: The measured point, base frame. Shape (m, 3). [m]
+    rows: derivatives of the measured point, (m, 3, P); point: base frame, (m, 3). [m]
     """
     places = -sights.place_slopes().reshape(len(rows), 3, -1)
     return along(sights.directions(point, sights.start_places(point)), np.concatenate([rows, places], axis=2))

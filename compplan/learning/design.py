@@ -24,6 +24,7 @@ from compplan.measurement.observations import DISTANCE, Observations
 from compplan.measurement.poses.exchange import settle_choice, take_greedily
 from compplan.measurement.poses.information import learn_rows, measure_gains, weight_rows
 from compplan.robot import Array
+from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty
 from compplan.uncertainty.band import Slopes, split_covariance
 from compplan.uncertainty.ladder import pose_variance
@@ -82,10 +83,7 @@ class Design:
         """Return what measurements see of parameters, frames and places. Shape (m, 3, p + f)."""
         parts = [slopes]
         if "base" in self.frames:
-            turn = np.zeros((len(tip), 3, 3))
-            turn[:, 0, 1], turn[:, 0, 2], turn[:, 1, 2] = tip[:, 2], -tip[:, 1], tip[:, 0]
-            turn[:, 1, 0], turn[:, 2, 0], turn[:, 2, 1] = -tip[:, 2], tip[:, 1], -tip[:, 0]
-            parts += [np.broadcast_to(np.eye(3), (len(tip), 3, 3)), turn]
+            parts.append(rigid_columns(tip, np.zeros(3)))
         if "tool" in self.frames:
             parts.append(rotation)
         rows = np.concatenate(parts, axis=2)
@@ -142,13 +140,9 @@ class Choice:
 
 
 def choose_measurements(design: Design, candidates: Candidates, count: int, start: Array | None = None) -> Choice:
-    """Choose measurements: greedily, then exchanged one by one while that helps.
+    """Choose `count` measurements: greedily, then exchanged one by one while that helps.
 
-    Args:
-        design: What is known, and the path.
-        candidates: What could be measured.
-        count: How many.
-        start: Covariance before the first of them; from `design` where left out.
+    start: covariance before the first of them; from `design` where left out.
     """
     before = design.start if start is None else start
     rows, first = design.look(candidates), first_visits(candidates)
@@ -182,12 +176,7 @@ def first_visits(candidates: Candidates) -> list[int]:
 
 
 def find_idle(candidates: Candidates, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Tell which contacts stand at places that are met no more often than the places take. Shape (contacts,).
-
-    Args:
-        candidates: All that could be measured.
-        rows: What was chosen of it.
-    """
+    """Tell which contacts are at places that chosen rows meet no more often than the places take. Shape (contacts,)."""
     assert candidates.sights is not None
     contact, names = candidates.sights.contact, candidates.sights.names
     plate = np.unique([name.split("/")[0] for name in names], return_inverse=True)[1].reshape(-1)
@@ -205,10 +194,3 @@ def grade_choice(design: Design, rows: Array, chosen: Sequence[int], before: Arr
     greatest = np.array([band.max() for band in bands])
     rms = np.array([np.sqrt(np.mean(band**2)) for band in bands])
     return Choice(np.array(chosen, int), greatest, rms, covariance[:p, :p])
-
-
-def random_choice(design: Design, candidates: Candidates, count: int, seed: int, start: Array | None = None) -> Choice:
-    """Choose measurements by chance, to compare with."""
-    rows = design.look(candidates)
-    picked = np.random.default_rng(seed).choice(len(rows), size=count, replace=count > len(rows))
-    return grade_choice(design, rows, picked.tolist(), design.start if start is None else start)

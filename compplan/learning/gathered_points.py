@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.learning.measured_path import MeasuredPath
-from compplan.learning.plausibility import rigid_columns
 from compplan.robot import Array
+from compplan.robot.pose import rigid_columns
 
 #: Points within this distance along the path count for a row of it. [m]
 NEAR = 2e-3
@@ -52,12 +52,7 @@ def take_points(measured: MeasuredPath, rows: NDArray[np.bool_]) -> MeasuredPath
 
 
 def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
-    """Gather measured points at the nearest rows of the path; those far from any row do not count.
-
-    Args:
-        measured: The points.
-        length: Length of the path at its rows. Shape (k,). [m]
-    """
+    """Gather measured points at the nearest rows of the path, of length (k,) [m]; far ones do not count."""
     middle = 0.5 * (length[1:] + length[:-1])
     row = np.searchsorted(middle, measured.length)
     window = max(NEAR, 3.0 * (length[-1] - length[0]) / len(measured))
@@ -82,18 +77,20 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:
     """Say how far a part is off as a whole, where that is most of what was measured; "" elsewhere.
 
-    Args:
-        gathered: The measurements.
-        tip: Where the tip goes at the rows of the path. Shape (k, 3). [m]
-        R_base_part: Part axes seen from the base. Shape (3, 3).
+    Only combinations of shift and turn that stand out of the noise count: others were not measured. tip: at the rows of
+    the path, (k, 3) [m]; R_base_part: part axes seen from the base, (3, 3).
     """
     size = max(float(np.ptp(tip, axis=0).max()), 1e-3)
-    columns = gathered.counts @ rigid_columns(tip)[gathered.row] / np.repeat([1.0, size], 3)
+    sigma = np.repeat(np.sqrt(gathered.variance), 3)
+    columns = gathered.counts @ rigid_columns(tip, tip.mean(axis=0))[gathered.row] / np.repeat([1.0, size], 3)
     matrix, seen = columns.reshape(-1, 6), gathered.deviation.reshape(-1)
-    motion = np.linalg.lstsq(matrix, seen, rcond=1e-3)[0]
-    left, noise = seen - matrix @ motion, float(gathered.variance.sum())
-    taken = 1.0 - float(left @ left) / max(float(seen @ seen), 1e-300)
-    if taken < WHOLE or seen @ seen < CLEAR**2 * noise:
+    left, value, right = np.linalg.svd(matrix / sigma[:, None], full_matrices=False)
+    shares = left.T @ (seen / sigma)  # each of variance 1
+    clear = np.abs(shares) > CLEAR
+    motion = right[clear].T @ (shares[clear] / value[clear])
+    rest = seen - matrix @ motion
+    taken = 1.0 - float(rest @ rest) / max(float(seen @ seen), 1e-300)
+    if taken < WHOLE or seen @ seen < CLEAR**2 * float(gathered.variance.sum()):
         return ""
     where = ", ".join(f"{1e3 * value:.2g}" for value in motion[:3] @ R_base_part)
     return (

@@ -39,7 +39,7 @@ def check_generalisation(
         spread: How surely the force was known.
 
     Returns:
-        Whether it may go out, and what the copies say; nothing where none is reached.
+        Whether it holds there, and what the copies say; "" where none is reached.
     """
     rows = pick_rows(task.cut, ROWS)
     wrench, every = task.wrench[rows], np.ones(len(rows), bool)

@@ -95,10 +95,7 @@ class MeasuredPath:
 
 
 def read_measured_points(source: Any) -> Table:
-    """Read measured points: x_mm y_mm z_mm, and where they are known s_mm and sigma_mm; or a scan.
-
-    Args:
-        source: The file, or its columns.
+    """Read measured points, of a file or in columns: x_mm y_mm z_mm, s_mm and sigma_mm where known; or a scan.
 
     Raises:
         InputError: If the file is not such a table.

@@ -106,12 +106,7 @@ class ModelUpdate:
     model: UpdateModel
 
     def residual_at(self, place: Array, tip: Array) -> Array:
-        """Return what is left for the path at other places. Shape (n, 3). [m]
-
-        Args:
-            place: Places, base frame. Shape (n, 3). [m]
-            tip: Where the tip went at the rows of the path. Shape (k, 3). [m]
-        """
+        """Return what is left for the path at places (n, 3) [m]; tip: where it went at its rows, (k, 3) [m]."""
         shape = np.exp(-0.5 * (cdist(place, tip) / self.scale) ** 2)
         return np.asarray(self.size**2 * shape @ self.weight)
 
@@ -221,11 +216,9 @@ def learn_part(
 
 
 def choose_model(model: UpdateModel, gathered: Gathered) -> tuple[float, UpdateModel]:
-    """Return the model whose residual has the size and scale under which a part is most probable, and its logarithm.
+    """Return the model whose residual makes the part most probable, and the logarithm of that.
 
-    Args:
-        model: Its size is the width that sizes are tried in, its scale that of the folder.
-        gathered: The measurements.
+    Sizes are tried in the width that is the size of `model`, distances in its scale.
     """
     tries = [replace(model, size=size * model.size, scale=scale * model.scale) for scale in SCALES for size in SIZES]
     scores = [_log_evidence(one, gathered) for one in tries]

@@ -20,18 +20,10 @@ DETOUR = 1e3
 def order_poses(
     robot: Robot, q: Array, start: Array, load: Array, home: Array, scene: CollisionScene | None
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Order poses for short travel, those with one load together.
+    """Order poses for short travel, one load after another; return the order, and to which the way touches something.
 
-    Args:
-        robot: The robot.
-        q: Poses. Shape (m, nq). [rad or m]
-        start: Where the approach of each begins. Shape (m, nq). [rad or m]
-        load: Load of each. Shape (m, 6). [N, N m]
-        home: Where the robot comes from. Shape (nq,). [rad or m]
-        scene: What may touch what, or None.
-
-    Returns:
-        The order, and the places in it to which the way touches something.
+    q: poses, start: where the approach of each begins, home: where the robot comes from, (m, nq) or (nq,) [rad or m];
+    load: (m, 6) [N, N m]; scene: what may touch what, or None.
     """
     way = measure_travel(robot, np.vstack([home[None], q]), np.vstack([home[None], start]), scene)
     _, group = np.unique(np.round(load, 3), axis=0, return_inverse=True)

@@ -19,26 +19,26 @@ from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
-from compplan.learning.plausibility import POSSIBLE, explain_points, rigid_columns
+from compplan.learning.plausibility import POSSIBLE, explain_points
 from compplan.learning.representable import Learned, list_learned
 from compplan.learning.residual import Residual, read_residual, residual_file
 from compplan.learning.surface import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.planning.posture.follow import reach_tip_and_axis
-from compplan.planning.posture.kept_posture import read_lock, turn_about_axis
+from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.kept_posture import read_lock
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force
 from compplan.robot import Array, Robot, load_robot
-from compplan.robot.pose import fit_displacement, see_position
+from compplan.robot.pose import fit_displacement, rigid_columns, see_position
 from compplan.robot.uncertainty import Uncertainty
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm, pose_error, refine_ik
 from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.band import Slopes, linearise_path
+from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
 from compplan.uncertainty.motion import read_placement, shift_part
 from compplan.uncertainty.perturbation import vary_model
 from compplan.uncertainty.sensitivities import (
@@ -251,10 +251,7 @@ def learn_from_part(
 def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
     """Return what stays with the path where nothing is taken off it: nothing, and how open the lesson leaves it.
 
-    Args:
-        length: Length of the path at the rows of the lesson. Shape (k,). [m]
-        lesson: The lesson.
-        q: Joint positions there. Shape (k, nq). [rad or m]
+    length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the lesson.
     """
     return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
 
@@ -262,7 +259,7 @@ def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
     """State what the measured part and the next one have of their own, as far as the job or the force says it."""
     placed, tip = read_placement(job.noise), slopes.tip
-    columns = rigid_columns(tip)
+    columns = rigid_columns(tip, tip.mean(axis=0))
     free = FITTED, FITTED / max(float(np.ptp(tip, axis=0).max()), 1e-3)
     clamped = None if placed is None else shift_part(tip, job.T_base_part[:3, 3], placed)
     warm = job.noise.temperature_K * job.noise.expansion_per_K if "temperature_K" in job.noise.model_fields_set else 0.0
@@ -347,17 +344,14 @@ def build_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[To
 def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     """Return a task whose start stands as the arm stood when the path was learned.
 
-    Args:
-        task: The task, its posture chosen anew.
-        residual: What was learned, with the posture.
-        length: Length of the wanted path at every waypoint of the task. Shape (n,). [m]
+    length: of the wanted path at every waypoint of the task. Shape (n,). [m]
     """
     near = interpolate(length, residual.length, residual.q)
     if task.robot.nq < 6:
         arm, wanted = build_arm(task.robot), (task.position, task.rotation)
         q, reached = reach_tip_and_axis(arm, near, *wanted, spin_free=task.spin_free)
         return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
-    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation, task.nominal.axis)
+    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation[:, :, 0], task.nominal.axis)
     arm = build_arm(task.robot)
     q = refine_ik(arm, near, task.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, task.position, rotation)).max(axis=1) > REACHED
@@ -367,12 +361,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others) -> Residual:
     """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
 
-    Args:
-        old: What was learned before, or None.
-        lesson: The lesson.
-        cut: The path as it was cut.
-        task: Its task.
-        others: What robot folder and process say now.
+    old: what was learned before, or None; others: what robot folder and process say now.
     """
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]
@@ -401,5 +390,7 @@ def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertaint
     parts["force"] = np.interp(np.arange(n), rows, force)
     better = replace(promise, radius=radius + plan.after.distance, parts=parts, known=known, without={}, before=None,
                      ladder=(), cheapest=())  # fmt: skip
-    whole = better.greatest * promise.whole / max(promise.greatest, 1e-12)
+    run = np.broadcast_to((known.repeatability or 0.0) * np.eye(3), (len(own), 3, 3))
+    drawn = draw_columns(np.concatenate([lesson.open, own, run], axis=2), np.random.default_rng(SEED), PATHS)
+    whole = (better.greatest - better.between) * widen_to_path(drawn) + better.between
     return replace(plan, learned=replace(better, whole=whole))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from compplan.io.tables import Table
 from compplan.learning.surface import Surface
 from compplan.robot import Array
-from compplan.robot.pose import build_pose
+from compplan.robot.pose import build_pose, rigid_columns
 from compplan.toolpath.toolpath import Toolpath
 
 #: Units that files are written in by mistake, against the millimetres that are read (theory).
@@ -61,10 +61,7 @@ def sample_cut(nominal: Toolpath) -> tuple[Array, Array, Array]:
 def check_extent(table: Table, point: Array, place: Array) -> None:
     """Refuse points that all lie at one spot of the path, as a path in metres does that is read in millimetres.
 
-    Args:
-        table: Their file.
-        point: The points. Shape (m, 3). [m]
-        place: Places of the cut in the frame of the points. Shape (k, 3). [m]
+    point: shape (m, 3); place: places of the cut in the frame of the points, (k, 3). [m]
 
     Raises:
         InputError: If they extend over far less than the cut, or are of it in another unit.
@@ -86,14 +83,10 @@ def check_extent(table: Table, point: Array, place: Array) -> None:
 
 
 def explain_points(point: Array, nominal: Toolpath, T_base_part: Array, *, in_base: bool, whole: bool) -> str:
-    """Say how else measured points may be meant, "" where no other reading brings them to the path.
+    """Say how else measured points, (m, 3) [m], may be meant, "" where no other reading brings them to the path.
 
-    Args:
-        point: The points as they stand in their file. Shape (m, 3). [m]
-        nominal: The path, base frame.
-        T_base_part: Pose of the part frame. Shape (4, 4). [m]
-        in_base: Whether they were read in the base frame; otherwise in the part frame.
-        whole: Whether all points should be of the cut; of a scan a tenth may be.
+    in_base: whether they were read in the base frame; whole: whether all should be of the cut, of a scan a tenth may
+    be.
     """
     _, place, _ = sample_cut(nominal)
     local = (place - T_base_part[:3, 3]) @ T_base_part[:3, :3]
@@ -172,7 +165,7 @@ def fit_rigid(
         left = float(np.median(size))
         weight = np.sqrt(np.minimum(1.0, 3.0 * max(left, 1e-7) / np.maximum(size, 1e-12)))
         middle = moved[near].mean(axis=0)
-        columns = np.concatenate([np.broadcast_to(np.eye(3), (len(gap), 3, 3)), _swing(moved[near] - middle)], axis=2)
+        columns = rigid_columns(moved[near], middle)
         a = (np.einsum("mij,mjk->mik", across, columns) * weight[:, None, None]).reshape(-1, 6)
         step = -np.linalg.lstsq(a, (residual * weight[:, None]).reshape(-1), rcond=1e-6)[0]
         turn = Rotation.from_rotvec(step[3:]).as_matrix()
@@ -182,19 +175,8 @@ def fit_rigid(
     return motion, left
 
 
-def rigid_columns(place: Array) -> Array:
-    """Return how places move by shifts and turns about their middle. Shape (k, 3, 6). [m per m, m per rad]"""
-    shifts = np.broadcast_to(np.eye(3), (len(place), 3, 3))
-    return np.concatenate([shifts, _swing(place - place.mean(axis=0))], axis=2)
-
-
 def describe_motion(motion: Array, at: Array) -> str:
     """Say a rigid motion by the shift of a place and the turn. at: shape (3,). [m]"""
     shift = (at @ motion[:3, :3].T + motion[:3, 3] - at) * 1e3
     angle = np.degrees(np.linalg.norm(Rotation.from_matrix(motion[:3, :3]).as_rotvec()))
     return f"[{shift[0]:.3g}, {shift[1]:.3g}, {shift[2]:.3g}] mm and {angle:.2g} deg"
-
-
-def _swing(arm: Array) -> Array:
-    """Return the motion of arms by turns about x, y and z. Shape (k, 3, 3)."""
-    return np.stack([np.cross(unit, arm) for unit in np.eye(3)], axis=2)

@@ -93,13 +93,8 @@ def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot
 def add_effect(robot: Robot, effect: Effect, own: Array) -> tuple[Robot, Array]:
     """Add an effect to those of a folder, to one of its own kind and place where there is one.
 
-    Args:
-        robot: The robot of the folder.
-        effect: The effect.
-        own: Its unknown values. [SI]
-
-    Returns:
-        The robot, and how much of the values it holds: nothing where the effect's file cannot say them.
+    own: its unknown values [SI]. Returns the robot, and how much of them it holds: nothing where its file cannot say
+    them.
     """
     if effect.name == "backlash":  # lost motion below zero is none: a command cannot lead it
         same = [one for one in robot.effects if (one["effect"], one.get("joint")) == (effect.name, effect.joint)]

@@ -55,14 +55,10 @@ class Surface:
         return cKDTree(np.vstack([self.corners.mean(axis=1), places])), np.r_[np.arange(len(area)), more]
 
     def find_nearest(self, point: Array) -> tuple[Array, Array, Array]:
-        """Find the nearest places of the surface.
+        """Find the nearest places of the surface to points, (m, 3). [m]
 
-        Args:
-            point: Points. Shape (m, 3). [m]
-
-        Returns:
-            The places (m, 3) [m], the normals there (m, 3), and how far each point is off along it (m,) [m]; NaN where
-            the nearest place is an edge that the point lies beside.
+        Returns the places (m, 3) [m], the normals there (m, 3), and how far each point is off along it (m,) [m]; NaN
+        where the nearest place is an edge that the point lies beside.
         """
         place, normal, off = self._find_among(point, NEAR[0])
         beside = np.flatnonzero(np.isnan(off))

@@ -40,55 +40,34 @@ def number_rows(values: Array) -> NDArray[np.int_]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign(Shown):
-    """One measurement log; n rows, nq joints.
+    """One measurement log; n rows, nq joints."""
 
-    Attributes:
-        run: Label of the run. Shape (n,).
-        q: Commanded joint positions (readings of the side that controls). Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes, as the sensor reports it. Shape (n, 6).
-            [N, N m]
-        position: Measured target, NaN where missing. Shape (n, 3). [m]
-        rotation: Measured orientation, NaN where missing, or None. Shape (n, 3, 3).
-        time: Seconds since the campaign began, or None. Shape (n,). [s]
-        temperature: Temperature of the structure, or None. Shape (n,). [C]
-        link: Link-side encoder readings, or None. Shape (n, nq). [rad or m]
-        motor: Motor-side encoder readings, or None. Shape (n, nq). [rad or m]
-        sigma: Stated standard deviation of the position per axis, or None. Shape (n,). [m]
-        sigma_rotation: Stated standard deviation of the orientation per axis, or None. Shape (n,). [rad]
-        target: Index of the measured point on the tool. Shape (n,).
-        target_names: Label of each measured point.
-        mode: U1 U2 L1 L2 or "". Shape (n,).
-        file: Where it was read from, or None.
-        lines: Line of the file that each row stands in. Shape (n,).
-        notes: What was read past or left out, one sentence each.
-        target_offset: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
-        moved: Last move of each joint where rows of a pose were pooled and their order does not tell it; else None.
-            Shape (n, nq). [rad or m]
-        scatter: Standard deviation of a single row's position per axis where rows were pooled; else 0. [m]
-        sights: What was seen of the point in rows without a position (contacts, readings, ball bar), or None.
-
-    """
-
-    run: NDArray[np.str_]
-    q: Array
+    run: NDArray[np.str_]  #: Label of the run. Shape (n,).
+    q: Array  #: Commanded joint positions (readings of the side that controls). Shape (n, nq). [rad or m]
+    #: Wrench of the environment on the tool at the TCP, base axes, as the sensor reports it. Shape (n, 6). [N, N m]
     wrench: Array
-    position: Array
-    rotation: Array | None = None
-    time: Array | None = None
-    temperature: Array | None = None
-    link: Array | None = None
-    motor: Array | None = None
-    sigma: Array | None = None
+    position: Array  #: Measured target, NaN where missing. Shape (n, 3). [m]
+    rotation: Array | None = None  #: Measured orientation, NaN where missing, or None. Shape (n, 3, 3).
+    time: Array | None = None  #: Seconds since the campaign began, or None. Shape (n,). [s]
+    temperature: Array | None = None  #: Temperature of the structure, or None. Shape (n,). [C]
+    link: Array | None = None  #: Link-side encoder readings, or None. Shape (n, nq). [rad or m]
+    motor: Array | None = None  #: Motor-side encoder readings, or None. Shape (n, nq). [rad or m]
+    sigma: Array | None = None  #: Stated standard deviation of the position per axis, or None. Shape (n,). [m]
+    #: Stated standard deviation of the orientation per axis, or None. Shape (n,). [rad]
     sigma_rotation: Array | None = None
-    target: NDArray[np.int_] | None = None
-    target_names: tuple[str, ...] = ("",)
-    mode: NDArray[np.str_] | None = None
-    file: Path | None = None
-    lines: NDArray[np.int_] | None = None
-    notes: tuple[str, ...] = ()
+    target: NDArray[np.int_] | None = None  #: Index of the measured point on the tool. Shape (n,).
+    target_names: tuple[str, ...] = ("",)  #: Label of each measured point.
+    mode: NDArray[np.str_] | None = None  #: U1 U2 L1 L2 or "". Shape (n,).
+    file: Path | None = None  #: Where it was read from, or None.
+    lines: NDArray[np.int_] | None = None  #: Line of the file that each row stands in. Shape (n,).
+    notes: tuple[str, ...] = ()  #: What was read past or left out, one sentence each.
+    #: Measured point in the TCP frame where it is known, the TCP if None. Shape (3,). [m]
     target_offset: Array | None = None
+    #: Last move of each joint where rows of a pose were pooled and their order does not tell it; else None. Shape (n,
+    #: nq). [rad or m]
     moved: Array | None = None
-    scatter: float = 0.0
+    scatter: float = 0.0  #: Standard deviation of a single row's position per axis where rows were pooled; else 0. [m]
+    #: What was seen of the point in rows without a position (contacts, readings, ball bar), or None.
     sights: Observations | None = None
 
     def __len__(self) -> int:

@@ -41,7 +41,6 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
     Raises:
         InputError: With file and line, if so many rows are that it is a mistake of the whole log, or the log
             contradicts itself.
-
     """
     _check_sigma(campaign, table)
     _check_clock(campaign, table)
@@ -85,7 +84,6 @@ def check_unit(campaign: Campaign, predicted: Array) -> None:
 
     Raises:
         InputError: If they do.
-
     """
     known = np.isfinite(campaign.position).all(1) & np.isfinite(predicted).all(1)
     if known.sum() < 3:
@@ -104,7 +102,6 @@ def check_runs(campaign: Campaign) -> None:
 
     Raises:
         InputError: If it is.
-
     """
     n, usable = len(campaign), int(campaign.usable.sum())
     if usable < LEAST_ROWS:

@@ -51,7 +51,6 @@ def fit_registration(
 
     Raises:
         InputError: If the rows cannot fix a frame: fewer than three, or the tool at one place in all of them.
-
     """
     use = campaign.usable if rows is None else np.asarray(rows, bool) & campaign.usable
     index = np.flatnonzero(use)
@@ -81,25 +80,15 @@ def fit_registration(
 
 
 class _Seen(NamedTuple):
-    """Rows that frames are fitted to: TCP of the model and what was measured; n rows.
+    """Rows that frames are fitted to: TCP of the model and what was measured; n rows."""
 
-    Attributes:
-        p: TCP, base frame. Shape (n, 3). [m]
-        R: Its orientation. Shape (n, 3, 3).
-        measured: Measured target, NaN where there is none. Shape (n, 3). [m]
-        turned: Measured orientation, or None. Shape (n, 3, 3).
-        tool_of: Number of the target. Shape (n,).
-        sights: What other instruments saw, or None.
-        sigma: Standard deviation of a row, against that of known distances. [m]
-    """
-
-    p: Array
-    R: Array
-    measured: Array
-    turned: Array | None
-    tool_of: NDArray[np.int_]
-    sights: Observations | None
-    sigma: float
+    p: Array  #: TCP, base frame. Shape (n, 3). [m]
+    R: Array  #: Its orientation. Shape (n, 3, 3).
+    measured: Array  #: Measured target, NaN where there is none. Shape (n, 3). [m]
+    turned: Array | None  #: Measured orientation, or None. Shape (n, 3, 3).
+    tool_of: NDArray[np.int_]  #: Number of the target. Shape (n,).
+    sights: Observations | None  #: What other instruments saw, or None.
+    sigma: float  #: Standard deviation of a row, against that of known distances. [m]
 
 
 def _check_rows(campaign: Campaign, position: Array, count: int, parts: Sequence[str]) -> None:

@@ -67,17 +67,11 @@ class InstrumentFile(StrictTable):
 
 @dataclass(frozen=True)
 class ObservedRows:
-    """Sights of a log, with what belongs to them.
+    """Sights of a log, with what belongs to them."""
 
-    Attributes:
-        sights: The sights.
-        sigma: Standard deviation of each row, NaN where it is no sight. Shape (n,). [m]
-        notes: What was assumed or cannot be told, one sentence each.
-    """
-
-    sights: Observations
-    sigma: Array
-    notes: tuple[str, ...]
+    sights: Observations  #: The sights.
+    sigma: Array  #: Standard deviation of each row, NaN where it is no sight. Shape (n,). [m]
+    notes: tuple[str, ...]  #: What was assumed or cannot be told, one sentence each.
 
 
 def read_instrument(file: Path) -> InstrumentFile:

@@ -25,17 +25,12 @@ POSITION, CONTACT, READING, DISTANCE = range(4)
 
 @dataclass(frozen=True, eq=False)
 class KnownDistances:
-    """Distances between contacts that were measured apart; d of them.
+    """Distances between contacts that were measured apart; d of them."""
 
-    Attributes:
-        between: Numbers of the two contacts. Shape (d, 2).
-        length: Distances. Shape (d,). [m]
-        sigma: Their standard deviations. Shape (d,). [m]
-    """
-
+    #: Numbers of the two contacts. Shape (d, 2).
     between: NDArray[np.int_] = field(default_factory=lambda: np.zeros((0, 2), int))
-    length: Array = field(default_factory=lambda: np.zeros(0))
-    sigma: Array = field(default_factory=lambda: np.zeros(0))
+    length: Array = field(default_factory=lambda: np.zeros(0))  #: Distances. Shape (d,). [m]
+    sigma: Array = field(default_factory=lambda: np.zeros(0))  #: Their standard deviations. Shape (d,). [m]
 
     def __len__(self) -> int:
         return len(self.length)
@@ -59,25 +54,15 @@ class KnownDistances:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What was seen of the measured point in rows without a position; n rows, base axes.
+    """What was seen of the measured point in rows without a position; n rows, base axes."""
 
-    Attributes:
-        kind: POSITION (no sight), CONTACT, READING or DISTANCE. Shape (n,).
-        contact: Number of the contact, -1 for none. Shape (n,).
-        names: Label of each contact.
-        origin: Where a reading or a distance counts from, before its contact. Shape (n, 3). [m]
-        direction: Unit vector of a reading, NaN elsewhere. Shape (n, 3).
-        value: Reading or distance, NaN elsewhere. Shape (n,). [m]
-        known: Distances between contacts.
-    """
-
-    kind: NDArray[np.int_]
-    contact: NDArray[np.int_]
-    names: tuple[str, ...]
-    origin: Array
-    direction: Array
-    value: Array
-    known: KnownDistances = field(default_factory=KnownDistances)
+    kind: NDArray[np.int_]  #: POSITION (no sight), CONTACT, READING or DISTANCE. Shape (n,).
+    contact: NDArray[np.int_]  #: Number of the contact, -1 for none. Shape (n,).
+    names: tuple[str, ...]  #: Label of each contact.
+    origin: Array  #: Where a reading or a distance counts from, before its contact. Shape (n, 3). [m]
+    direction: Array  #: Unit vector of a reading, NaN elsewhere. Shape (n, 3).
+    value: Array  #: Reading or distance, NaN elsewhere. Shape (n,). [m]
+    known: KnownDistances = field(default_factory=KnownDistances)  #: Distances between contacts.
 
     @property
     def seen(self) -> NDArray[np.bool_]:

@@ -57,7 +57,6 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
 
     Raises:
         InputError: If the file is not a measurement log of this robot.
-
     """
     try:
         table = open_table(source, log_columns(robot), what="measurements", rename=rename_title)
@@ -111,7 +110,6 @@ def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, 
 
     Raises:
         InputError: If the log has neither.
-
     """
     position = table.stack(["x", "y", "z"]) if "x" in table else np.full((len(table), 3), np.nan)
     sighted = read_observations(table, position, instrument)

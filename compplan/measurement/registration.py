@@ -29,23 +29,14 @@ FARTHEST_MM = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Frames fitted to one campaign.
+    """Frames fitted to one campaign."""
 
-    Attributes:
-        base: Pose of the robot base in the measurement frame. Shape (4, 4). [m]
-        tool: Pose of each target in the TCP frame. Shape (targets, 4, 4). [m]
-        targets: Label of each target.
-        parts: Which of "base", "tool" and "contact" were fitted.
-        contacts: Label of each contact of the campaign.
-        places: Places of the contacts, base frame of the robot. Shape (contacts, 3). [m]
-
-    """
-
-    base: Array
-    tool: Array
-    targets: tuple[str, ...] = ("",)
-    parts: tuple[str, ...] = PARTS
-    contacts: tuple[str, ...] = ()
+    base: Array  #: Pose of the robot base in the measurement frame. Shape (4, 4). [m]
+    tool: Array  #: Pose of each target in the TCP frame. Shape (targets, 4, 4). [m]
+    targets: tuple[str, ...] = ("",)  #: Label of each target.
+    parts: tuple[str, ...] = PARTS  #: Which of "base", "tool" and "contact" were fitted.
+    contacts: tuple[str, ...] = ()  #: Label of each contact of the campaign.
+    #: Places of the contacts, base frame of the robot. Shape (contacts, 3). [m]
     places: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @staticmethod
@@ -181,7 +172,6 @@ def parse_parts(text: str | None) -> tuple[str, ...]:
 
     Raises:
         InputError: If it names anything else.
-
     """
     if text is None:
         return ()
@@ -197,7 +187,6 @@ def read_registration(file: Path) -> Registration:
 
     Raises:
         InputError: If the file is not a registration.
-
     """
     table = read_toml_model(RegistrationTable, file)
     return Registration(

@@ -19,7 +19,6 @@ def find_pasted(table: Table) -> NDArray[np.bool_]:
 
     Returns:
         Shape (n,).
-
     """
     n = len(table)
     columns = [table.values[key] for key in table.values] + [_number(table.text[key]) for key in table.text]

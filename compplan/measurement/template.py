@@ -23,7 +23,6 @@ def write_log_text(robot: Robot) -> str:
 
     Args:
         robot: The robot: how many joints it has, and which of them slide.
-
     """
     wrench = [f"{name}_{'N' if number < 3 else 'Nm'}" for number, name in enumerate(WRENCH)]
     columns = ["run", "time_s", *robot.joint_headers, *wrench, "x_mm", "y_mm", "z_mm", "temperature_C", "sigma_mm"]

@@ -40,17 +40,9 @@ def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: f
 
     At a place c the cutter at p(t) = start + t (end - start) stands at z(t) + h(|c - p(t)|), h its profile. Exact for
     level moves, plunges, flat and ball end mills; a rounded corner on a slope is taken at five t across the place.
+    Shapes (..., 2), (..., 3), (..., 3) -> (...). [m]
 
-    Args:
-        cutter: The cutter, its axis along z.
-        place: Shape (..., 2). [m]
-        start: Tip where the move begins. Shape (..., 3). [m]
-        end: Tip where it ends. Shape (..., 3). [m]
-        lean: What each metre from the axis counts as height, to rank moves that are equally low. [1]
-
-    Returns:
-        Shape (...). [m]
-
+    `lean` is what each metre from the axis counts as height, to rank moves that are equally low. [1]
     """
     way_x, way_y = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
     off_x, off_y = place[..., 0] - start[..., 0], place[..., 1] - start[..., 1]
@@ -81,31 +73,19 @@ def lowest_reach(cutter: Cutter, place: Array, start: Array, end: Array, lean: f
 
 @dataclass(frozen=True)
 class Claims:
-    """Which move stands for each column of a map.
+    """Which move stands for each column of a map."""
 
-    Args:
-        lean: What each metre from the axis of a move counts as height. [1]
-        height: How low the column was cut, the lean counted in. Shape (a, b). [m]
-        owner: The move that did it, -1 for none. Shape (a, b).
-        before: The last one of another pass that stood for it, -1 for none. Shape (a, b).
-
-    """
-
-    lean: float
-    height: Array
-    owner: NDArray[np.int32]
-    before: NDArray[np.int32]
+    lean: float  #: What each metre from the axis of a move counts as height. [1]
+    height: Array  #: How low the column was cut, the lean counted in. Shape (a, b). [m]
+    owner: NDArray[np.int32]  #: The move that did it, -1 for none. Shape (a, b).
+    before: NDArray[np.int32]  #: The last one of another pass that stood for it, -1 for none. Shape (a, b).
 
     def enter(self, flat: NDArray[np.int_], z: Array, moves: NDArray[np.int_], way: Array, apart: float) -> None:
         """Let moves take the columns that they cut lower.
 
-        Args:
-            flat: Number of the column. Shape (c,).
-            z: How low it is cut, the lean counted in. Shape (c,). [m]
-            moves: The move that does it. Shape (c,).
-            way: Length of the path up to each move. Shape (m,). [m]
-            apart: Moves with more of the path between them belong to different passes. [m]
-
+        `flat` is the number of a column, `z` how low it is cut, the lean counted in, `moves` what does it, shape (c,).
+        `way` is the length of the path up to each move; moves with more than `apart` between them belong to different
+        passes. [m]
         """
         height, owner, before = (grid.reshape(-1) for grid in (self.height, self.owner, self.before))
         better = z < height[flat]
@@ -120,27 +100,16 @@ class Claims:
 
 @dataclass(frozen=True)
 class CutSurface:
-    """The map of what was cut; `cut` enters moves, `lowest` asks for places.
+    """The map of what was cut; `cut` enters moves, `lowest` asks for places."""
 
-    Args:
-        cutter: The cutter.
-        start: Tips where moves begin. Shape (m, 3). [m]
-        end: Tips where they end. Shape (m, 3). [m]
-        origin: Place of the first column. Shape (2,). [m]
-        cell: Distance of columns. [m]
-        floor: The lowest move at each column.
-        wall: The one that passes nearest, of those that are about as low: it reaches the walls around.
-        tilt: Axes of the tool at the end of each move as columns, None where it stands upright. Shape (m, 3, 3).
-
-    """
-
-    cutter: Cutter
-    start: Array
-    end: Array
-    origin: Array
-    cell: float
-    floor: Claims
-    wall: Claims
+    cutter: Cutter  #: The cutter.
+    start: Array  #: Tips where moves begin. Shape (m, 3). [m]
+    end: Array  #: Tips where they end. Shape (m, 3). [m]
+    origin: Array  #: Place of the first column. Shape (2,). [m]
+    cell: float  #: Distance of columns. [m]
+    floor: Claims  #: The lowest move at each column.
+    wall: Claims  #: The one that passes nearest, of those that are about as low: it reaches the walls around.
+    #: Axes of the tool at the end of each move as columns, None where it stands upright. Shape (m, 3, 3).
     tilt: Array | None = None
 
     @cached_property
@@ -244,18 +213,9 @@ def _between(first: Array, last: Array, item: NDArray[np.int_], share: Array) ->
 
 
 def leaning_reach(cutter: Cutter, place: Array, tip: Array, axis: Array, lean: float) -> Array:
-    """Return how low a leaning cutter stands at places, nearly; infinite where it does not.
+    """Return how low a leaning cutter stands at places, nearly; infinite where it does not, see `lowest_reach`.
 
-    Args:
-        cutter: The cutter.
-        place: Shape (s, 2). [m]
-        tip: Shape (s, 3). [m]
-        axis: Shape (s, 3).
-        lean: What each metre from the axis counts as height. [1]
-
-    Returns:
-        Shape (s,). [m]
-
+    Shapes (s, 2), (s, 3), (s, 3) -> (s,). [m]
     """
     off = place - tip[:, :2]
     along, up = np.einsum("si,si->s", off, axis[:, :2]), np.maximum(axis[:, 2], 0.02)
@@ -293,13 +253,8 @@ def build_cut_surface(
 ) -> CutSurface | None:
     """Return an empty map of the stock as far as the path reaches, None where it does not reach any.
 
-    Args:
-        cutter: The cutter.
-        start: Tips where moves begin. Shape (m, 3). [m]
-        end: Tips where they end. Shape (m, 3). [m]
-        stock: Box around the stock. Shape (2, 2). [m]
-        axis: Tool axis at the end of each move, None where it stands upright. Shape (m, 3).
-
+    `start` and `end` are the tips of moves, shape (m, 3), `stock` the box around it, shape (2, 2) [m], `axis` the tool
+    axis at the end of each move, None where it stands upright.
     """
     tilt = None if axis is None else tilt_axes(axis)
     sideways = 0.0 if axis is None else float(np.abs(axis[:, :2]).max())

@@ -18,22 +18,13 @@ TOUCHING = 1e-8
 
 @dataclass(frozen=True)
 class Cutter:
-    """A solid of revolution about the tool axis; its tip is the lowest point of the axis.
+    """A solid of revolution about the tool axis; its tip is the lowest point of the axis."""
 
-    Args:
-        radius: Radius of the shank's cutting part. [m]
-        flute: Length of the cutting edges along the axis, from the tip. [m]
-        corner: Radius of the corner: 0 is a flat end mill, `radius` a ball end mill. [m]
-        point: Full angle of a drill's point; pi is flat. [rad]
-        pieces: Slices of its side.
-
-    """
-
-    radius: float
-    flute: float
-    corner: float = 0.0
-    point: float = float(np.pi)
-    pieces: int = 1
+    radius: float  #: Radius of the shank's cutting part. [m]
+    flute: float  #: Length of the cutting edges along the axis, from the tip. [m]
+    corner: float = 0.0  #: Radius of the corner: 0 is a flat end mill, `radius` a ball end mill. [m]
+    point: float = float(np.pi)  #: Full angle of a drill's point; pi is flat. [rad]
+    pieces: int = 1  #: Slices of its side.
 
     def height(self, distance: Array) -> Array:
         """Return how high the cutter's lower surface stands above its tip, at a distance from its axis [m].
@@ -96,16 +87,7 @@ class Cutter:
         return np.asarray((self.slices.normal[:, 1] < -1e-9) & (self.point >= np.pi))
 
     def edge_point(self, number: NDArray[np.int_], share: Array) -> tuple[Array, Array]:
-        """Return where the edge stands within slices: distance from the axis and height above the tip.
-
-        Args:
-            number: Of the slice. Shape (s,).
-            share: Of the slice's length from its lower end. Shape (s,).
-
-        Returns:
-            Two arrays of shape (s,). [m]
-
-        """
+        """Return where the edge stands at shares of slices: distance from the axis, height above the tip. (s,) [m]"""
         knots = self.slices.knots
         rho = knots[number, 0] + share * (knots[number + 1, 0] - knots[number, 0])
         height = knots[number, 1] + share * (knots[number + 1, 1] - knots[number, 1])
@@ -119,14 +101,9 @@ class Cutter:
 
 @dataclass(frozen=True)
 class Slices:
-    """The cutting edge as straight slices between knots (distance from the axis, height above the tip).
+    """The cutting edge as straight slices between knots (distance from the axis, height above the tip)."""
 
-    Args:
-        knots: Shape (k + 1, 2). [m]
-
-    """
-
-    knots: Array
+    knots: Array  #: Shape (k + 1, 2). [m]
 
     def __len__(self) -> int:
         return len(self.knots) - 1

@@ -130,46 +130,26 @@ class CuttingTable(ForceTable):
 
 @dataclass(frozen=True)
 class CuttingBench:
-    """Cutter, stock and path as they are held against each other; r waypoints of the path.
+    """Cutter, stock and path as they are held against each other; r waypoints of the path."""
 
-    Attributes:
-        cutter: The cutter.
-        stock: The stock, seen along the tool axis.
-        position: Tips, seen along the tool axis. Shape (r, 3). [m]
-        R_view: Axes of that view as columns, part frame. Shape (3, 3).
-        axis: Tool axes in that view. Shape (r, 3).
-
-    """
-
-    cutter: Cutter
-    stock: StockColumns
-    position: Array
-    R_view: Array
-    axis: Array
+    cutter: Cutter  #: The cutter.
+    stock: StockColumns  #: The stock, seen along the tool axis.
+    position: Array  #: Tips, seen along the tool axis. Shape (r, 3). [m]
+    R_view: Array  #: Axes of that view as columns, part frame. Shape (3, 3).
+    axis: Array  #: Tool axes in that view. Shape (r, 3).
 
 
 @dataclass(frozen=True)
 class CuttingForce:
-    """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path.
+    """The engagement of a job's path and the force that follows from it at any feed; r waypoints of the path."""
 
-    Attributes:
-        process: What the job says.
-        bench: Cutter, stock and path.
-        arc: Length along the path. Shape (r,). [m]
-        rapid: Moves that do not cut. Shape (r,).
-        engagement: What the cutter touches.
-        shape: What each coefficient contributes.
-        notes: What a user should know.
-
-    """
-
-    process: CuttingTable
-    bench: CuttingBench
-    arc: Array
-    rapid: NDArray[np.bool_]
-    engagement: Engagement
-    shape: MillingShape
-    notes: tuple[str, ...]
+    process: CuttingTable  #: What the job says.
+    bench: CuttingBench  #: Cutter, stock and path.
+    arc: Array  #: Length along the path. Shape (r,). [m]
+    rapid: NDArray[np.bool_]  #: Moves that do not cut. Shape (r,).
+    engagement: Engagement  #: What the cutter touches.
+    shape: MillingShape  #: What each coefficient contributes.
+    notes: tuple[str, ...]  #: What a user should know.
 
     def wrench(self, nominal: Toolpath) -> Array:
         """Return the mean wrench at any division of the path, at its feed, path axes. Shape (n, 6). [N, N m]"""
@@ -188,14 +168,9 @@ class CuttingForce:
         return mesh
 
     def ripple(self, feed: Array) -> Array:
-        """Return half of the range of the force through a turn, path axes; those of the waypoints between are near.
+        """Return half of the range of the force through a turn at a feed [m/s], path axes. Shape (r,) -> (r, 3) [N]
 
-        Args:
-            feed: Shape (r,). [m/s]
-
-        Returns:
-            Shape (r, 3). [N]
-
+        The waypoints between those that are worked out take that of the nearest.
         """
         touches = np.flatnonzero(self.engagement.touches)
         ripple = np.zeros((len(self.arc), 3))
@@ -228,7 +203,6 @@ def prepare_cutting(
 
     Raises:
         InputError: If stock, cutter and path do not go together.
-
     """
     cutter, cutting = process.cutter(), ~toolpath.rapid
     axis = toolpath.axis[cutting].mean(axis=0) if cutting.any() else np.array([0.0, 0.0, 1.0])

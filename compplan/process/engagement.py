@@ -23,22 +23,14 @@ TIP = 3e-5
 
 @dataclass(frozen=True)
 class Engagement:
-    """What the cutter touches at n waypoints; k slices of its edge, m angles.
+    """What the cutter touches at n waypoints; k slices of its edge, m angles."""
 
-    Attributes:
-        cutter: The cutter.
-        depth: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
-        travel: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
-        level: Height of the tip above the lowest point of the path, along the mean axis. Shape (n,). [m]
-        turning: How the axis turns a length of travel: along the travel, to its left; None for one that stands.
-            Shape (n, 2). [rad/m]
-
-    """
-
-    cutter: Cutter
-    depth: NDArray[np.float32]
-    travel: Array
-    level: Array
+    cutter: Cutter  #: The cutter.
+    depth: NDArray[np.float32]  #: Engaged share of the slice (k) in the bin at the angle (m), 0 to 1. Shape (n, k, m).
+    travel: Array  #: Direction of the move that ends at the waypoint: across the axis, along it. Shape (n, 2).
+    level: Array  #: Height of the tip above the lowest point of the path, along the mean axis. Shape (n,). [m]
+    #: How the axis turns a length of travel: along the travel, to its left; None for one that stands. Shape (n, 2).
+    #: [rad/m]
     turning: Array | None = None
 
     def __len__(self) -> int:
@@ -190,37 +182,22 @@ def middle_angles(count: int) -> Array:
 
 
 def outward_speed(edge: Slices, travel: Array, angle: Array, turning: Array | None = None) -> Array:
-    """Return how fast the surface moves outwards, as a share of the feed.
-
-    An axis z that turns by w a length of travel carries what stands at rho u + h z along by h w - rho (w u) z.
-
-    Args:
-        edge: The slices.
-        travel: Direction of travel: across the axis, along it. Shape (n, 2).
-        angle: Angle u from the travel. Shape (m,). [rad]
-        turning: w along the travel and to its left. Shape (n, 2). [rad/m]
-
-    Returns:
-        Shape (n, k, m).
-
-    """
+    """Return how fast the middles of slices move outwards, as a share of the feed, see `surface_speed`. (n, k, m)"""
     middle = np.column_stack([edge.radius, edge.low + 0.5 * edge.rise])
     return surface_speed(edge.normal, middle, travel, angle, turning)
 
 
 def surface_speed(normal: Array, place: Array, travel: Array, angle: Array, turning: Array | None) -> Array:
-    """Return how fast points of the surface move outwards, as a share of the feed, see `outward_speed`.
+    """Return how fast points of the surface move outwards, as a share of the feed. Shape (n, k, m).
+
+    An axis z that turns by w a length of travel carries what stands at rho u + h z along by h w - rho (w u) z.
 
     Args:
         normal: Outward normal: away from the axis, along it. Shape (k, 2).
         place: Distance from the axis and height above the tip. Shape (k, 2). [m]
         travel: Direction of travel: across the axis, along it. Shape (n, 2).
-        angle: Angle from the travel. Shape (m,). [rad]
-        turning: How the axis turns along the travel and to its left. Shape (n, 2). [rad/m]
-
-    Returns:
-        Shape (n, k, m).
-
+        angle: Angle u from the travel. Shape (m,). [rad]
+        turning: w along the travel and to its left. Shape (n, 2). [rad/m]
     """
     out, up = normal[:, :1], normal[:, 1:]
     speed = travel[:, 0, None, None] * (out * np.cos(angle)) + travel[:, 1, None, None] * up

@@ -52,7 +52,7 @@ def find_engagement(
     stock: StockColumns,
     axis: Array | None = None,
 ) -> Engagement:
-    """Find the engagement at every waypoint of a path that cuts its way through stock.
+    """Find the engagement at every waypoint of a path that cuts its way through stock; rapid moves meet nothing.
 
     Args:
         cutter: The cutter.
@@ -60,10 +60,6 @@ def find_engagement(
         cutting: Whether the move that ends here removes material (rapid moves do not). Shape (n,).
         stock: The stock before the first move, same frame.
         axis: Tool axis, tip to spindle; the frame's third where left out. Shape (n, 3).
-
-    Returns:
-        The engagement; rapid moves meet nothing.
-
     """
     n = len(position)
     axis = None if axis is None or np.abs(axis[:, :2]).max() < UPRIGHT else axis

@@ -64,28 +64,18 @@ class FittedNumber:
 
 @dataclass(frozen=True)
 class ForceFit:
-    """The comparison with a log.
+    """The comparison with a log."""
 
-    Attributes:
-        numbers: What was fitted: the force's numbers, then lag and the offset and drift of each force.
-        rms_before: Of measured minus predicted force. [N]
-        rms_after: The same with the fitted numbers. [N]
-        level: Root mean square of the measured force. [N]
-        rows: Rows in contact that were used.
-        notes: What a user should know of the fit, one sentence each.
-        coefficients: Of the cutter as a job can hold them, edges not below 0, or None for other models.
-        ratio: Fitted over predicted force along the log, and its standard deviation.
-
-    """
-
+    #: What was fitted: the force's numbers, then lag and the offset and drift of each force.
     numbers: tuple[FittedNumber, ...]
-    rms_before: float
-    rms_after: float
-    level: float
-    rows: int
-    notes: tuple[str, ...]
+    rms_before: float  #: Of measured minus predicted force. [N]
+    rms_after: float  #: The same with the fitted numbers. [N]
+    level: float  #: Root mean square of the measured force. [N]
+    rows: int  #: Rows in contact that were used.
+    notes: tuple[str, ...]  #: What a user should know of the fit, one sentence each.
+    #: Of the cutter as a job can hold them, edges not below 0, or None for other models.
     coefficients: Coefficients | None
-    ratio: tuple[float, float]
+    ratio: tuple[float, float]  #: Fitted over predicted force along the log, and its standard deviation.
 
 
 @dataclass(frozen=True)
@@ -97,7 +87,6 @@ class _Prediction:
         columns: Path axes; forces, moments, and the spindle's power last. Shape (c, n, 7).
         axes: Path axes as columns, part frame. Shape (n, 3, 3).
         names, units, in_job: Of the c numbers.
-
     """
 
     progress: Array
@@ -122,17 +111,10 @@ class _Prediction:
 
 
 def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> ForceFit:
-    """Compare a log with the prediction, and find the numbers that fit it.
-
-    Args:
-        log: What was measured.
-        law: The prediction.
-        nominal: The path, base frame, with its predicted wrench.
-        file: The log's file, for messages.
+    """Compare a log with the prediction along the path in the base frame, and find the numbers that fit it.
 
     Raises:
         InputError: If too few rows lie in the cut, or the prediction does not explain the log.
-
     """
     model = _predict(law, nominal)
     channels, measured = _choose_channels(log, law)
@@ -233,7 +215,6 @@ def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.
 
     Raises:
         InputError: If they are too few.
-
     """
     size = np.linalg.norm(predicted[:, :3], axis=1)
     cut = np.flatnonzero(size > AIR * size.max(initial=0.0))

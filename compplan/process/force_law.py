@@ -27,30 +27,19 @@ ON_PATH = 1e-7
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """What the process does to the tool, for a plan that divides the path further and changes its feed.
+    """What the process does to the tool, for a plan that divides the path further and changes its feed."""
 
-    Attributes:
-        process: The model and its parameters.
-        T_base_part: Pose of the part frame seen from the base. Shape (4, 4). [m]
-        tool_x: Where x of the TCP points, base axes. Shape (3,).
-        folder: Folder that a file name of the model is relative to.
-        rows_at: Length along the path of each row of the toolpath file. Shape (r,). [m]
-        stock_top: Height of the stock's top in the part frame, None where none is known. [m]
-        note: What a user should know of it.
-        cutting: The engagement of the path, for cutters that follow from it.
-        learned: What measured parts said of the force, or None.
-
-    """
-
-    process: Process
+    process: Process  #: The model and its parameters.
+    #: Pose of the part frame seen from the base. Shape (4, 4). [m]
     T_base_part: Array = field(default_factory=lambda: np.eye(4))
+    #: Where x of the TCP points, base axes. Shape (3,).
     tool_x: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    folder: Path = Path()
-    rows_at: Array | None = None
-    stock_top: float | None = None
-    note: str = ""
-    cutting: CuttingForce | None = None
-    learned: LearnedForce | None = None
+    folder: Path = Path()  #: Folder that a file name of the model is relative to.
+    rows_at: Array | None = None  #: Length along the path of each row of the toolpath file. Shape (r,). [m]
+    stock_top: float | None = None  #: Height of the stock's top in the part frame, None where none is known. [m]
+    note: str = ""  #: What a user should know of it.
+    cutting: CuttingForce | None = None  #: The engagement of the path, for cutters that follow from it.
+    learned: LearnedForce | None = None  #: What measured parts said of the force, or None.
 
     @property
     def follows_feed(self) -> bool:
@@ -80,18 +69,12 @@ class ForceLaw:
         return isinstance(self.process, ConstantProcess) and self.process.during_rapid
 
     def predict(self, nominal: Toolpath, feed: Array | None = None) -> Array:
-        """Predict the wrench at every waypoint.
+        """Predict the wrench of the environment on the tool at its tip, base axes. Shape (n, 6). [N, N m]
 
-        Args:
-            nominal: The path in the base frame.
-            feed: Feed of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
-
-        Returns:
-            The wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
+        `feed` is that of the move that ends at each waypoint, the programmed one if left out. Shape (n,). [m/s]
 
         Raises:
             InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
-
         """
         path = nominal if feed is None else replace(nominal, feed=feed)
         wrench = predict_wrench(
@@ -108,14 +91,8 @@ class ForceLaw:
 def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> tuple[float | None, str]:
     """Tell where the stock's top is: as the job states it, or z = 0 of a CAM program that moves above and below it.
 
-    Args:
-        process: The model and its parameters.
-        toolpath: The toolpath in the part frame.
-        from_cam: Whether the toolpath comes from a CAM program, whose zero is by custom the top of the stock.
-
     Returns:
         Height in the part frame [m] or None, and a sentence for the user where it was inferred, otherwise "".
-
     """
     if not isinstance(process, MillingProcess | CuttingTable) or getattr(process, "stock", None) is not None:
         return None, ""
@@ -127,12 +104,7 @@ def read_stock_top(process: Process, toolpath: Toolpath, *, from_cam: bool) -> t
 
 
 def compare_zero(cutting: CuttingForce, toolpath: Toolpath) -> str:
-    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere.
-
-    Args:
-        cutting: The engagement, with the stock.
-        toolpath: The toolpath of the CAM program, part frame.
-    """
+    """Say where the top of a given stock is not z = 0 of a CAM program that moves above and below it; "" elsewhere."""
     bench = cutting.bench
     if bench.R_view[2, 2] < 1.0 - 1e-12 or not _crosses_zero(toolpath):
         return ""

@@ -91,29 +91,18 @@ class ProcessFile(StrictTable):
 
 @dataclass(frozen=True, eq=False)
 class LearnedForce:
-    """What measured parts said of the force of a process.
+    """What measured parts said of the force of a process."""
 
-    Attributes:
-        level: Force over the predicted one that the next part is expected to have.
-        level_sigma: Standard deviation of it, what differs from part to part left out.
-        turn: Rotation vector from the predicted to the true direction, axes of `axes`. Shape (3,). [rad]
-        turn_sigma: Standard deviation of it per axis, or None where nothing was learned of it. [rad]
-        scatter: Standard deviation of the level from part to part, relative.
-        parts: The parts, oldest first.
-        axes: "base", "part", or "" where the direction goes with the path and is not learned.
-        same: Whether the parts were cut with the numbers of this [process].
-        robot: Covariance of level and turns, in `axes` [rad], with each parameter of the folder's uncertainty.toml: a
-            harder push and a softer arm bend alike. Shape (p, 4), or (0, 4) where none is known. [SI]
-    """
-
-    level: float
-    level_sigma: float
-    turn: Array
-    turn_sigma: float | None
-    scatter: float
-    parts: tuple[LearnedPartTable, ...]
-    axes: str
-    same: bool = True
+    level: float  #: Force over the predicted one that the next part is expected to have.
+    level_sigma: float  #: Standard deviation of it, what differs from part to part left out.
+    turn: Array  #: Rotation vector from the predicted to the true direction, axes of `axes`. Shape (3,). [rad]
+    turn_sigma: float | None  #: Standard deviation of it per axis, or None where nothing was learned of it. [rad]
+    scatter: float  #: Standard deviation of the level from part to part, relative.
+    parts: tuple[LearnedPartTable, ...]  #: The parts, oldest first.
+    axes: str  #: "base", "part", or "" where the direction goes with the path and is not learned.
+    same: bool = True  #: Whether the parts were cut with the numbers of this [process].
+    #: Covariance of level and turns, in `axes` [rad], with each parameter of the folder's uncertainty.toml: a harder
+    #: push and a softer arm bend alike. Shape (p, 4), or (0, 4) where none is known. [SI]
     robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
@@ -167,11 +156,7 @@ def list_numbers(process: Any) -> dict[str, Any]:
 
 
 def read_learned_force(folder: Path | None, process: Any) -> LearnedForce | None:
-    """Read what parts said of the force of a process; None where no part of it was measured.
-
-    Args:
-        folder: The robot folder.
-        process: The [process] of the job.
+    """Read what parts said of the force of a [process] from a robot folder; None where no part of it was measured.
 
     Raises:
         InputError: With file and key, if process.toml is not what it has to be.
@@ -225,11 +210,7 @@ def add_part(force: LearnedForce, part: LearnedPartTable) -> LearnedForce:
 def write_learned_force(force: LearnedForce, process: Any, folder: Path, source: Path | None) -> None:
     """Write process.toml into a robot folder: this process as it is known now, others as `source` holds them.
 
-    Args:
-        force: What is known.
-        process: The [process] of the job.
-        folder: The robot folder to write to; its uncertainty.toml is the one that `force` goes with.
-        source: The robot folder before, or None.
+    The folder's uncertainty.toml is the one that `force` goes with.
     """
     numbers = list_numbers(process)
     file = None if source is None else source / FILE

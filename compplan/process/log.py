@@ -25,20 +25,12 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class ForceLog:
-    """A measured log; m rows.
+    """A measured log; m rows."""
 
-    Attributes:
-        place: Length cut so far [m], or time cut so far [s]. Shape (m,).
-        timed: Whether `place` is a time.
-        wrench: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
-        power: Of the spindle, or None. Shape (m,). [W]
-
-    """
-
-    place: Array
-    timed: bool
-    wrench: Array
-    power: Array | None = None
+    place: Array  #: Length cut so far [m], or time cut so far [s]. Shape (m,).
+    timed: bool  #: Whether `place` is a time.
+    wrench: Array  #: On the tool at its tip, part axes; 3 columns without moments. Shape (m, 3 or 6). [N, N m]
+    power: Array | None = None  #: Of the spindle, or None. Shape (m,). [W]
 
 
 def read_force_log(path: Path) -> ForceLog:
@@ -46,7 +38,6 @@ def read_force_log(path: Path) -> ForceLog:
 
     Raises:
         InputError: If it is not what it has to be.
-
     """
     table = read_table(path, COLUMNS)
     timed = "t" in table.values

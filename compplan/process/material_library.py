@@ -15,16 +15,10 @@ from compplan.process.materials import MATERIALS
 def apply_material(process: Mapping[str, Any], job: Path, where: str) -> dict[str, Any]:
     """Return [process] with the coefficients of its own file of materials; as it is where it names none.
 
-    A name of the file goes before one that ships with compplan.
-
-    Args:
-        process: The table, plain.
-        job: The job file; `materials` is relative to it.
-        where: Key of the table, for messages.
+    A name of the file, which is relative to the job, goes before one that ships with compplan.
 
     Raises:
         InputError: If the file, or the material in it, is not what it has to be.
-
     """
     file, name = process.get("materials"), process.get("material")
     if not isinstance(file, str) or "coefficients" in process:

@@ -17,26 +17,17 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Coefficients:
-    """What a material resists a cutting edge with.
+    """What a material resists a cutting edge with."""
 
-    Attributes:
-        cutting: Tangential, radial, axial. [N/mm^2]
-        edge: The same, per width. [N/mm]
-        exponent: Kienzle's exponent m of each. []
-        uncertainty: Relative standard deviation of the cutting coefficients that Monte Carlo draws from. []
-        valid_chip_mm: Chip thickness that they were measured at, or is usual for them. [mm]
-        source: Where they come from.
-        assumed: Whether they were not checked against a publication.
-
-    """
-
-    cutting: tuple[float, float, float]
-    edge: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    exponent: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cutting: tuple[float, float, float]  #: Tangential, radial, axial. [N/mm^2]
+    edge: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: The same, per width. [N/mm]
+    exponent: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Kienzle's exponent m of each. []
+    #: Relative standard deviation of the cutting coefficients that Monte Carlo draws from. []
     uncertainty: float = 0.15
+    #: Chip thickness that they were measured at, or is usual for them. [mm]
     valid_chip_mm: tuple[float, float] = (0.02, 0.3)
-    source: str = "the job"
-    assumed: bool = False
+    source: str = "the job"  #: Where they come from.
+    assumed: bool = False  #: Whether they were not checked against a publication.
 
 
 #: Fields of a material by the keys of its table, where they differ.

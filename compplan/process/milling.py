@@ -42,20 +42,12 @@ THINNEST = 1e-4
 
 @dataclass(frozen=True)
 class Spindle:
-    """How the cutter turns.
+    """How the cutter turns."""
 
-    Attributes:
-        teeth: Number of teeth.
-        speed: Turns a second. [1/s]
-        helix: Helix angle. [rad]
-        runout: Radial offset of the cutter from the spindle's axis. [m]
-
-    """
-
-    teeth: int
-    speed: float
-    helix: float = 0.0
-    runout: float = 0.0
+    teeth: int  #: Number of teeth.
+    speed: float  #: Turns a second. [1/s]
+    helix: float = 0.0  #: Helix angle. [rad]
+    runout: float = 0.0  #: Radial offset of the cutter from the spindle's axis. [m]
 
     def feed_per_tooth(self, feed: Array) -> Array:
         """Return the feed a tooth [m] from the feed [m/s]."""
@@ -64,30 +56,14 @@ class Spindle:
 
 @dataclass(frozen=True)
 class MillingShape:
-    """The geometry of the mean wrench: what each coefficient is multiplied with.
+    """The geometry of the mean wrench: what each coefficient is multiplied with."""
 
-    Attributes:
-        cutting: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm. Shape (n, 3, 6). [N, N m]
-        edge: By 1 N/mm. Shape (n, 3, 6). [N, N m]
-        curved: What both grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
-
-    """
-
-    cutting: Array
-    edge: Array
-    curved: Array
+    cutting: Array  #: By 1 N/mm^2 (tangential, radial, axial) at a feed a tooth of 1 mm. Shape (n, 3, 6). [N, N m]
+    edge: Array  #: By 1 N/mm. Shape (n, 3, 6). [N, N m]
+    curved: Array  #: What both grow by a mm of feed a tooth, as the path of a tooth is curved. Shape (n, 6, 6).
 
     def wrench(self, coefficients: Coefficients, feed_per_tooth: Array) -> Array:
-        """Return the mean wrench on the tool at its tip, path axes.
-
-        Args:
-            coefficients: Of the material.
-            feed_per_tooth: Shape (n,). [m]
-
-        Returns:
-            Shape (n, 6). [N, N m]
-
-        """
+        """Return the mean wrench on the tool's tip at a feed a tooth [m], path axes. (n,) -> (n, 6) [N, N m]"""
         size = np.array([*coefficients.cutting, *coefficients.edge])
         return np.asarray(np.einsum("c,ncw->nw", size, self.columns(coefficients.exponent, feed_per_tooth)))
 
@@ -101,14 +77,7 @@ class MillingShape:
 
 
 def shape_milling(found: Engagement, teeth: int, exponent: tuple[float, float, float]) -> MillingShape:
-    """Work out what each coefficient of a cutter contributes to the mean wrench.
-
-    Args:
-        found: The engagement.
-        teeth: Number of teeth.
-        exponent: Kienzle's exponent of the tangential, radial and axial part.
-
-    """
+    """Work out what each coefficient of a cutter adds to the mean wrench; `exponent` is Kienzle's of each part."""
     edge, angle = found.cutter.slices, found.angles
     at_low, by_rise = (part.reshape(3, -1, 6) for part in edge_wrenches(edge, angle))
     straight, curved = np.zeros((len(found), 6, 6)), np.zeros((len(found), 6, 6))
@@ -150,9 +119,7 @@ def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
 def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
     """Return the wrench at the tip of a unit force (tangential, radial, axial) on slices at angles.
 
-    Returns:
-        At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
-
+    At the lower end of each slice, and what is added when it acts at its upper end. Shapes (3, k, m, 6).
     """
     k, m = len(edge), len(angle)
     out, up = edge.normal[:, 0], edge.normal[:, 1]
@@ -173,18 +140,9 @@ def edge_wrenches(edge: Slices, angle: Array) -> tuple[Array, Array]:
 def ripple_force(
     found: Engagement, rows: NDArray[np.int_], coefficients: Coefficients, spindle: Spindle, feed_per_tooth: Array
 ) -> Array:
-    """Return the force through one turn of the spindle at some waypoints, path axes, run-out included.
+    """Return the force through one turn of the spindle at r waypoints, path axes, run-out included. (r, a, 3) [N]
 
-    Args:
-        found: The engagement.
-        rows: The waypoints. Shape (r,).
-        coefficients: Of the material.
-        spindle: How the cutter turns.
-        feed_per_tooth: At the waypoints. Shape (r,). [m]
-
-    Returns:
-        Shape (r, a, 3), a angles of a turn. [N]
-
+    `feed_per_tooth` has shape (r,) [m]; a are the angles of a turn.
     """
     edge = found.cutter.slices
     count = found.depth.shape[2] * FINE
@@ -257,7 +215,6 @@ def _spread_arcs(depth: NDArray[np.float32]) -> tuple[Array, Array]:
     Returns:
         Whether each fine bin is engaged, and the height of its engaged part as a share of the slice.
         Shapes (r, k, fine m).
-
     """
     depth = depth.astype(np.float64)
     around = np.maximum(np.roll(depth, 1, axis=2), np.roll(depth, -1, axis=2))

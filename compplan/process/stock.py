@@ -32,12 +32,7 @@ class StockColumns(Protocol):
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns at places across the direction; empty where top < bottom.
 
-        Args:
-            place: Shape (..., 2). [m]
-
-        Returns:
-            Two arrays of shape (...). [m]
-
+        Shape (..., 2) -> (...) twice. [m]
         """
 
     def crest(self, place: Array) -> Array:
@@ -49,18 +44,11 @@ class StockColumns(Protocol):
 
 @dataclass(frozen=True)
 class Block:
-    """A box; its half spaces n x <= c are those of the frame that it is seen in.
+    """A box; its half spaces n x <= c are those of the frame that it is seen in."""
 
-    Args:
-        normal: Shape (6, 3).
-        offset: Shape (6,). [m]
-        corners: Shape (8, 3). [m]
-
-    """
-
-    normal: Array
-    offset: Array
-    corners: Array
+    normal: Array  #: Shape (6, 3).
+    offset: Array  #: Shape (6,). [m]
+    corners: Array  #: Shape (8, 3). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -90,20 +78,12 @@ class Block:
 
 @dataclass(frozen=True)
 class HeightMap:
-    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly.
+    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly."""
 
-    Args:
-        origin: Place of the first cell's centre. Shape (2,). [m]
-        cell: Distance of columns, one or along each axis. [m]
-        low: Bottom of each column, +inf where there is none. Shape (a, b). [m]
-        high: Top of each column, -inf where there is none. Shape (a, b). [m]
-
-    """
-
-    origin: Array
-    cell: float | Array
-    low: Array
-    high: Array
+    origin: Array  #: Place of the first cell's centre. Shape (2,). [m]
+    cell: float | Array  #: Distance of columns, one or along each axis. [m]
+    low: Array  #: Bottom of each column, +inf where there is none. Shape (a, b). [m]
+    high: Array  #: Top of each column, -inf where there is none. Shape (a, b). [m]
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -147,13 +127,9 @@ class HeightMap:
 
 
 def build_block(low: Array, high: Array, R_view: Array) -> Block:
-    """Return a box of the part frame as it is seen along a direction.
+    """Return a box of the part frame, from its lowest to its highest corner [m], as it is seen along a direction.
 
-    Args:
-        low: Lowest corner, part frame. Shape (3,). [m]
-        high: Highest corner. Shape (3,). [m]
-        R_view: Axes of the view as columns, part frame; the third is the direction. Shape (3, 3).
-
+    The columns of `R_view` are the axes of the view in the part frame, the direction last.
     """
     normal = np.vstack([np.eye(3), -np.eye(3)])
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
@@ -161,12 +137,7 @@ def build_block(low: Array, high: Array, R_view: Array) -> Block:
 
 
 def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
-    """Read a closed mesh of the stock, in metres, part frame.
-
-    Raises:
-        InputError: If there is none, it cannot be read, or it is not closed.
-
-    """
+    """Read a closed mesh of the stock, in metres, part frame; refuse one that is missing, unreadable or open."""
     if not file.is_file():
         raise InputError(f"no file {file}", file=job, where=where)
     mesh = load_mesh(file, unit)
@@ -187,11 +158,7 @@ def read_mesh(file: Path, unit: str, where: str, job: Path) -> Any:
 def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, str]:
     """Return a closed mesh as columns along a direction, and a sentence where it has hollows that they fill.
 
-    Args:
-        mesh: The mesh, part frame. [m]
-        R_view: Axes of the view as columns, part frame. Shape (3, 3).
-        cell: Wanted distance of columns. [m]
-
+    `R_view` as in `build_block`; `cell` is the wanted distance of columns. [m]
     """
     corner = (np.asarray(mesh.vertices) @ R_view)[np.asarray(mesh.faces)]
     low, high = corner.min(axis=(0, 1)), corner.max(axis=(0, 1))
@@ -219,13 +186,8 @@ def _portion_boxes(
 ) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_]]]:
     """Cut boxes of a grid into bands and yield them in portions of about CELLS_AT_ONCE cells.
 
-    Args:
-        first: First cell of each box. Shape (m, 2).
-        after: The cell after the last. Shape (m, 2).
-
-    Yields:
-        Which box each band belongs to, shape (b,), its first cell and the cell after its last, shape (b, 2).
-
+    Boxes go from a first cell to the one after the last, shape (m, 2). What is yielded is the box that each band
+    belongs to, shape (b,), its first cell and the one after its last, shape (b, 2).
     """
     size = np.maximum(after - first, 0)
     band = np.maximum(CELLS_AT_ONCE // np.maximum(size[:, 1], 1), 1)
@@ -243,14 +205,8 @@ def _portion_boxes(
 def _raster(at: Array, z: Array, first: NDArray[np.int_], after: NDArray[np.int_], tops: Array, bottoms: Array) -> None:
     """Bring triangles into a height map: each column takes the highest and the lowest crossing.
 
-    Args:
-        at: Corners in cells of the grid. Shape (m, 3, 2).
-        z: Their heights. Shape (m, 3). [m]
-        first: First cell of each triangle that is looked at. Shape (m, 2).
-        after: The cell after the last. Shape (m, 2).
-        tops: Highest crossing so far, changed in place. Shape (a, b). [m]
-        bottoms: Lowest, changed in place. Shape (a, b). [m]
-
+    Corners `at` are in cells of the grid, shape (m, 3, 2), their heights in `z`, shape (m, 3) [m]. Each triangle is
+    looked at from its first cell to the one after the last, shape (m, 2). `tops` and `bottoms` are changed in place.
     """
     item, place = expand_boxes(first, after)
     if not len(item):
@@ -273,15 +229,9 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def expand_boxes(first: NDArray[np.int_], after: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """List the cells of boxes of a grid.
+    """List the cells of boxes of a grid that go from a first cell to the one after the last, shape (m, 2).
 
-    Args:
-        first: First cell of each box. Shape (m, 2).
-        after: The cell after the last. Shape (m, 2).
-
-    Returns:
-        Which box each cell belongs to, shape (c,), and the cell, shape (c, 2).
-
+    Which box each cell belongs to, shape (c,), and the cell, shape (c, 2), are returned.
     """
     size = np.maximum(after - first, 0)
     count = size[:, 0] * size[:, 1]

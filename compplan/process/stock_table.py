@@ -54,34 +54,20 @@ class StockTable(StrictTable):
 
 @dataclass(frozen=True)
 class Cut:
-    """A cutter that goes through stock; n waypoints, in the frame that the stock is seen in.
+    """A cutter that goes through stock; n waypoints, in the frame that the stock is seen in."""
 
-    Attributes:
-        cutter: The cutter.
-        position: Tips. Shape (n, 3). [m]
-        axis: Tool axes, tip to spindle. Shape (n, 3).
-        cutting: Whether the move that ends here removes material. Shape (n,).
-
-    """
-
-    cutter: Cutter
-    position: Array
-    axis: Array
-    cutting: NDArray[np.bool_]
+    cutter: Cutter  #: The cutter.
+    position: Array  #: Tips. Shape (n, 3). [m]
+    axis: Array  #: Tool axes, tip to spindle. Shape (n, 3).
+    cutting: NDArray[np.bool_]  #: Whether the move that ends here removes material. Shape (n,).
 
 
 @dataclass(frozen=True)
 class CutStock:
-    """Stock less what a cutter took away whose axis stood along the columns.
+    """Stock less what a cutter took away whose axis stood along the columns."""
 
-    Args:
-        before: The stock before.
-        wake: What the cutter swept.
-
-    """
-
-    before: StockColumns
-    wake: CutSurface
+    before: StockColumns  #: The stock before.
+    wake: CutSurface  #: What the cutter swept.
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
@@ -243,17 +229,10 @@ def read_stock(
 ) -> tuple[StockColumns, list[str]]:
     """Return the stock as it is seen along the tool axis, and what was assumed of it.
 
-    Args:
-        table: What the job says of it, None where it says nothing.
-        cutter: The cutter.
-        toolpath: The path, part frame.
-        top: Height of the stock's top where the job gives no stock, part frame. [m]
-        R_view: Axes of the view as columns, part frame. Shape (3, 3).
-        job: The job file.
+    `top` is the height of the stock's top where the job gives no stock, part frame [m], `R_view` as in `build_block`.
 
     Raises:
         InputError: If there is neither stock nor its top, or the mesh is not what it has to be.
-
     """
     if table is not None and table.block_mm is not None:
         return build_block(1e-3 * np.array(table.block_mm[0]), 1e-3 * np.array(table.block_mm[1]), R_view), []

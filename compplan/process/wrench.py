@@ -60,7 +60,6 @@ def predict_wrench(
 
     Raises:
         InputError: If the toolpath has no wrench columns, or a wrench file does not fit the toolpath.
-
     """
     rotations = np.eye(3) if R_base_part is None else R_base_part
     if isinstance(process, ColumnsProcess):
@@ -123,14 +122,7 @@ def _axes(frame: Frame, nominal: Toolpath, R_base_part: Array, tool_x: Array | N
 def _check_travel(frame: Frame, wrench: Array, nominal: Toolpath) -> None:
     """Refuse a force along or beside the travel on a path that only plunges: which way that is, nobody knows.
 
-    Args:
-        frame: Axes that the wrench is given in.
-        wrench: In these axes. Shape (n, 6). [N, N m]
-        nominal: The toolpath.
-
-    Raises:
-        InputError: If no cutting move goes across the tool axis, and the wrench has a part across it.
-
+    The wrench, shape (n, 6) [N, N m], is in the axes of `frame`.
     """
     cut = ~nominal.rapid
     if frame != "path" or not (cut & (np.abs(wrench[:, [0, 1, 3, 4]]).max(axis=1) > 0.0)).any():

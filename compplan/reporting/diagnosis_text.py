@@ -10,8 +10,8 @@ from compplan.diagnosis.evidence.unmodelled import describe_unmodelled, names_al
 from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Share
 from compplan.diagnosis.results.small_errors import WEIGHT, SmallErrors, kind_of
 from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT, Finding
+from compplan.io.quantities import format_length, format_number, format_percent
 from compplan.reporting.effect_text import describe_change, describe_effect, name_effect
-from compplan.reporting.style import format_length, format_number, format_percent
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis

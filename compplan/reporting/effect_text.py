@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from compplan.effects import EFFECTS
-from compplan.reporting.style import format_number
+from compplan.io.quantities import format_number
 
 UNITS = {
     "rad_per_Nm": "rad/(N m)", "Nm_per_rad": "N m/rad", "m_per_N": "m/N", "rad_per_N": "rad/N",

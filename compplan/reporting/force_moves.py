@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.quantities import format_percent
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import Timing
 from compplan.reporting.along_path import find_spans
-from compplan.reporting.style import format_percent
 from compplan.robot import Array
 
 #: Forces below this share of the greatest one are none.
@@ -23,7 +23,6 @@ def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
     Args:
         wrench: Wrench on the tool. Shape (n, 6). [N, N m]
         cut: Waypoints of the cut. Shape (n,).
-
     """
     size = np.linalg.norm(wrench[:, :3], axis=1)
     acts = size > NO_FORCE * max(float(size.max(initial=0.0)), 1e-12)
@@ -37,7 +36,6 @@ def describe_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.boo
         length: Length up to each waypoint. Shape (n,). [m]
         cut: Waypoints of the cut. Shape (n,).
         pushed: Those of them whose move carries force. Shape (n,).
-
     """
     steps = np.r_[0.0, np.diff(length)]
     whole, share = float(steps[cut].sum()), float(steps[pushed].sum())
@@ -67,7 +65,6 @@ def busiest_rate(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str
         rates: Name, rates (n, nq) and limits (nq,).
         joints: Names of the joints.
         row: The waypoint.
-
     """
     best, said = 0.0, "–"
     for name, values, limits in rates:

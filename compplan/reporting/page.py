@@ -1,6 +1,6 @@
 """The frame of every page: one HTML file that opens without a network, readable on paper, in light and in dark.
 
-Every page has the same anatomy: the opening fills the first screen and the first sheet of paper (the verdict in a line,
+Every page has the same anatomy: the summary fills the first screen and the first sheet of paper (the verdict in a line,
 what stops the machine, a picture, three figures, what to do next); below it, folded, stand the same in more words,
 remarks, sections made of blocks (paragraphs, tables, charts, pictures), and what the page was made from. Paper shows
 what is open on the screen. No script but the page's own runs in it, and nothing is fetched.
@@ -9,6 +9,8 @@ what is open on the screen. No script but the page's own runs in it, and nothing
 from __future__ import annotations
 
 import base64
+import gzip
+import hashlib
 import json
 import re
 from collections.abc import Sequence
@@ -18,27 +20,20 @@ from pathlib import Path
 from typing import Any
 
 from compplan.io.provenance import describe_origin
-from compplan.io.tables import write_text
-from compplan.reporting.scripts import load_plotly, pack_text, write_policy
-from compplan.reporting.style import build_template, format_number
+from compplan.io.quantities import format_number
+from compplan.reporting.charts import Figure
+from compplan.reporting.style import build_template
 from compplan.version import VERSION
 
 TEMPLATES = Path(__file__).parent / "templates"
+#: The part of plotly.js that pages draw with; how it was made stands beside it.
+PLOTLY = Path(__file__).parent / "plotly" / "plotly.min.js.gz"
 #: A command in a sentence: its options with their values, words in capitals, and files.
 COMMAND = r"compplan [a-z]+(?: --[a-z-]+(?: (?:[\w/.-]*\w))?| [A-Z]{2,}[\w/.]*\b| [\w./-]+\.(?:csv|toml|nc)\b)*"
 
 
 @dataclass(frozen=True)
-class Column:
-    """Head a column: its title, the unit of its numbers, and how many significant digits they show."""
-
-    title: str
-    unit: str = ""
-    digits: int = 3
-
-
-@dataclass(frozen=True)
-class TableCell:
+class Cell:
     """Hold a value with a tone: "good", "bad", "assumed", "muted", "strong" or "" (plain); `link`: a file it names."""
 
     value: str | float | int | None
@@ -46,32 +41,35 @@ class TableCell:
     link: str = ""
 
 
-Row = list[TableCell | str | float | int | None]
+#: Significant digits of numbers in a table.
+DIGITS = 3
+Row = list[Cell | str | float | int | None]
 
 
 @dataclass(frozen=True)
-class PageTable:
+class Table:
     """Show rows of values under columns with units.
 
     Args:
-        columns: One head a column.
+        columns: Heads, each with the unit and the significant digits of its numbers where there are any: "band [mm]",
+            "length [mm, 4]".
         rows: Values, or cells, row by row; None shows as a dash.
         caption: What the table says, in a sentence.
         scroll: Show at most so many rows at once, the rest by scrolling; 0 shows all.
     """
 
-    columns: Sequence[Column]
-    rows: Sequence[Sequence[TableCell | str | float | int | None]]
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell | str | float | int | None]]
     caption: str = ""
     scroll: int = 0
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Show a figure (`compplan.reporting.figure`).
+    """Show a figure.
 
     Args:
-        figure: The figure; its template is replaced by the page's.
+        figure: The figure.
         caption: What to see in it, in a sentence.
         height: Height on the page. [px]
         linked_scenes: Whether turning one 3D scene turns the others.
@@ -79,7 +77,7 @@ class Chart:
             chart of the page.
     """
 
-    figure: Any
+    figure: Figure
     caption: str = ""
     height: int = 380
     linked_scenes: bool = False
@@ -103,12 +101,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Columns:
-    """Set blocks side by side where the page is wide enough, one group a column.
-
-    Args:
-        groups: The blocks of each column.
-        widths: Share of the width that each column takes; equal if left out.
-    """
+    """Set blocks side by side where the page is wide enough, one group a column, each of its share of the width."""
 
     groups: Sequence[Sequence[Block]]
     widths: Sequence[float] = ()
@@ -122,7 +115,7 @@ class Fold:
     blocks: Sequence[Block]
 
 
-Block = str | PageTable | Chart | Picture | Columns | Fold
+Block = str | Table | Chart | Picture | Columns | Fold
 
 
 @dataclass(frozen=True)
@@ -137,7 +130,7 @@ class Section:
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """One of the figures of an opening: the number with its unit, and what it is."""
+    """One of the figures of a first screen: the number with its unit, and what it is."""
 
     value: str
     words: str
@@ -169,94 +162,62 @@ class Summary:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Say what a page was made from: facts in rows of (what, value), and everything that was assumed.
-
-    Args:
-        facts: Rows of name and value, such as ("robot", "kuka_kr270").
-        assumptions: Sentences, each an assumed number or choice.
-    """
+    """Say what a page was made from: facts in rows of (what, value), and sentences of what was assumed."""
 
     facts: Sequence[tuple[str, str]] = ()
     assumptions: Sequence[str] = field(default=())
 
 
-def write_page(
-    file: str | Path,
-    title: str,
-    lede: str | Sequence[str],
-    sections: Sequence[Section],
-    *,
-    kind: str = "",
-    opening: Summary | None = None,
-    warning: str = "",
-    notes: Sequence[str] = (),
-    provenance: Provenance | None = None,
-) -> None:
-    """Write a page as one self-contained HTML file.
+def render_page(
+    title: str, lede: str | Sequence[str], sections: Sequence[Section], *, kind: str = "",
+    opening: Summary | None = None, warning: str = "", notes: Sequence[str] = (), provenance: Provenance | None = None,
+) -> str:  # fmt: skip
+    """Return a page as one self-contained HTML file.
 
     Args:
-        file: The file; replaced if it exists, never left half-written.
         title: Title of the page.
         lede: What the page says, in one sentence or several; several stand as a numbered list.
         sections: The sections.
         kind: Small line above the title, such as "Plan".
-        opening: The first screen; left out: the first sentence of the lede and the first picture.
+        opening: The first screen; left out: the first sentence of the lede.
         warning: Sentence that comes first of what stops the machine, such as why a plan is infeasible.
         notes: Remarks; they are folded.
         provenance: What the page was made from.
     """
-    html = render_page(
-        title, lede, sections, kind=kind, opening=opening, warning=warning, notes=notes, provenance=provenance
-    )
-    write_text(file, html)
-
-
-def render_page(
-    title: str,
-    lede: str | Sequence[str],
-    sections: Sequence[Section],
-    *,
-    kind: str = "",
-    opening: Summary | None = None,
-    warning: str = "",
-    notes: Sequence[str] = (),
-    provenance: Provenance | None = None,
-) -> str:
-    """Return the HTML of a page; arguments as for `write_page`."""
     charts: list[dict[str, Any]] = []
     ledes = [lede] if isinstance(lede, str) else list(lede)
     first = opening or Summary(ledes[0].partition(". ")[0].rstrip(".") + "." if ledes else title)
     picture = None if first.picture is None else _describe(first.picture, charts)
-    shown = [*([] if first.sheet is None else [replace(first.sheet, open=True)]), *sections]
+    sheet = [] if first.sheet is None else [replace(first.sheet, open=True)]
     parts = [
-        {"title": section.title, "lede": section.lede, "open": section.open,
-         "sheet": k == 0 and first.sheet is not None, "blocks": [_describe(block, charts) for block in section.blocks]}
-        for k, section in enumerate(shown)
+        {"title": section.title, "lede": section.lede, "open": section.open, "sheet": section in sheet,
+         "blocks": [_describe(block, charts) for block in section.blocks]}
+        for section in (*sheet, *sections)
     ]  # fmt: skip
     themes = {theme: build_template(theme) for theme in ("light", "dark")}
     payload = json.dumps({"charts": charts, "themes": themes}, separators=(",", ":"), allow_nan=False)
     script = (TEMPLATES / "page.js").read_text(encoding="utf-8")
-    return str(
-        _environment()
-        .get_template("page.html.j2")
-        .render(
-            title=title,
-            ledes=ledes,
-            kind=kind,
-            opening=first,
-            picture=picture,
-            stops=[*([warning] if warning else []), *first.stops],
-            notes=list(notes),
-            sections=parts,
-            provenance=None if provenance is None else _with_origin(provenance),
-            version=VERSION,
-            css=(TEMPLATES / "page.css").read_text(encoding="utf-8"),
-            script=script,
-            policy=write_policy(script, with_charts=bool(charts)),
-            plotly=load_plotly() if charts else "",
-            payload=pack_text(payload),
-        )
-    )
+    library = PLOTLY.read_bytes() if charts else b""
+    html = _environment().get_template("page.html.j2").render(
+        title=title, ledes=ledes, kind=kind, opening=first, picture=picture, notes=list(notes), sections=parts,
+        stops=[*([warning] if warning else []), *first.stops],
+        provenance=None if provenance is None else _with_origin(provenance),
+        version=VERSION, css=(TEMPLATES / "page.css").read_text(encoding="utf-8"), script=script,
+        policy=_write_policy(script, library), plotly=base64.b64encode(library).decode("ascii"),
+        payload=base64.b64encode(gzip.compress(payload.encode(), mtime=0)).decode("ascii"),
+    )  # fmt: skip
+    return str(html)
+
+
+def _write_policy(script: str, library: bytes) -> str:
+    """Return the content security policy: the page's script and the chart library by their hashes, no network."""
+    scripts = [script.encode(), *([gzip.decompress(library)] if library else [])]
+    digests = (f"'sha256-{base64.b64encode(hashlib.sha256(text).digest()).decode()}'" for text in scripts)
+    rules = {
+        "default-src": "'none'", "script-src": " ".join(digests), "style-src": "'unsafe-inline'",
+        "img-src": "data: blob:", "base-uri": "'none'", "form-action": "'none'",
+    }  # fmt: skip
+    return "; ".join(f"{rule} {value}" for rule, value in rules.items())
 
 
 def _with_origin(provenance: Provenance) -> Provenance:
@@ -273,12 +234,9 @@ def _environment() -> Any:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
-    )
+    )  # fmt: skip
     environment.filters["mark_commands"] = mark_commands
     return environment
 
@@ -296,12 +254,9 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
     if isinstance(block, str):
         return {"kind": "text", "text": block}
     if isinstance(block, Chart):
-        figure = json.loads(block.figure.to_json())
-        figure["layout"].pop("template", None)
-        kind = {"linked": block.linked_scenes, "along": block.along}
-        charts.append({"data": figure["data"], "layout": figure["layout"], **kind})
+        charts.append({**block.figure.to_dict(), "linked": block.linked_scenes, "along": block.along})
         return {"kind": "chart", "number": len(charts) - 1, "caption": block.caption, "height": block.height}
-    if isinstance(block, PageTable):
+    if isinstance(block, Table):
         return _describe_table(block)
     if isinstance(block, Picture):
         data = base64.b64encode(block.png).decode("ascii")
@@ -313,23 +268,28 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
     return {"kind": "columns", "groups": groups, "template": " ".join(f"minmax(0, {width:g}fr)" for width in widths)}
 
 
-def _describe_table(table: PageTable) -> dict[str, Any]:
-    rows = []
-    numeric = [True] * len(table.columns)
-    for row in table.rows:
-        cells = []
-        for index, (value, column) in enumerate(zip(row, table.columns, strict=True)):
-            cell = value if isinstance(value, TableCell) else TableCell(value)
-            if isinstance(cell.value, str):
-                numeric[index] = False
-            cells.append({"text": _show(cell.value, column.digits), "tone": cell.tone, "link": cell.link})
-        rows.append(cells)
-    heads = [
-        {"title": column.title, "unit": column.unit, "numeric": numeric[index]}
-        for index, column in enumerate(table.columns)
-    ]
+def _describe_table(table: Table) -> dict[str, Any]:
+    heads = [_read_head(text) for text in table.columns]
+    rows = [
+        [cell if isinstance(cell, Cell) else Cell(cell) for cell, _ in zip(row, heads, strict=True)]
+        for row in table.rows
+    ]  # fmt: skip
+    for k, head in enumerate(heads):
+        head["numeric"] = not any(isinstance(row[k].value, str) for row in rows)
+    shown = [
+        [{"text": _show(cell.value, head["digits"]), "tone": cell.tone, "link": cell.link}
+         for cell, head in zip(row, heads, strict=True)]
+        for row in rows
+    ]  # fmt: skip
     scroll = table.scroll if 0 < table.scroll < len(rows) else 0
-    return {"kind": "table", "heads": heads, "rows": rows, "caption": table.caption, "scroll": scroll}
+    return {"kind": "table", "heads": heads, "rows": shown, "caption": table.caption, "scroll": scroll}
+
+
+def _read_head(text: str) -> dict[str, Any]:
+    """Return title, unit and significant digits of a column."""
+    title, _, rest = text.partition(" [")
+    unit, _, digits = rest.rstrip("]").partition(", ")
+    return {"title": title, "unit": unit, "digits": int(digits or DIGITS)}
 
 
 def _show(value: str | float | int | None, digits: int) -> str:

@@ -13,13 +13,7 @@ from compplan.controllers.writers.frames import flange_turn, place_numbers, rota
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import list_stops
-from compplan.planning.notes import describe_part_frame
-from compplan.planning.slow import mark_slow
-from compplan.process.cutting import CuttingTable
-from compplan.reporting.curve_chart import draw_curves
-from compplan.reporting.page import Block, Chart, Column, KeyFigure, PageTable, Row, Section, Summary, TableCell
-from compplan.reporting.provenance import explain_grade
-from compplan.reporting.style import (
+from compplan.io.quantities import (
     format_length,
     format_mm,
     format_mm_change,
@@ -27,6 +21,11 @@ from compplan.reporting.style import (
     format_percent,
     format_set_length,
 )
+from compplan.planning.notes import describe_part_frame, mark_slow
+from compplan.process.cutting import CuttingTable
+from compplan.reporting import page
+from compplan.reporting.charts import draw_curves
+from compplan.reporting.provenance import explain_grade
 from compplan.robot import Array, Joint
 from compplan.robot.mounting import mounted_tool
 
@@ -41,7 +40,7 @@ NO_PROGRAM = {".html", ".json", ".png", ".npz", ".glb", ".bin", ".toml", ".urdf"
 NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 
 
-def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
+def open_plan(plan: Plan, folder: Path | None = None) -> page.Summary:
     """Return the first screen of a plan.
 
     Args:
@@ -49,31 +48,28 @@ def open_plan(plan: Plan, folder: Path | None = None) -> Summary:
         folder: Folder that its programs are written to already, for their checksums; None where there are none.
     """
     verdict = plan.verdict
-    sentence = first_sentence(verdict.sentence)
+    tone = TONES[verdict.word]
     band = "not known" if verdict.band is None else format_mm(verdict.band)
+    before = None if plan.promise is None else plan.promise.before
+    uncorrected = "" if before is None else f" (uncorrected program {format_mm(before[1])})"
     change = format_mm_change(plan.before.max_deviation, plan.after.max_deviation)
     figures = [
-        KeyFigure(band, f"95 % band{_say_before(plan)}: the true tip stays that close to the path; "
-                  f"the tolerance is {format_set_length(verdict.tolerance)}",
-                  TONES[verdict.word] if verdict.word != "not_known" else ""),
-        KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
-        KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
-                  f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
+        page.KeyFigure(band, f"95 % band{uncorrected}: the true tip stays that close to the path; "
+                       f"the tolerance is {format_set_length(verdict.tolerance)}",
+                       tone if verdict.word != "not_known" else ""),
+        page.KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
+        page.KeyFigure(f"{format_number(float(plan.timing.time[-1]))}\u00a0s",
+                       f"for {format_length(plan.task.nominal.cutting_length)} of cut"),
     ]  # fmt: skip
     if verdict.beyond_share:
-        figures[2] = KeyFigure(format_percent(verdict.beyond_share), "of the cut may be beyond the tolerance", "bad")
+        beyond = format_percent(verdict.beyond_share)
+        figures[2] = page.KeyFigure(beyond, "of the cut may be beyond the tolerance", "bad")
     told = "Distance of the tool tip from the path. The 95 % band has to stay below the tolerance."
-    picture = Chart(draw_curves(plan.curves()), told, 340)
+    picture = page.Chart(draw_curves(plan.curves()), told, 340)
     step = verdict.change if plan.job is None else verdict.change.replace(" JOB", f" {plan.job.file.name}")
     todo = step or "Run the program without a part at reduced override, then cut and measure one part."
-    stops = list_stops(plan.notes)
-    return Summary(sentence, TONES[verdict.word], figures, picture, todo, stops, write_sheet(plan, folder))
-
-
-def _say_before(plan: Plan) -> str:
-    """Say the band of the uncorrected program, "" where it is not stated."""
-    before = None if plan.promise is None else plan.promise.before
-    return "" if before is None else f" (uncorrected program {format_mm(before[1])})"
+    sentence, stops = first_sentence(verdict.sentence), list_stops(plan.notes)
+    return page.Summary(sentence, tone, figures, picture, todo, stops, write_sheet(plan, folder))
 
 
 def first_sentence(text: str) -> str:
@@ -81,21 +77,20 @@ def first_sentence(text: str) -> str:
     return re.split(r"(?<=[.!?])\s+(?=[A-Z])", text.strip(), maxsplit=1)[0]
 
 
-def write_sheet(plan: Plan, folder: Path | None) -> Section:
+def write_sheet(plan: Plan, folder: Path | None) -> page.Section:
     """Return the setup sheet: part, frames, tool, start, band, and the checksums of the programs."""
-    rows: list[Row] = [
-        [TableCell(name, "strong"), words] for name, words in (*_describe_frames(plan), *_describe_run(plan))
+    lines = [("Job", plan.name), ("Verdict", plan.verdict.sentence), *_describe_frames(plan), *_describe_run(plan)]
+    rows: list[page.Row] = [[page.Cell(name, "strong"), words] for name, words in lines]
+    rows += [[page.Cell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
+    blocks: list[page.Block] = [
+        page.Table(["Setup", ""], rows),
+        "Set up by ______________________   Checked by ______________________   Date ______________",
     ]
-    rows[:0] = [[TableCell("Job", "strong"), plan.name], [TableCell("Verdict", "strong"), plan.verdict.sentence]]
-    rows += [[TableCell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
-    blocks: list[Block] = [PageTable([Column("Setup"), Column("")], rows)]
-    blocks.append("Set up by ______________________   Checked by ______________________   Date ______________")
     programs = [] if folder is None else list_programs(folder)
     if programs:
-        cells: list[Row] = [list(program) for program in programs]
-        blocks.append(PageTable([Column("Program"), Column("lines"), Column("SHA-256, first 16 digits")], cells,
-                                "The file on the controller is this one if its checksum is the same."))  # fmt: skip
-    return Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", open=True)
+        caption = "The file on the controller is this one if its checksum is the same."
+        blocks.append(page.Table(["Program", "lines", "SHA-256, first 16 digits"], programs, caption))
+    return page.Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", True)
 
 
 def list_programs(folder: Path) -> list[tuple[str, int, str]]:
@@ -111,7 +106,7 @@ def list_programs(folder: Path) -> list[tuple[str, int, str]]:
 
 
 def describe_pose(pose: Array) -> str:
-    """Write a pose as pendants take it: millimetres, and angles by the names of the common forms. Shape (4, 4). [m]."""
+    """Write a pose (4, 4) [m] as pendants take it: millimetres, and angles by the names of the common forms."""
     x, y, z, a, b, c = place_numbers(pose, "ZYX", 3)
     turn = np.degrees(rotation_vectors(pose[None])[0]).round(3) + 0.0
     place = f"X {x:g}  Y {y:g}  Z {z:g} mm"
@@ -167,16 +162,13 @@ def _describe_run(plan: Plan) -> list[tuple[str, str]]:
         ends = dict.fromkeys(f"{end:.4g}" for end in (wanted.min(), wanted.max()))
         speed = f"programmed {' to '.join(ends)} mm/s"
         speed += f", lowered to {1e3 * plan.timing.feed[slow].min():.3g} mm/s" if slow.any() else ""
-    margins = plan.margins
     rows = [
         ("First joint position", joints),
         ("Feed of the cut", f"{speed}; {plan.timing.time[-1]:.4g} s in all"),
-        ("Nearest joint limit", f"{robot.joint_names[margins.joint]}: {np.degrees(margins.position):.3g} deg"),
+        ("Nearest joint limit", describe_margin(plan)),
     ]
-    if plan.clearance is not None:
-        near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
-        if np.isfinite(near.distance) and near.first:
-            rows.append(("Least clearance", f"{format_length(near.distance)}: {near.first} to {near.second}"))
+    if clearance := describe_clearance(plan):
+        rows.append(("Least clearance", clearance))
     band = "not known" if verdict.band is None else format_mm(verdict.band)
     rows.append(("Tolerance and 95 % band", f"{format_set_length(verdict.tolerance)}; band {band}"))
     force = float(np.linalg.norm(plan.task.wrench[:, :3], axis=1).max(initial=0.0))
@@ -193,3 +185,25 @@ def _describe_cut(plan: Plan) -> list[tuple[str, str]]:
     moment = np.abs(np.einsum("ni,ni->n", plan.task.wrench[:, 3:], plan.task.rotation[:, :, 2])).max(initial=0.0)
     power = 2.0 * np.pi * spindle.speed * moment
     return [("Cutter", f"{cutter}, in {material}"), ("Spindle", f"up to {moment:.3g} N m, {1e-3 * power:.3g} kW")]
+
+
+def describe_margin(plan: Plan) -> str:
+    """Say which joint comes nearest to its limit, as a share of half a turn or of a metre."""
+    robot = plan.robot
+    margin = np.minimum(plan.q - robot.lower, robot.upper - plan.q).min(axis=0)
+    margin[robot.lower == robot.upper] = np.inf  # stands where the job holds it
+    share = margin / np.where(robot.prismatic, 1.0, np.pi)
+    if not np.isfinite(share).any():
+        return "no limits"
+    k = int(np.argmin(share))
+    scale, unit = (1e3, "mm") if robot.prismatic[k] else (180 / np.pi, "deg")
+    return f"{format_number(float(margin[k] * scale))} {unit} ({robot.joint_names[k]})"
+
+
+def describe_clearance(plan: Plan) -> str:
+    """Say what comes nearest to arm and tool; "" where that was not asked for."""
+    if plan.clearance is None:
+        return ""
+    near = min(plan.clearance.least[1], plan.clearance.own, key=lambda contact: contact.distance)
+    known = np.isfinite(near.distance) and near.first
+    return f"{format_length(near.distance)} ({near.first} to {near.second})" if known else ""

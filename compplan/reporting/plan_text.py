@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from compplan.io.notes import list_remarks, list_stops
+from compplan.io.quantities import format_mm
 from compplan.planning.tolerance_verdict import KEEPS, NOT_KNOWN, describe_tolerance
 from compplan.reporting.plan_summary import NO_PROGRAM, NO_PROGRAM_NAMES
-from compplan.reporting.style import format_mm
 
 if TYPE_CHECKING:
     from compplan.planning.result import Plan
@@ -32,7 +32,6 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         plan: The plan.
         folder: Folder that it was written to.
         files: Files written.
-
     """
     cause = f"largest cause: {plan.verdict.largest_cause}"
     step = NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN

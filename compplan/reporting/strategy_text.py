@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+from compplan.io.palette import AFTER, BEFORE, NEUTRAL
 from compplan.planning.strategies.online import ONLINE, STRATEGIES
-from compplan.reporting.style import AFTER, BEFORE, NEUTRAL
 
 
 def name_strategy(name: str) -> str:
@@ -17,3 +17,8 @@ def name_strategy(name: str) -> str:
 def colour_strategies(names: Iterable[str], best: str) -> list[str]:
     """Return a colour a strategy: one for no correction, one for the best, grey for the others."""
     return [AFTER if name == best else BEFORE if name == "none" else NEUTRAL for name in names]
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names as a sentence does."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -9,27 +9,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from compplan.io.palette import AFTER, BEFORE, CATEGORIES, DASHES, LIMIT, NEUTRAL, TOLERANCE
-from compplan.io.quantities import (
-    format_angle,
-    format_bound,
-    format_length,
-    format_mm,
-    format_mm_change,
-    format_number,
-    format_percent,
-    format_set_length,
-    format_set_value,
-    name_length,
-)
-
-__all__ = [
-    "AFTER", "BEFORE", "CATEGORIES", "DASHES", "FONT", "GRID", "INK", "LIMIT", "LINE", "NEUTRAL", "PAPER",
-    "SEQUENTIAL", "SPACE_GRID", "TOLERANCE", "build_template", "format_angle", "format_bound", "format_length",
-    "format_mm", "format_mm_change", "format_number", "format_percent", "format_set_length", "format_set_value",
-    "mark_decades",
-    "name_length", "style_line",
-]  # fmt: skip
+from compplan.io.palette import CATEGORIES, DASHES
+from compplan.io.quantities import name_length
 
 #: Small to large, for quantities that are best at zero.
 SEQUENTIAL = ((0.0, "#2f7fb5"), (0.3, "#6fae8f"), (0.55, "#dfb441"), (0.8, "#d1603d"), (1.0, "#8f1d2c"))

@@ -39,7 +39,6 @@ class Loop:
         plant: How the robot follows.
         error: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
         period: Period of the law. [s]
-
     """
 
     gain: float = 0.8
@@ -92,7 +91,6 @@ def run_loop(loop: Loop, wanted: Array) -> Array:
 
     Returns:
         Attained corrections. Shape (..., n).
-
     """
     from scipy.signal import lfilter
 

@@ -147,7 +147,6 @@ def fit_link_share(robot: Robot, q: Array) -> tuple[float, Strategies]:
 
     Returns:
         The link share, and the errors of the strategies under loads of every direction.
-
     """
     lumped, wrench = reduce_model(robot, q[:400], random_load(400)).robot, random_load(len(q))
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from compplan.io.provenance import describe_origin
-from compplan.io.tables import write_json
+from compplan.io.quantities import format_number
+from compplan.io.tables import write_json, write_text
 from compplan.io.transaction import replace_folder
-from compplan.reporting import Column, PageTable, Picture, Section, TableCell, describe_robot, write_page
-from compplan.reporting.page import KeyFigure, Provenance, Summary
-from compplan.reporting.style import format_number
+from compplan.reporting import page
+from compplan.reporting.provenance import describe_robot
 from compplan.reproduce.paper import Reproduction, Row, count_verdicts
 
 TONES = {"matches": "good", "close": "good", "fitted": "assumed", "inconsistent in the paper": "bad"}
@@ -40,58 +40,58 @@ def write_reproduction(result: Reproduction, folder: Path) -> None:
         write_json(part / "reproduction.json", summarise_reproduction(result))
         for number, figure in enumerate(result.figures, start=1):
             (part / f"figure_{number}.png").write_bytes(figure.png)
-        _write_report(result, part / "report.html")
+        write_text(part / "report.html", _render(result))
 
 
-def _write_report(result: Reproduction, file: Path) -> None:
+def _render(result: Reproduction) -> str:
     blocks: list[Any] = [_table(result.rows)]
     if list_assumptions(result.rows):
         blocks.append(_assumption_table(result.rows))
-    sections = [Section("Figures of the paper beside ours", blocks, _explain_verdicts())]
+    sections = [page.Section("Figures of the paper beside ours", blocks, _explain_verdicts())]
     if result.figures:
         pictures = [block for figure in result.figures for block in (figure.title, _picture(figure))]
-        sections.append(Section("Redrawn", pictures))
+        sections.append(page.Section("Redrawn", pictures))
     gaps = [["missing", text] for text in result.missing] + [["inconsistent", text] for text in result.inconsistencies]
     if gaps:
-        table = PageTable([Column(""), Column("in the paper")], gaps)
-        sections.append(Section("What the paper leaves out, and where it contradicts itself", [table]))
+        table = page.Table(["", "in the paper"], gaps)
+        sections.append(page.Section("What the paper leaves out, and where it contradicts itself", [table]))
     parts = [describe_robot(robot) for robot in result.robots]
-    provenance = Provenance(
+    provenance = page.Provenance(
         [("paper", result.citation), *dict.fromkeys(fact for part in parts for fact in part.facts)],
         list(dict.fromkeys(text for part in parts for text in part.assumptions)),
     )
-    write_page(file, result.title, result.lede, sections, kind="Reproduction", opening=_open(result),
-               provenance=provenance)  # fmt: skip
+    return page.render_page(
+        result.title, result.lede, sections, kind="Reproduction", opening=_open(result), provenance=provenance
+    )
 
 
-def _open(result: Reproduction) -> Summary:
+def _open(result: Reproduction) -> page.Summary:
     """Say how many figures of the paper come out alike."""
     counts = count_verdicts(result.rows)
     good = counts.get("matches", 0) + counts.get("close", 0)
     told = sum(counts.values())
-    figures = [KeyFigure(str(count), words) for words, count in list(counts.items())[:3]]
+    figures = [page.KeyFigure(str(count), words) for words, count in list(counts.items())[:3]]
     picture = _picture(result.figures[0]) if result.figures else None
     verdict = f"{good} of {told} figures of the paper come out within 20 %."
     todo = "Read which figures do not, and what the paper leaves out, below."
-    return Summary(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
+    return page.Summary(verdict, "good" if good > 0.5 * told else "unsure", figures, picture, todo)
 
 
-def _picture(figure: Any) -> Picture:
-    return Picture(figure.png, figure.caption, figure.title)
+def _picture(figure: Any) -> page.Picture:
+    return page.Picture(figure.png, figure.caption, figure.title)
 
 
-def _table(rows: tuple[Row, ...]) -> PageTable:
-    columns = [Column("quantity"), Column("unit"), Column("paper"), Column("ours"), Column("ours / paper"),
-               Column("verdict"), Column("assumed")]  # fmt: skip
+def _table(rows: tuple[Row, ...]) -> page.Table:
+    columns = ["quantity", "unit", "paper", "ours", "ours / paper", "verdict", "assumed"]
     marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
-    body: list[list[TableCell | str | float | int | None]] = []
+    body: list[page.Row] = []
     for row in rows:
         ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
         tone = TONES.get(row.verdict, "muted" if row.verdict.startswith("cannot") else "")
-        mark = TableCell(marks.get(row.assumption, ""), "assumed")
-        ours, verdict = TableCell(_show(row.ours), "strong"), TableCell(row.verdict, tone)
+        mark = page.Cell(marks.get(row.assumption, ""), "assumed")
+        ours, verdict = page.Cell(_show(row.ours), "strong"), page.Cell(row.verdict, tone)
         body.append([row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, mark])
-    return PageTable(columns, body)
+    return page.Table(columns, body)
 
 
 def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
@@ -99,9 +99,9 @@ def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
     return list(dict.fromkeys(row.assumption for row in rows if row.assumption))
 
 
-def _assumption_table(rows: tuple[Row, ...]) -> PageTable:
+def _assumption_table(rows: tuple[Row, ...]) -> page.Table:
     body = [[f"[{number}]", text] for number, text in enumerate(list_assumptions(rows), start=1)]
-    return PageTable([Column(""), Column("assumed for the rows that point here")], body)
+    return page.Table(["", "assumed for the rows that point here"], body)
 
 
 def _show(value: float | str | None) -> str:

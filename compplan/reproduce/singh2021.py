@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.reporting.maps.pictures import draw_lines, draw_shares
-from compplan.reporting.maps.service_sphere import ServiceSphere, serve_point, spread_directions
 from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, unavailable
+from compplan.reproduce.service_sphere import ServiceSphere, serve_point, spread_directions
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.elastic import cartesian_compliance

@@ -60,6 +60,15 @@ def fit_displacement(points: Array, moved: Array) -> Array:
     return found
 
 
+def rigid_columns(place: Array, about: Array) -> Array:
+    """Return how places move by small shifts along and turns about the axes through a point. (k, 3, 6) [1, m/rad]
+
+    place: shape (k, 3); about: shape (3,). [m]
+    """
+    turns = np.stack([np.cross(axis, place - about) for axis in np.eye(3)], axis=2)
+    return np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
+
+
 def linear_displacement(points: Array) -> Array:
     """Return the matrix from small motions of points to their best-fit shift of the mean and rotation vector.
 
@@ -70,11 +79,11 @@ def linear_displacement(points: Array) -> Array:
         Shape (6, 3 k). [1, rad/m]
 
     """
-    lever = points - points.mean(axis=0)
-    turns = np.stack([np.cross(axis, lever) for axis in np.eye(3)], axis=-1).reshape(-1, 3)
+    middle = points.mean(axis=0)
+    turns = rigid_columns(points, middle)[:, :, 3:].reshape(-1, 3)
     centring = np.kron(np.eye(len(points)) - 1.0 / len(points), np.eye(3))
     shift = np.kron(np.full((1, len(points)), 1.0 / len(points)), np.eye(3))
-    if np.abs(lever).max(initial=0.0) < SMALLEST_SPREAD:
+    if np.abs(points - middle).max(initial=0.0) < SMALLEST_SPREAD:
         return np.vstack([shift, np.zeros((3, 3 * len(points)))])
     return np.vstack([shift, np.linalg.pinv(turns, rcond=FLATTEST) @ centring])
 

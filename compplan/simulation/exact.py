@@ -174,7 +174,6 @@ def build_exact_robot(robot: Robot, *, standing: bool = False) -> ExactRobot:
     Args:
         robot: The robot.
         standing: Whether it is seen from the ground, where accelerations count, whatever carries the part.
-
     """
     names, robot = robot.joint_names, robot.alone if standing else robot
     down = robot.loading_gravity

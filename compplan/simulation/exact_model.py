@@ -37,7 +37,6 @@ def read_exact_robot(
         tool: The table [tool] of a job as it stands in the file, or None for the folder's own tool.
         moving: Whether the judge is for the inertia of motion: all masses, no weight, and seen from the ground.
         geometry: URDF of the folder; robot.urdf where it has none of this name.
-
     """
     urdf = folder / geometry if (folder / geometry).is_file() else folder / "robot.urdf"
     table = read_toml(folder / "elasticity.toml")

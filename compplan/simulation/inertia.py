@@ -20,10 +20,7 @@ WEIGHED = 64
 def find_inside(time: Array, moving: NDArray[np.bool_]) -> NDArray[np.int_]:
     """Return the rows inside a cut to which and from which the tool takes its time. Shape (k,).
 
-    Args:
-        time: Rising. Shape (n,). [s]
-        moving: Whether the move that ends at each row cuts. Shape (n,).
-
+    time: rising, (n,) [s]; moving: whether the move that ends at each row cuts, (n,).
     """
     step = np.diff(time)
     return 1 + np.flatnonzero(moving[1:-1] & moving[2:] & (np.minimum(step[:-1], step[1:]) > 1e-6))
@@ -32,11 +29,7 @@ def find_inside(time: Array, moving: NDArray[np.bool_]) -> NDArray[np.int_]:
 def fit_parabolas(q: Array, time: Array, rows: NDArray[np.int_]) -> tuple[Array, Array]:
     """Return velocities and accelerations at rows, of the parabola through each row and its neighbours. Shapes (k, nq).
 
-    Args:
-        q: Joint positions. Shape (n, nq). [rad or m]
-        time: Rising. Shape (n,). [s]
-        rows: Rows with a neighbour on either side. Shape (k,).
-
+    q: (n, nq) [rad or m]; time: rising, (n,) [s]; rows: with a neighbour on either side, (k,).
     """
     a, b = (time[rows] - time[rows - 1])[:, None], (time[rows + 1] - time[rows])[:, None]
     a, b = np.maximum(a, 1e-12), np.maximum(b, 1e-12)
@@ -60,7 +53,6 @@ def load_springs(
         moving: Whether the move that ends at each row cuts. Shape (n,).
         rests: Whether the tool stands still at each row. Shape (n,).
         among: Rows that are looked at; all if left out.
-
     """
     found = np.zeros((len(q), len(judge.elastic)))
     if not sum(inertia.mass for inertia in judge.model.inertias) > 0 or not len(judge.elastic):
@@ -89,7 +81,6 @@ def average_loads(loads: Array, time: Array, runs: list[tuple[int, int]], window
         time: Rising. Shape (n,). [s]
         runs: First and last row of every run from rest to rest.
         window: Length of the window, 0 for none. [s]
-
     """
     found, half = np.zeros(loads.shape), 0.5 * window
     share = (np.arange(WEIGHED) + 0.5) / WEIGHED * 2.0 - 1.0

@@ -35,7 +35,6 @@ class Prediction:
         attained: Everything that the scene came to.
         registration: Frames used, or None.
         gap: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
-
     """
 
     position: Array
@@ -57,7 +56,6 @@ def predict_campaign(
         register: Which of "base" and "tool" to fit to the campaign, everything else fixed.
         registration: Frames to use where none are fitted.
         later: Whether the effects' shifts happened before this campaign; otherwise at their rows.
-
     """
     effects = robot_effects(robot)
     scene = apply_effects(build_model(robot, campaign, later=later), effects)

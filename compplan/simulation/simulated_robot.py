@@ -36,7 +36,6 @@ class SimulatedRobot:
         judge: That robot as a Pinocchio model.
         displacement: From the part frame that a touch with this robot found to where the part stands; None where the
             frame is absolute. Shape (4, 4). [m]
-
     """
 
     name: str
@@ -51,7 +50,6 @@ class SimulatedRun(NamedTuple):
     Attributes:
         position: Attained tip. Shape (n, 3). [m]
         rotation: Attained orientation of the TCP frame. Shape (n, 3, 3).
-
     """
 
     position: Array
@@ -82,7 +80,6 @@ def run_simulated_robot(
         wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
         step_time: Time from each waypoint to the next, for effects of motion; 1 s if left out. Shape (n - 1,). [s]
         bias: Load of inertia on each elastic coordinate, none if left out. Shape (n, s). [N m or N]
-
     """
     position, rotation = _attain(cell, q, wrench, step_time, bias)
     if cell.displacement is None:
@@ -93,11 +90,7 @@ def run_simulated_robot(
 def touch_cell(cell: SimulatedRobot, q: Array, shown: Array) -> SimulatedRobot:
     """Return the cell in which the part was found by touching it with the cell's robot.
 
-    Args:
-        cell: The cell.
-        q: Joint positions at the touched points. Shape (k, nq). [rad or m]
-        shown: Where the controller shows the tip there. Shape (k, 3). [m]
-
+    q: joint positions at the touched points, (k, nq) [rad or m]; shown: where the controller shows the tip, (k, 3) [m].
     """
     resting = replace(cell, robot=rest_robot(cell.robot), displacement=None)
     loaded = _attain(resting, q, np.zeros((len(q), 6)), None, None)[0]

@@ -25,7 +25,6 @@ class Dynamics:
         standing: The same seen from the ground, where accelerations count; another one only where a positioner carries
             the part.
         compliance: Compliance of the elastic coordinates. Shape (s, s).
-
     """
 
     judge: ExactRobot
@@ -46,7 +45,6 @@ class ModeShapes:
         omega: Angular frequencies, rising. Shape (m,). [rad/s]
         shape: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
         tip: Motion of the tip in each, base axes. Shape (3, m). [1/sqrt(kg)]
-
     """
 
     omega: Array
@@ -66,14 +64,7 @@ def build_dynamics(robot: Robot) -> Dynamics:
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
-    """Return the lowest natural frequencies at some postures, NaN where there are fewer. Shape (k, count) [Hz].
-
-    Args:
-        dynamics: The robot.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        count: How many frequencies.
-
-    """
+    """Return the `count` lowest natural frequencies at postures, (k, nq), NaN where there are fewer. (k, count) [Hz]"""
     found = np.full((len(q), count), np.nan)
     if dynamics.known:
         for row, modes in zip(found, find_modes(dynamics, q, count), strict=True):
@@ -82,14 +73,7 @@ def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
 
 
 def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
-    """Return the lowest modes at some postures, from M v = C^-1 v / w^2.
-
-    Args:
-        dynamics: The robot.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        count: How many modes at most.
-
-    """
+    """Return at most `count` lowest modes at postures, (k, nq), from M v = C^-1 v / w^2."""
     judge, found = dynamics.judge, []
     data, world = judge.model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for configuration in q @ judge.commanded.T + judge.shift:
@@ -106,14 +90,9 @@ def find_modes(dynamics: Dynamics, q: Array, count: int) -> list[ModeShapes]:
 
 
 def inertial_loads(dynamics: Dynamics, q: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return what a motion puts on each elastic coordinate, weight left out. Shape (k, s). [N m or N].
+    """Return what a motion puts on each elastic coordinate, weight left out. Shape (k, s). [N m or N]
 
-    Args:
-        dynamics: The robot.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        velocity: Shape (k, nq). [rad/s or m/s]
-        acceleration: Shape (k, nq). [rad/s^2 or m/s^2]
-
+    q, velocity and acceleration: shape (k, nq). [rad or m, per s, per s^2]
     """
     judge, data = dynamics.standing, dynamics.standing.model.createData()
     rigid = q @ judge.commanded.T + judge.shift

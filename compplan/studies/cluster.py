@@ -28,17 +28,10 @@ AHEAD, RETRIES = 4, 3
 
 
 def compute_on_cluster(study: Study, numbers: list[int], points: Callable[[int], Array], scheduler: str) -> Chunks:
-    """Compute chunks on a cluster, as they come.
-
-    Args:
-        study: The study.
-        numbers: Numbers of the chunks.
-        points: Makes the points of a chunk.
-        scheduler: Address, such as "tcp://127.0.0.1:8786".
+    """Compute chunks by number on the cluster of a scheduler ("tcp://127.0.0.1:8786"), as they come.
 
     Raises:
         InputError: If the scheduler does not answer, Dask is not installed, or a worker has other versions.
-
     """
     client = _connect(scheduler)
     try:
@@ -53,7 +46,6 @@ def ask_scheduler(scheduler: str) -> None:
 
     Raises:
         InputError: If the address is none, or nobody answers.
-
     """
     match = ADDRESS.fullmatch(scheduler)
     if match is None or int(match["port"]) > 65535:

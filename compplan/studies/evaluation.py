@@ -32,7 +32,6 @@ class ChunkResult(NamedTuple):
         max: Shape (b, m). [m]
         within: Share of waypoints within tolerance. Shape (b, m).
         along: Distance at the stations. Shape (b, m, k). [m]
-
     """
 
     rms: Array
@@ -47,15 +46,10 @@ Chunks = Generator[tuple[int, ChunkResult], None, None]
 
 
 def evaluate_points(study: Study, points: Array) -> ChunkResult:
-    """Let every strategy cut its part in the cell of every point.
-
-    Args:
-        study: The study.
-        points: Points of the unit cube. Shape (b, size).
+    """Let every strategy cut its part in the cell of every point of the unit cube. points: shape (b, size).
 
     Raises:
         ConvergenceError: If a cell buckles under its load.
-
     """
     size = max(1, BATCH // len(study.task))
     batches = [_judge_batch(study, points[start : start + size]) for start in range(0, len(points), size)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.special import ndtri
@@ -20,7 +19,6 @@ from compplan.robot import Array, Robot
 from compplan.studies.posterior import count_coordinates
 from compplan.uncertainty.assumed import robot_uncertainty
 
-Sequence = Literal["sobol", "latin_hypercube"]
 #: Coordinates of a placement: three translations, three rotations.
 TWIST = 6
 
@@ -32,7 +30,6 @@ class Factors:
     Attributes:
         columns: By factor, the columns of the point that belong to it.
         groups: By group of the sensitivity analysis, its factors.
-
     """
 
     columns: Mapping[str, slice]
@@ -95,25 +92,11 @@ def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
     return Factors(columns, kept)
 
 
-def draw_points(
-    factors: Factors, seed: int, replicates: int, samples: range, *, sequence: Sequence = "sobol", total: int = 0
-) -> Array:
-    """Draw the points of some samples; sample i is point i // replicates of replicate i % replicates.
+def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:
+    """Draw points inside the unit cube; sample i is point i // replicates of the Sobol sequence i % replicates.
 
-    The replicates are scrambled independently, so that their scatter gives honest intervals [Owen1995]. A Sobol
-    sequence can be continued; a Latin hypercube is made for `total` samples.
-
-    Args:
-        factors: The coordinates.
-        seed: Seed of the study.
-        replicates: Number of independent replicates.
-        samples: Which samples, a contiguous range.
-        sequence: How the points of a replicate are spread.
-        total: Number of samples of the study (Latin hypercube).
-
-    Returns:
-        Points strictly inside the unit cube. Shape (len(samples), size).
-
+    The replicates are scrambled independently, so that their scatter gives intervals of means [Owen1995]. `samples` is
+    a contiguous range. Shape (len(samples), size).
     """
     points = np.empty((len(samples), factors.size))
     for replicate in range(replicates):
@@ -124,15 +107,10 @@ def draw_points(
         rng = np.random.default_rng(np.random.SeedSequence([seed, replicate]))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # no power of two: balanced less, not wrong
-            if sequence == "sobol":
-                engine = qmc.Sobol(factors.size, scramble=True, rng=rng)
-                if first:
-                    engine.fast_forward(first)
-                drawn = engine.random(count)
-            else:
-                every = (total - replicate + replicates - 1) // replicates
-                drawn = qmc.LatinHypercube(factors.size, rng=rng).random(every)[first : first + count]
-        points[np.array(rows) - samples.start] = drawn
+            engine = qmc.Sobol(factors.size, scramble=True, rng=rng)
+            if first:
+                engine.fast_forward(first)
+            points[np.array(rows) - samples.start] = engine.random(count)
     return np.clip(points, 1e-12, 1.0 - 1e-12)
 
 

@@ -31,7 +31,6 @@ class JobStudy:
         run: The samples.
         sensitivity: Total Sobol indices, or None.
         summary: Content of montecarlo.json.
-
     """
 
     job: Job
@@ -58,21 +57,17 @@ def study_job(
     Args:
         job: The job.
         settings: How it is sampled.
-        folder: Folder to write to.
-        strategies: Names of the strategies; all that the robot can carry out if empty.
-        most_waypoints: A longer path is thinned evenly to this many waypoints.
+        folder: Output folder.
+        strategies: Names; all that the robot can carry out if empty.
+        most_waypoints: A longer path is thinned evenly to this many.
         sensitivity: Whether total Sobol indices are measured.
         discard: Whether finished samples of another study in the folder are taken away first.
         workforce: Who computes.
         announce: Called with what is done next.
         progress: Called with the name of a stage, samples done and samples wanted.
 
-    Returns:
-        The study, as `compplan.reporting.writers.montecarlo` writes it.
-
     Raises:
         InputError: If the job is not what it has to be, or the folder cannot be written.
-
     """
     say = announce or (lambda text: None)
     note_seed("samples", settings.seed)

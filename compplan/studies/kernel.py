@@ -34,7 +34,6 @@ class Kernel:
         compiled: The chain prepared for walking.
         elements: Elements that are elastic.
         slides: Which elastic coordinates translate.
-
     """
 
     compiled: CompiledChain
@@ -49,7 +48,7 @@ def build_kernel(chain: Chain) -> Kernel:
 
 
 def settle_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: Array) -> Array:
-    """Solve the loaded equilibrium of n poses for the tip.
+    """Solve the loaded equilibrium of n poses for the tip. Shape (3, n). [m]
 
     theta = f C (J^T w + tau_g), with a factor f on the compliance of every elastic coordinate, pose by pose.
 
@@ -60,12 +59,8 @@ def settle_tips(kernel: Kernel, q: Array, wrench: Array, factor: Array, theta: A
         factor: Factor on the compliance of each elastic coordinate. Shape (s, n).
         theta: Elastic coordinates to start from. Shape (s, n). [rad or m]
 
-    Returns:
-        Attained tips. Shape (3, n). [m]
-
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
-
     """
     n = q.shape[1]
     tips = np.empty((3, n))

@@ -76,13 +76,9 @@ class RobotPosterior:
         return np.asarray(tied @ z[: tied.shape[1]] + apart @ shares)
 
     def settle(self, z: Array) -> Array:
-        """Turn the coordinate of each cause into which rival holds, 1 for that one; b samples.
+        """Turn the coordinate of each cause with rivals into one row a rival, 1 for the rival that holds.
 
-        Args:
-            z: Normal coordinates: r of the parameters, one a cause, those of what is unexplained. Shape (m, b).
-
-        Returns:
-            The same with one row a rival in place of one a cause.
+        z: normal coordinates: r of the parameters, one a cause, those of what is unexplained. Shape (m, b).
         """
         count = sum(len(own) for own, _ in self.rivals)
         r = self.root.shape[1] - count
@@ -121,12 +117,9 @@ def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
 
 
 def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
-    """Find where the parameters of a task's robot act.
+    """Find where the parameters of a task's robot act; `travel`: direction of travel of each joint, shape (nq, n).
 
-    Args:
-        task: The task.
-        travel: Direction of travel of each joint. Shape (nq, n).
-        force: How surely the force is known, where measured parts said it, or None.
+    `force` is how surely the force is known where measured parts said it, or None.
     """
     known = robot_uncertainty(task.robot)
     found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_alternatives(known))
@@ -136,10 +129,7 @@ def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = No
 
 
 def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
-    """Return the motion of the tip per settled coordinate: parameters that act outside the arm, and smooth errors.
-
-    Shape (n, 3) each. [m]
-    """
+    """Return the tip's motion, (n, 3) [m], per settled coordinate: parameters outside the arm, and smooth errors."""
     inside = {part.row for part in _list_parts(task, known, np.zeros((task.robot.nq, len(task))))}
     rows = pick_rows(np.ones(len(task), bool), STATIONS)
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)

@@ -15,8 +15,7 @@ import numpy as np
 from compplan.errors import InputError
 from compplan.robot import Array
 from compplan.studies.evaluation import ChunkResult
-from compplan.studies.factors import Sequence, draw_points
-from compplan.studies.statistics import estimate_mean
+from compplan.studies.factors import draw_points
 from compplan.studies.storage import ChunkFolder, fingerprint_study
 from compplan.studies.study import Study
 from compplan.studies.workers import Workers, compute_chunks
@@ -33,19 +32,14 @@ class Settings:
     """How a study is sampled.
 
     Attributes:
-        samples: Greatest number of samples.
+        samples: Number of samples.
         seed: Seed of everything.
-        replicates: Independent replicates of the sequence; their scatter gives the intervals.
-        sequence: "sobol" or "latin_hypercube".
-        stop_below: Stop when the interval of every strategy's mean rms is narrower than this on either side. [m]
-
+        replicates: Independent replicates of the Sobol sequence; their scatter gives the intervals.
     """
 
     samples: int
     seed: int
     replicates: int = 8
-    sequence: Sequence = "sobol"
-    stop_below: float | None = None
 
 
 @dataclass(frozen=True)
@@ -57,15 +51,12 @@ class Run:
         settings: How it was sampled.
         evaluated: Figures of every sample, in their order; `along` of the first MOST_ALONG.
         reused: Chunks that were found on disk.
-        stopped: Whether it stopped because its intervals were narrow enough.
-
     """
 
     study: Study
     settings: Settings
     evaluated: ChunkResult
     reused: int = 0
-    stopped: bool = False
 
 
 def run_study(
@@ -76,19 +67,13 @@ def run_study(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
-    """Run a study.
+    """Run a study; without a folder no chunk is kept, without a workforce all cores of this machine compute.
 
-    Args:
-        study: The study.
-        settings: How it is sampled.
-        folder: Folder for the chunks; nothing is kept if left out.
-        workforce: Who computes; all cores of this machine if left out.
-        progress: Called with samples done and samples wanted.
+    `progress` is called with samples done and samples wanted.
 
     Raises:
         InputError: If there are too few samples, the scheduler does not answer, or the folder cannot be written.
         ConvergenceError: If a cell buckles under its load.
-
     """
     least = 2 * settings.replicates
     if settings.samples < least:
@@ -96,26 +81,16 @@ def run_study(
         raise InputError(message)
     size = chunk_size(study)
     chunks = [range(a, min(a + size, settings.samples)) for a in range(0, settings.samples, size)]
-    # A Sobol study may be prolonged; a Latin hypercube is made for its number of samples.
-    about: dict[str, object] = {
-        "seed": settings.seed, "replicates": settings.replicates, "sequence": settings.sequence, "chunk": size,
-    }  # fmt: skip
-    if settings.sequence != "sobol":
-        about["samples"] = settings.samples
+    about: dict[str, object] = {"seed": settings.seed, "replicates": settings.replicates, "chunk": size}
 
     def points(number: int) -> Array:
-        return draw_points(
-            study.surroundings.factors, settings.seed, settings.replicates, chunks[number],
-            sequence=settings.sequence, total=settings.samples,
-        )  # fmt: skip
+        return draw_points(study.surroundings.factors, settings.seed, settings.replicates, chunks[number])
 
-    def enough(done: dict[int, ChunkResult]) -> int | None:
-        return _find_end(study, settings, done)
-
-    done, reused, end = evaluate_chunks(
-        study, chunks, points, folder=folder, about=about, workforce=workforce, progress=progress, enough=enough
+    done, reused = evaluate_chunks(
+        study, chunks, points, folder=folder, about=about, workforce=workforce, progress=progress
     )
-    return Run(study, settings, _join(done, end or len(chunks)), reused, end is not None)
+    evaluated = (done[number] for number in range(len(chunks)))
+    return Run(study, settings, ChunkResult(*map(np.concatenate, zip(*evaluated, strict=True))), reused)
 
 
 def evaluate_chunks(
@@ -127,9 +102,8 @@ def evaluate_chunks(
     folder: Path | None = None,
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
-    enough: Callable[[dict[int, ChunkResult]], int | None] | None = None,
-) -> tuple[dict[int, ChunkResult], int, int | None]:
-    """Judge chunks of points, using those that a folder holds.
+) -> tuple[dict[int, ChunkResult], int]:
+    """Evaluate chunks of points, using those that a folder holds; return them by number, and how many were found.
 
     Args:
         study: The study.
@@ -139,11 +113,6 @@ def evaluate_chunks(
         folder: Folder of the chunks, or None.
         workforce: Who computes.
         progress: Called with samples done and wanted.
-        enough: Tells after how many chunks the study may end, or None.
-
-    Returns:
-        The chunks by number, how many of them were found on disk, and after how many the study ends (None: all).
-
     """
     store = None if folder is None else ChunkFolder(folder, fingerprint_study(study, about))
     done: dict[int, ChunkResult] = {}
@@ -158,10 +127,9 @@ def evaluate_chunks(
             progress(sum(len(chunks[n]) for n in done), total)
 
     tell()
-    end = enough(done) if enough else None
     missing = [number for number in range(len(chunks)) if number not in done]
-    if end is not None or not missing:
-        return done, reused, end
+    if not missing:
+        return done, reused
     results = compute_chunks(study, missing, points, workforce or Workers())
     try:
         for number, evaluated in results:
@@ -169,12 +137,9 @@ def evaluate_chunks(
                 store.write(number, chunks[number].start, evaluated, study.strategies)
             done[number] = _lighten(evaluated, chunks[number].start)
             tell()
-            end = enough(done) if enough else None
-            if end is not None:
-                break
     finally:
         results.close()
-    return done, reused, end
+    return done, reused
 
 
 def chunk_size(study: Study) -> int:
@@ -183,25 +148,6 @@ def chunk_size(study: Study) -> int:
     return int(np.clip(CHUNK_POSES // poses, LEAST_SAMPLES, MOST_SAMPLES))
 
 
-def _join(done: dict[int, ChunkResult], count: int) -> ChunkResult:
-    return ChunkResult(*(np.concatenate(parts) for parts in zip(*(done[n] for n in range(count)), strict=True)))
-
-
 def _lighten(evaluated: ChunkResult, start: int) -> ChunkResult:
     """Drop the distances along the path of late samples."""
     return evaluated._replace(along=evaluated.along[: max(0, MOST_ALONG - start)])
-
-
-def _find_end(study: Study, settings: Settings, done: dict[int, ChunkResult]) -> int | None:
-    """Find the first chunk, in their order, after which all intervals are narrow enough."""
-    if settings.stop_below is None:
-        return None
-    known = next(n for n in range(len(done) + 1) if n not in done)
-    for count in range(1, known + 1):
-        rms = np.concatenate([done[n].rms for n in range(count)])
-        if len(rms) < 4 * settings.replicates:
-            continue
-        widths = [estimate_mean(rms[:, k], settings.replicates).half_width for k in range(len(study.strategies))]
-        if max(widths) < settings.stop_below:
-            return count
-    return None

@@ -24,6 +24,7 @@ from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
+from compplan.robot.pose import rigid_columns
 from compplan.studies.factors import Factors, to_normal
 from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
@@ -54,7 +55,6 @@ class Surroundings:
         forget: What is left of the noise from one knot to the next.
         repeatability: Standard deviation, an axis. [m]
         posterior: What is known of the robot, which robots are drawn from.
-
     """
 
     noise: NoiseTable
@@ -87,7 +87,6 @@ class Cells(NamedTuple):
         motor: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
         link: Error of link-side encoders. Shape (nq, b, n). [rad or m]
         force: Error of the force sensor. Shape (6, b, n). [N, N m]
-
     """
 
     factor: Array
@@ -138,10 +137,9 @@ def find_travel(q: Array) -> Array:
 
 
 def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, Array]:
-    """Differentiate the tip with respect to growth, part frame, effects and robot: (k, 3, n), and their sigmas (k,).
+    """Return the tip's motion by growth, part frame, effects and robot, (k, 3, n), and their sigmas, (k,).
 
-    First order. The unloaded robot is looked
-    at; the load changes it by its own relative deflection.
+    To first order, of the unloaded robot: the load changes it by its own relative deflection.
     """
     bare = replace(task.robot, springs=(), link_elasticities=(), effects=())
     scene = build_model(bare, command_campaign(task.q_start))
@@ -152,9 +150,7 @@ def differentiate_placements(task: PlanTask, noise: NoiseTable) -> tuple[Array, 
         parts += list(np.moveaxis(task.touched.spread_part(task.position), 2, 0))
         scale += [1.0] * 6
     else:
-        lever = task.position - task.position.mean(axis=0)
-        parts += [np.broadcast_to(axis, lever.shape) for axis in np.eye(3)]
-        parts += [np.cross(axis, lever) for axis in np.eye(3)]
+        parts += list(np.moveaxis(rigid_columns(task.position, task.position.mean(axis=0)), 2, 0))
         scale += [noise.part_frame_mm * 1e-3] * 3 + [float(np.radians(noise.part_frame_deg))] * 3
     parts += [move_by_effect(task, entry) for entry in noise.effects]
     scale += [1.0] * len(noise.effects)
@@ -171,7 +167,6 @@ def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
 
     Raises:
         UnknownNameError: If there is no such effect, or no such joint.
-
     """
     table = entry.model_dump(exclude_none=True)
     (effect,) = robot_effects(replace(task.robot, effects=(table,), folder=None))
@@ -185,13 +180,7 @@ def move_by_effect(task: PlanTask, entry: EffectNoise) -> Array:
 
 
 def sample_robots(at: Surroundings, points: Array) -> Cells:
-    """Make cells of points.
-
-    Args:
-        at: What all samples share.
-        points: Points of the unit cube. Shape (b, size).
-
-    """
+    """Make cells of points of the unit cube. points: shape (b, size)."""
     noise, columns = at.noise, at.factors.columns
     normal = to_normal(points)
 
@@ -240,10 +229,7 @@ def shift_tip(causes: Array, rates: Array) -> Array:
 def _draw_wrench(at: Surroundings, shares: Array, noises: _Noises) -> Array:
     """Draw the wrench on the tool: level and direction hold for the cell, what varies along the path for a part.
 
-    Args:
-        at: What all samples share.
-        shares: Level and turns, in their deviations. Shape (4, b).
-        noises: What varies along the path.
+    shares: level and turns, in their deviations. Shape (4, b).
     """
     noise = at.noise
     turn = Rotation.from_rotvec(np.radians(noise.wrench_direction_deg) * shares[1:].T).as_matrix()

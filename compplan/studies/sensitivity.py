@@ -37,7 +37,6 @@ class Sensitivity:
         half_width: By strategy, half the 95 % interval of each (bootstrap). Shape (groups,) each.
         samples: Number of samples behind them.
         waypoints: Number of waypoints that they look at.
-
     """
 
     groups: tuple[str, ...]
@@ -56,17 +55,7 @@ def measure_sensitivity(
     workforce: Workers | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sensitivity | None:
-    """Measure total Sobol indices by group; None where nothing is uncertain.
-
-    Args:
-        study: The study.
-        seed: Seed of the design.
-        base: Base points, a power of two.
-        folder: Folder for the chunks, or None.
-        workforce: Who computes.
-        progress: Called with samples done and wanted.
-
-    """
+    """Measure total Sobol indices by group; None where nothing is uncertain. base: base points, a power of two."""
     thin = thin_study(study, WAYPOINTS)
     factors = thin.surroundings.factors
     if len(factors.groups) < 2:
@@ -77,7 +66,7 @@ def measure_sensitivity(
     size = chunk_size(thin)
     chunks = [range(a, min(a + size, len(points))) for a in range(0, len(points), size)]
     about: dict[str, object] = {"sensitivity": base, "design": "A, B, AB by group", "seed": seed, "chunk": size}
-    done, _, _ = evaluate_chunks(
+    done, _ = evaluate_chunks(
         thin, chunks, lambda n: points[chunks[n].start : chunks[n].stop],
         about=about, folder=folder, workforce=workforce, progress=progress,
     )  # fmt: skip
@@ -99,10 +88,7 @@ def design_points(names: Array, groups: tuple[str, ...], base: int, seed: int) -
 def estimate_totals(values: Array, seed: int) -> tuple[Array, Array]:
     """Return total indices and half their 95 % intervals (bootstrap over base points). Shape (strategies, groups).
 
-    Args:
-        values: What the study gave at A, B, and A with one group of B. Shape (strategies, groups + 2, base).
-        seed: Seed of the resamples.
-
+    values: what the study gave at A, B, and A with one group of B. Shape (strategies, groups + 2, base).
     """
     shape = (values.shape[0], values.shape[1] - 2)
 

@@ -32,13 +32,7 @@ class Interval(NamedTuple):
 
 
 def estimate_mean(values: Array, replicates: int) -> Interval:
-    """Estimate a mean from replicated samples; sample i belongs to replicate i % replicates.
-
-    Args:
-        values: One a sample, in their order. Shape (samples,).
-        replicates: Number of independent replicates.
-
-    """
+    """Estimate a mean from replicated samples, shape (samples,); sample i belongs to replicate i % replicates."""
     means = np.array([values[k::replicates].mean() for k in range(replicates)])
     centre = float(means.mean())
     half = float(t.ppf(0.5 + 0.5 * LEVEL, replicates - 1) * means.std(ddof=1) / np.sqrt(replicates))

@@ -54,7 +54,6 @@ class ChunkFolder:
 
     Raises:
         InputError: If the folder cannot be written, or holds finished chunks of another study.
-
     """
 
     def __init__(self, folder: Path, fingerprint: str) -> None:
@@ -109,7 +108,6 @@ def discard_chunks(folder: Path) -> None:
 
     Raises:
         InputError: If they cannot be taken away.
-
     """
     try:
         for file in (*folder.rglob("chunk-*.npz"), *folder.rglob("study.json")):

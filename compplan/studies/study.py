@@ -54,7 +54,6 @@ class Worker(NamedTuple):
         offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
         placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
         touch: How the strategy's robot finds the part, None where its frame is absolute.
-
     """
 
     q: Array
@@ -82,7 +81,6 @@ class Study:
         nominal: Wanted tips. Shape (3, n). [m]
         cut: Waypoints that are judged. Shape (n,).
         stations: Waypoints whose distances are kept. Shape (k,).
-
     """
 
     task: PlanTask
@@ -121,13 +119,12 @@ def prepare_study(
         task: The task.
         noise: The standard deviations; the defaults if left out.
         strategies: The strategies; all that the robot can carry out if left out.
-        most_waypoints: A longer path is thinned evenly to this many waypoints.
+        most_waypoints: A longer path is thinned evenly to this many.
         force: What measured parts said of the force, which then goes with robots drawn from the posterior.
         announce: Called with what is done next.
 
     Raises:
         InputError: If a strategy does not suit the robot, or nothing of the path is cut.
-
     """
     noise = settle_force(noise or NoiseTable(), force)
     if not task.compensated.any():
@@ -146,16 +143,7 @@ def prepare_study(
 def assemble_study(
     thin: PlanTask, noise: NoiseTable, answers: dict[str, Answer], waypoints: int, force: ForceSpread | None = None
 ) -> Study:
-    """Put together what all samples share.
-
-    Args:
-        thin: The task, thinned where its path is long.
-        noise: The standard deviations.
-        answers: The strategies, prepared for the thinned task.
-        waypoints: Number of waypoints of the whole path.
-        force: What measured parts said of the force, or None.
-
-    """
+    """Put together what all samples share, of a thinned task of a path of `waypoints` and answers prepared for it."""
     selection = actuator_selection(thin.chain)
     cut = np.flatnonzero(thin.compensated)
     return Study(

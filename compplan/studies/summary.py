@@ -40,15 +40,7 @@ def _describe_draws(study: Study) -> list[str]:
 def summarise_run(
     run: Run, sensitivity: Sensitivity | None = None, *, name: str = "", main: str = ""
 ) -> dict[str, Any]:
-    """Summarise a run.
-
-    Args:
-        run: The run.
-        sensitivity: Total Sobol indices, or None.
-        name: Name of the job.
-        main: The strategy whose sensitivity stands at the top; the last blind one if left out.
-
-    """
+    """Return the content of montecarlo.json; `main` is the strategy whose sensitivity stands at the top."""
     study, settings = run.study, run.settings
     strategies = study.strategies
     main = main if main in strategies else strategies[-1]
@@ -62,9 +54,7 @@ def summarise_run(
         "waypoints": len(study.task),
         "waypoints_of_path": study.waypoints_of_path,
         "tolerance_mm": study.task.tolerance * 1e3,
-        "sequence": settings.sequence,
         "replicates": settings.replicates,
-        "stopped_early": run.stopped,
         "strategies": {strategy: _figures(run, k) for k, strategy in enumerate(strategies)},
         "paired_differences": compare_pairs(run),
         "sensitivity": {},

@@ -31,7 +31,6 @@ class Touch(NamedTuple):
         placements: Motion of the tip per placement error. Shape (c, 3, k).
         offset: Motion of the tip by the effects of the robot folder. Shape (3, k). [m]
         fit: Shift of the middle and rotation vector of the best-fit motion of the points. Shape (6, 3 k).
-
     """
 
     q: Array
@@ -68,15 +67,9 @@ def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None
 
 
 def move_part(touch: Touch, kernel: Kernel, cells: Cells, scale: Array, position: Array) -> Array:
-    """Return where the part of every cell stands beside the found frame. Shape (3, b, n). [m].
+    """Return where the part of every cell stands beside the found frame, at positions (3, n). Shape (3, b, n). [m]
 
-    Args:
-        touch: The touched points.
-        kernel: The kernel.
-        cells: The cells.
-        scale: Share of each spring's deflection that the feedback leaves. Shape (s, b).
-        position: Positions on the path. Shape (3, n). [m]
-
+    scale: share of each spring's deflection that the feedback leaves. Shape (s, b).
     """
     b, k = cells.zero.shape[1], touch.q.shape[2]
     q = (touch.q + cells.zero[:, :, None]).reshape(len(touch.q), -1)

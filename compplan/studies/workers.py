@@ -34,7 +34,6 @@ class Workers:
     Attributes:
         workers: Processes on this machine; None: one a core, 1: in this process.
         scheduler: Address of a Dask scheduler, in place of processes on this machine.
-
     """
 
     workers: int | None = None
@@ -45,7 +44,6 @@ class Workers:
 
         Raises:
             InputError: If there are more workers than a machine has, or the scheduler does not answer.
-
         """
         if self.workers is not None and self.workers > MOST_WORKERS:
             raise InputError(f"--workers is {self.workers}, at most {MOST_WORKERS}")
@@ -56,18 +54,11 @@ class Workers:
 
 
 def compute_chunks(study: Study, numbers: list[int], points: Callable[[int], Array], workforce: Workers) -> Chunks:
-    """Compute chunks; give number and figures of each as it is done.
-
-    Args:
-        study: The study.
-        numbers: Numbers of the chunks.
-        points: Makes the points of a chunk.
-        workforce: Who computes.
+    """Compute chunks by number; give number and figures of each as it is done. `points` makes those of a chunk.
 
     Raises:
         InputError: If a scheduler does not answer, or a worker process dies.
         ConvergenceError: If a cell buckles under its load.
-
     """
     if workforce.scheduler is not None:
         return compute_on_cluster(study, numbers, points, workforce.scheduler)
@@ -119,13 +110,9 @@ def _start_worker(packed: bytes, parent: int) -> None:
 
 
 def die_with_parent(parent: int) -> None:
-    """Let this worker process end with the process that started it, whatever that one dies of.
+    """Let this worker process end with the process of number `parent` that started it, whatever that one dies of.
 
     Linux sends SIGKILL when the parent is gone; elsewhere the worker looks for its parent every second.
-
-    Args:
-        parent: Number of the parent process.
-
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is interrupted and ends its workers
     set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)

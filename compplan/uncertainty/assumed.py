@@ -70,11 +70,8 @@ def moves_base(robot: Robot, unknown: Unknown) -> bool:
 def free_base(before: Robot, known: Uncertainty) -> Uncertainty:
     """Give what moves base and arm alike the widths from before a log that a base frame, or all places, are fitted to.
 
-    Such a log moves with the base frame and says nothing of them; a part that stands where the job says does.
-
-    Args:
-        before: The robot folder that the log was held against.
-        known: What is known of it after the log.
+    Such a log moves with the base frame and says nothing of them; a part that stands where the job says does. `before`
+    is the robot folder that the log was held against, `known` what is known of it after the log.
     """
     then = robot_uncertainty(before)
     hidden = [(u, width) for u, width in split_unknowns(then.unknowns, then.width) if moves_base(before, u)]
@@ -127,11 +124,8 @@ def assume_uncertainty(robot: Robot) -> Uncertainty:
 def widen_uncertainty(robot: Robot, loaded: bool) -> Uncertainty:
     """Return the widths that a plain calibration starts from: zeros, lengths, directions and a compliance a joint.
 
-    Joints of a rigid model bend under the links' weight where no load bends them.
-
-    Args:
-        robot: The robot.
-        loaded: Whether loads are changed on the way.
+    Joints of a rigid model bend under the links' weight where no load bends them (`loaded`: loads are changed on the
+    way).
     """
     springs = _springs(robot, PLAIN_COMPLIANCE)
     if not loaded and robot.bodies and not any(spring.compliance > 0.0 for spring in robot.springs):
@@ -201,12 +195,7 @@ def _springs(robot: Robot, share: float) -> list[Unknown]:
 
 
 def assume_geometry(robot: Robot, widths: tuple[float, float, float] | None = None) -> list[Unknown]:
-    """Return zeros, lengths and directions with widths: of an arm that was calibrated or is as delivered if left out.
-
-    Args:
-        robot: The robot.
-        widths: Of zeros [deg], lengths [mm] and directions [deg].
-    """
+    """Return zeros, lengths and directions with widths [deg, mm, deg]: of a calibrated or delivered arm if left out."""
     zero, length, turn = _widths(robot) if widths is None else widths
     found = []
     for joint in robot.actuated:

@@ -182,10 +182,10 @@ def linearise_path(
     motion: Motion | None = None,
     part: Array | None = None, touched: TouchedPart | None = None,
 ) -> Slopes:  # fmt: skip
-    """Differentiate a path by every parameter, by the force and by the place of the part at a few rows of the cut.
+    """Differentiate a path of n rows by parameters, force and place of the part at a few rows of the cut.
 
     Args:
-        scene: The robot at all rows of the path.
+        scene: The robot at all rows.
         known: What is known of the robot.
         force: How surely the force is known.
         cut: Rows that matter. Shape (n,).
@@ -229,11 +229,11 @@ def estimate_band(
     touched: TouchedPart | None = None, touchable: TouchedPart | None = None,
     uncorrected: Array | None = None, tolerance: float = 0.0,
 ) -> ErrorBand:  # fmt: skip
-    """Promise how far the true tip is from the planned one along a path.
+    """Estimate how far the true tip is from the planned one along a path of n rows.
 
     Args:
         robot: The robot.
-        scene: The robot at all rows of the path, the effects of its folder in it.
+        scene: The robot at all rows, the effects of its folder in it.
         cut: Rows that matter. Shape (n,).
         force: How surely the force is known.
         left: Distance that the plan itself leaves at every row. Shape (n,). [m]
@@ -359,10 +359,8 @@ def _climb(
 def widen_to_path(drawn: Array) -> float:
     """Return how much farther the whole path strays than its widest point, both with a probability: 1 or more.
 
-    The same draws tell both, and the farthest point of a draw is never nearer than any one of its points.
-
-    Args:
-        drawn: Drawn tips beside the planned ones. Shape (k, 3, count). [m]
+    The same draws tell both, and the farthest point of a draw is never nearer than any one of its points. drawn: tips
+    beside the planned ones, shape (k, 3, count). [m]
     """
     away = np.linalg.norm(drawn, axis=1)
     point = float(np.quantile(away, LEVEL, axis=1).max(initial=0.0))
@@ -381,26 +379,22 @@ def draw_paths(slopes: Slopes, known: Uncertainty, count: int = PATHS) -> Array:
     # of rivals there are none where the force goes with the robot
     robot, shared = slopes.columns(known)
     columns = np.concatenate([slopes.model @ root if known.rivals else robot, shared], axis=2)
-    moved = _draw_columns(columns, random, count)
+    moved = draw_columns(columns, random, count)
     if known.rivals:
         moved += slopes.model @ sample_alternatives(known, shifts, count, random).T
     moved += (known.repeatability or 0.0) * random.standard_normal((1, 3, count))
     moved += slopes.local * random.standard_normal((k, 1, count))
     if len(slopes.moved):
         moved += np.moveaxis(slopes.moved[random.integers(len(slopes.moved), size=count)], 0, 2)
-    moved += _draw_columns(slopes.smooth_columns(known), random, count)
+    moved += draw_columns(slopes.smooth_columns(known), random, count)
     return np.asarray(moved)
 
 
-def _draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
+def draw_columns(columns: Array, random: np.random.Generator, count: int) -> Array:
     """Draw normal tips of covariance C = S S^T. Shape (k, 3, count). [m]
 
     With C^(1/2) z = S (S^T S)^(-1/2) S^T z a draw depends on C alone, not on the signs that a decomposition gave S.
-
-    Args:
-        columns: S, the tip by one standard deviation of each cause. Shape (k, 3, c). [m]
-        random: Random numbers.
-        count: How many.
+    columns: S, the tip by one standard deviation of each cause. Shape (k, 3, c). [m]
     """
     root = columns.reshape(-1, columns.shape[2])
     value, vector = np.linalg.eigh(root.T @ root)

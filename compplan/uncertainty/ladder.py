@@ -133,7 +133,7 @@ def climb_ladder(
 
     Args:
         now: The band of the whole cut now. [m]
-        band_after: Tells the band of the whole cut after a set of measurements. [m]
+        band_after: Tells it after a set of measurements. [m]
         steps: Measurements that have not been taken.
         tolerance: Greatest deviation that counts as within tolerance. [m]
     """
@@ -152,12 +152,8 @@ def climb_ladder(
 def weigh_poses(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array:
     """Return what poses of `USUAL` equipment see of each parameter, of what it moves on the path. Shape (p,).
 
-    A tracker stands anywhere: it sees nothing of what moves base and arm alike. Compliances show by the pull.
-
-    Args:
-        robot: The robot.
-        unknowns: The parameters; p in all.
-        load: Greatest force of the process. [N]
+    A tracker stands anywhere: it sees nothing of what moves base and arm alike. Compliances show by the pull, under the
+    greatest force of the process as `load`. [N]
     """
     share = min(1.0, USUAL.pull / max(load, 1e-9))
     weight = [
@@ -172,12 +168,9 @@ def pose_variance(known: Uncertainty, sigma: float) -> float:
 
 
 def condition(columns: Array, rows: Sequence[Array], sigmas: Sequence[float]) -> Array:
-    """Return the covariance of the tip after measurements. Shape (k, 3, 3). [m^2]
+    """Return the covariance of the tip after measurements with rows H, (m, c), and sigmas. Shape (k, 3, 3). [m^2]
 
-    Args:
-        columns: Motion of the tip by each z. Shape (k, 3, c). [m]
-        rows: H of each measurement, shape (m, c). [m]
-        sigmas: Standard deviation of a row of each. [m]
+    columns: motion of the tip by each z. Shape (k, 3, c). [m]
     """
     whole = np.vstack([np.eye(columns.shape[2]), *(row / sigma for row, sigma in zip(rows, sigmas, strict=True))])
     upper = np.asarray(np.linalg.qr(whole, mode="r"))

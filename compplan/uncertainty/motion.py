@@ -23,6 +23,7 @@ from scipy.special import ndtri
 from compplan.effects.forward_model import own_springs
 from compplan.job.noise import NoiseTable
 from compplan.robot import Array, Robot
+from compplan.robot.pose import rigid_columns
 from compplan.robot.uncertainty import Uncertainty, split_unknowns
 from compplan.simulation.response import MODES, POSTURES, ring
 from compplan.simulation.vibration import Dynamics, find_modes
@@ -131,14 +132,6 @@ def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
 def shift_part(position: Array, origin: Array, width: tuple[float, float]) -> Array:
     """Return how the part moves by one standard deviation of its place: three shifts, three turns. Shape (n, 3, 6).
 
-    Args:
-        position: Wanted tip. Shape (n, 3). [m]
-        origin: Origin of the part frame. Shape (3,). [m]
-        width: Standard deviations per axis. [m, rad]
+    position: wanted tip (n, 3) [m]; origin: of the part frame (3,) [m]; width: deviations per axis [m, rad].
     """
-    columns = np.zeros((len(position), 3, 6))
-    columns[:, :, :3] = width[0] * np.eye(3)
-    arm = position - origin
-    for axis in range(3):
-        columns[:, :, 3 + axis] = width[1] * np.cross(np.eye(3)[axis], arm)
-    return columns
+    return np.asarray(rigid_columns(position, origin) * np.repeat(width, 3))

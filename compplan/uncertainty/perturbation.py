@@ -66,11 +66,7 @@ def vary_model(scene: ForwardModel, unknowns: Sequence[Unknown], values: Array) 
 def sample_alternatives(known: Uncertainty, shifts: Array, count: int, random: np.random.Generator) -> Array:
     """Pick for each draw one explanation of each cause, by their weights, and return its shift. Shape (count, p). [SI]
 
-    Args:
-        known: What is known.
-        shifts: Shift of each rival, as `split_alternatives` widens them. Shape (rivals, p).
-        count: Number of draws.
-        random: Where the draws come from.
+    shifts: of each rival, as `split_alternatives` widens them. Shape (rivals, p).
     """
     values = np.zeros((count, len(known.factor)))
     for own, weights in group_alternatives(known):

@@ -100,12 +100,7 @@ def derive_force(at: Linearization, wrench: Array, spread: ForceSpread) -> Array
 
 
 def derive_unknowns(at: Linearization, unknowns: Sequence[Unknown]) -> Array:
-    """Return the motion of the target per unit of every parameter, to first order. Shape (n, 3, p). [m per SI unit]
-
-    Args:
-        at: The robot at postures, in any order.
-        unknowns: The parameters; p in all.
-    """
+    """Return the motion of the target per unit of every parameter, to first order. Shape (n, 3, p). [m per SI unit]"""
     names = [joint.name for joint in at.robot.actuated]
     offered: dict[tuple[str, str | None, str | None], list[Signature]] = {}
     for name in dict.fromkeys(unknown.effect for unknown in unknowns):

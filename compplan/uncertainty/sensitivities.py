@@ -88,14 +88,8 @@ def read_force_spread(job: Job | None) -> ForceSpread:
 def tie_force(known: Uncertainty, spread: ForceSpread) -> tuple[Array, Array]:
     """Split level and turns of the force into what goes with the robot's parameters and what is apart from them.
 
-    With parameters p = S z and shares f in standard deviations, f = B z + L e; z and e are independent and normal.
-
-    Args:
-        known: What is known of the robot; the first parameters are those that `spread` names.
-        spread: How surely the force is known.
-
-    Returns:
-        B, shape (4, r), and L, shape (4, 4).
+    With parameters p = S z and shares f in standard deviations, f = B z + L e; z and e are independent and normal. The
+    first parameters of `known` are those that `spread` names. Returns B, shape (4, r), and L, shape (4, 4).
     """
     factor, count = known.factor, len(spread.robot)
     size = np.array([spread.level, *[spread.direction] * 3])
@@ -136,13 +130,9 @@ def unload_model(scene: ForwardModel, rows: NDArray[np.int_]) -> Attained:
 def measure_slopes(
     scene: ForwardModel, unknowns: Sequence[Unknown], rows: NDArray[np.int_], rest: Attained | None = None
 ) -> Array:
-    """Return the motion of the target per unit of every parameter. Shape (k, 3, p). [m per SI unit]
+    """Return the motion of the target per unit of every parameter at rows of a path. Shape (k, 3, p). [m per SI unit]
 
-    Args:
-        scene: The robot at all rows of the path.
-        unknowns: The parameters; p in all.
-        rows: Rows to differentiate at. Shape (k,).
-        rest: What `unload_model` says of them, where it is known.
+    rest: what `unload_model` says of the rows, where it is known.
     """
     rest = rest or unload_model(scene, rows)
     varied, steps = [], []

@@ -52,10 +52,7 @@ ROUNDING, NO_WEIGHT = 1e-9, 1e-3
 def shrink_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:
     """Return the robot for a path, its parts in doubt taken back as far as they cannot be trusted there; and the share.
 
-    Args:
-        robot: The robot with its tool.
-        q: Joint positions along the path. Shape (n, nq). [rad or m]
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+    q: joint positions, (n, nq) [rad or m]; wrench on the tool at the TCP, base axes, (n, 6) [N, N m].
     """
     visited = robot.visited
     if visited is None or not visited.parts or not len(q):
@@ -135,14 +132,9 @@ def weigh_alternatives(robot: Robot, visited: ValidityRegion, q: Array, wrench: 
 
 
 def keep_share(robot: Robot, visited: ValidityRegion, share: float) -> Robot:
-    """Return the robot with a share of its parts in doubt; what is taken out counts as unknown.
+    """Return the robot with a share, 0 to 1, of its parts in doubt; what is taken out counts as unknown.
 
     What it has visited then speaks of the parts as they are, so that the same place takes nothing out once more.
-
-    Args:
-        robot: The robot.
-        visited: Its parts in doubt.
-        share: Share of them that stays, from 0 to 1.
     """
     changed = robot
     for part in visited.parts:
@@ -170,9 +162,7 @@ def has_faded(robot: Robot) -> bool:
 def shrink_alike(robot: Robot, faded: Robot) -> Robot:
     """Return a robot whose parts in doubt are taken back as far as those of another that `shrink_robot` made of it.
 
-    Args:
-        robot: The robot, without the tool of a job.
-        faded: The other, which may carry it.
+    The robot has no tool of a job; the other may carry it.
     """
     if robot.visited is None or not robot.visited.parts:
         return robot

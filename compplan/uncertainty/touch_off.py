@@ -41,7 +41,6 @@ class TouchOff:
         frame: Pose of the part frame that the touch found, seen from the base. Shape (4, 4). [m]
         points: Touched points in the part frame; None: three corners of the box of the cut. Shape (k, 3). [m]
         repeatability: Standard deviation of a touched coordinate. [m]
-
     """
 
     frame: Array
@@ -60,7 +59,6 @@ class TouchedPart:
         displacement: D, from the found frame to where the part stands by the robot model; None where nothing bends or
             displaces the arm there. Shape (4, 4). [m]
         repeatability: Standard deviation of a touched coordinate. [m]
-
     """
 
     robot: Robot
@@ -70,27 +68,16 @@ class TouchedPart:
     repeatability: float = TOUCH_REPEATABILITY
 
     def spread_part(self, position: Array) -> Array:
-        """Return how the fitted part moves by one standard deviation of the touched coordinates. Shape (n, 3, 6). [m]
-
-        Args:
-            position: Tip, base axes. Shape (n, 3). [m]
-
-        """
+        """Return how the fitted part moves by one deviation of the touched coordinates. Shape (n, 3, 6). [m]"""
         fit = linear_displacement(self.shown)
         value, vector = np.linalg.eigh(fit @ fit.T)
         root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # the symmetric one: no sign is free
         return self._carry(self.repeatability * root, position)
 
     def follow(self, moved: Array, position: Array) -> Array:
-        """Return how the fitted part moves with the touched points.
+        """Return how the fitted part moves at positions with the touched points. Shape (n, 3, p). [m]
 
-        Args:
-            moved: Motion of the touched points by each of p causes. Shape (k, 3, p). [m]
-            position: Where on the part, base axes. Shape (n, 3). [m]
-
-        Returns:
-            Shape (n, 3, p). [m]
-
+        moved: motion of the touched points by each of p causes, (k, 3, p) [m]; position: base axes, (n, 3) [m].
         """
         return self._carry(linear_displacement(self.shown) @ moved.reshape(3 * len(moved), moved.shape[2]), position)
 
@@ -131,7 +118,6 @@ def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: T
         rotation: Orientation of the TCP frame along it. Shape (n, 3, 3).
         q: Joint positions along it. Shape (n, nq). [rad or m]
         touch: How the part was found.
-
     """
     cut = np.flatnonzero(~path.rapid)
     turn, origin = touch.frame[:3, :3], touch.frame[:3, 3]
@@ -144,10 +130,7 @@ def touch_part(robot: Robot, path: Toolpath, rotation: Array, q: Array, touch: T
 
 
 def pick_corners(points: Array) -> Array:
-    """Return three corners of the box of some points: least x and y, greatest z, and along its two longest sides.
-
-    Shape (3, 3). [m]
-    """
+    """Return three corners of the box of points: least x, y, greatest z, along its two longest sides. (3, 3) [m]"""
     low, high = points.min(axis=0), points.max(axis=0)
     first, other = np.array([low[0], low[1], high[2]]), np.array([high[0], high[1], low[2]])
     corners = np.tile(first, (3, 1))
@@ -195,14 +178,9 @@ def is_lasting(unknowns: Sequence[Unknown]) -> Array:
 
 
 def subtract_touch(model: Array, position: Array, touched: TouchedPart | None, unknowns: Sequence[Unknown]) -> Array:
-    """Return motions of the tip relative to the part that moves with the touched points.
+    """Return motions of the tip, (k, 3, p), relative to the part that moves with the touched points. [m per SI unit]
 
-    Args:
-        model: Motion of the tip per unit of every parameter. Shape (k, 3, p). [m per SI unit]
-        position: Where the tip is. Shape (k, 3). [m]
-        touched: The part as the touch found it; None leaves the motions as they are.
-        unknowns: The parameters; p in all.
-
+    position: where the tip is, (k, 3) [m]; without a touched part the motions stay as they are.
     """
     if touched is None or not model.shape[2]:
         return model

@@ -8,7 +8,7 @@ import click
 from docutils import nodes
 from sphinx.util.docutils import SphinxDirective
 
-from compplan.cli import COMMANDS, describe_command
+from compplan.cli import COMMANDS
 
 
 class CommandHelp(SphinxDirective):
@@ -17,10 +17,9 @@ class CommandHelp(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Ask every command for its help."""
         lines: list[str] = []
-        for name in COMMANDS:
+        for name, what in COMMANDS.items():
             command = importlib.import_module(f"compplan.cli.commands.{name}").command
             context = click.Context(command, info_name=f"compplan {name}", max_content_width=96, terminal_width=96)
-            what = describe_command(name)
             lines += [f"## compplan {name}", "", f"{what[:1].upper()}{what[1:]}.", "", "```text"]
             lines += [*command.get_help(context).splitlines(), "```", ""]
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)

@@ -19,7 +19,7 @@ import numpy as np
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from benchmarks.shop import Equipment, cut_part, draw_shop, measure_poses
+from benchmarks.shop import VirtualShop, cut_part, draw_shop, measure_poses
 from compplan.cli.application import group
 from compplan.job.job import load_job
 
@@ -42,7 +42,7 @@ def run(*words: object) -> None:
     assert answer.exit_code == 0, answer.exception
 
 
-def log_force(shop: Equipment, predicted: Path, log: Path) -> None:
+def log_force(shop: VirtualShop, predicted: Path, log: Path) -> None:
     """Write what the force sensor reads along the cut of a part: s_mm and the force in part axes."""
     random = np.random.default_rng([SEED, 1])
     head = predicted.read_text(encoding="utf-8").splitlines()[0].split(",")

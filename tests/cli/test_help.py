@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from compplan.cli import COMMANDS, group
 from compplan.cli.commands.plan import STAGES
-from compplan.cli.commands.progress import find_stage
+from compplan.cli.terminal import find_stage
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))

@@ -23,7 +23,7 @@ from compplan.diagnosis.validation.held_out import Folds, free_of_frames, make_f
 from compplan.effects import EFFECTS, Effect
 from compplan.errors import InputError
 from compplan.measurement.registration import Registration
-from compplan.reporting.writers.diagnosis import write_diagnosis
+from compplan.reporting.diagnosis import write_diagnosis
 from compplan.robot import Robot
 from compplan.robot.folder import read_robot_folder
 from compplan.simulation.predict import predict_campaign

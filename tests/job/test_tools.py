@@ -22,7 +22,7 @@ from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.job.operations import load_one_job, split_job
 from compplan.job.tool_tables import read_tool_library, take_tool
-from compplan.reporting.writers.operations import deliver_operations
+from compplan.reporting.operations import deliver_operations
 from compplan.toolpath.operations import split_operations
 from compplan.toolpath.reading import read_toolpath
 

@@ -12,6 +12,7 @@ import pytest
 from compplan.errors import InputError
 from compplan.job.job import Job, load_job
 from compplan.job.loading import load_nominal
+from compplan.learning.gathered_points import Gathered, describe_whole
 from compplan.learning.part import learn_from_part
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.uncertainty import Uncertainty, Unknown
@@ -143,3 +144,15 @@ def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(equipm
     lesson = learn_from_part(job, robot, files[0], align="datum")
     assert any("of the whole part" in note and "learned as the robot's" in note for note in lesson.notes)
     assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
+
+
+def test_a_turn_that_was_not_measured_is_not_reported() -> None:
+    """Points across a circle of 5 mm, shifted by 26 um: nothing tells a turn about its axis or of its plane."""
+    random, angle = np.random.default_rng(0), np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    along = np.column_stack([-np.sin(angle), np.cos(angle), 0.0 * angle])
+    across = np.eye(3) - along[:, :, None] * along[:, None]
+    off = np.einsum("bij,bj->bi", across, [2.6e-5, 0.0, 0.0] + 5e-6 * random.standard_normal((60, 3)))
+    gathered = Gathered(np.arange(60), off, across, np.full(60, 25e-12), np.ones(60, int))
+    tip = 0.005 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    said = describe_whole(gathered, tip, np.eye(3))
+    assert "by [0.02" in said and ", 0, 0] mm" in said and "a turn of 0 deg" in said

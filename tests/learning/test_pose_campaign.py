@@ -23,7 +23,7 @@ from compplan.learning.design import (
     choose_measurements,
     find_idle,
     first_visits,
-    random_choice,
+    grade_choice,
 )
 from compplan.learning.order import order_poses
 from compplan.measurement.campaign import Campaign
@@ -78,7 +78,9 @@ def test_designed_poses_beat_random_ones_and_never_widen_the_band() -> None:
     assert (postures < robot.upper).all()
     candidates = list_candidates(robot, postures, [0.0, 100.0], 300.0, design.known.unknowns)
     choice = choose_measurements(design, candidates, 6)
-    chance = [random_choice(design, candidates, 6, seed).rms[-1] for seed in range(9)]
+    rows = design.look(candidates)
+    drawn = [np.random.default_rng(seed).choice(len(rows), size=6, replace=False) for seed in range(9)]
+    chance = [grade_choice(design, rows, picked.tolist(), design.start).rms[-1] for picked in drawn]
     assert (np.diff(choice.rms) <= 1e-12).all()
     assert choice.rms[-1] < min(chance)
     after = design.known.with_covariance(choice.covariance)

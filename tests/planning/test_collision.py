@@ -15,7 +15,7 @@ from compplan.planning.posture.collision_scene import CollisionScene, build_scen
 from compplan.planning.posture.contacts import describe_contact, find_contacts, find_near, locate_link_frames
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import read_request
-from compplan.reporting.robot_scene import locate_links
+from compplan.reporting.scenes import locate_links
 from compplan.robot import load_robot
 from compplan.robot.solids import cut_tip
 from compplan.toolpath.toolpath import Toolpath

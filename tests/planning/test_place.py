@@ -14,7 +14,7 @@ from compplan.job.job import check_job
 from compplan.planning.plan import job_robot
 from compplan.planning.posture.place import Rater, place_part, summarise_placement
 from compplan.planning.posture.settings import PostureSettings
-from compplan.reporting.place_map import draw_place_map
+from compplan.reporting.place import draw_place_map
 
 TABLE = {
     "schema": 1,
@@ -52,7 +52,7 @@ def test_the_result_is_plain_json_with_a_picture(placed) -> None:
     job, result = placed
     summary = json.loads(json.dumps(summarise_placement(result, job), allow_nan=False))
     assert summary["schema"] == 1 and summary["ratio"] == pytest.approx(result.ratio)
-    assert [trace.type for trace in draw_place_map(result).data] == ["heatmap", "scatter", "scatter"] * 2
+    assert [trace["type"] for trace in draw_place_map(result).data] == ["heatmap", "scatter", "scatter"] * 2
 
 
 def test_places_out_of_reach_are_rated_as_such() -> None:

@@ -21,9 +21,9 @@ from compplan.controllers.writers.fit import fit_moves
 from compplan.errors import InputError
 from compplan.job.job import Job, check_job, load_job
 from compplan.planning.plan import job_robot, plan_job
-from compplan.reporting.robot_scene import locate_links
-from compplan.reporting.view.motion import locate_chain
+from compplan.reporting.scenes import locate_links
 from compplan.reporting.view.recording import ViewCell, _read_joint, _read_solid
+from compplan.reporting.view.scene import locate_chain
 from compplan.reporting.writers.plan import deliver_plan
 from compplan.reporting.writers.recording import summarise_cell
 from compplan.robot import Array, Robot, load_robot, read_robot_folder, write_robot_folder
@@ -241,7 +241,7 @@ def test_the_picture_and_the_viewer_keep_the_ground_still_and_move_table_and_par
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
     joints, solids = (tuple(read(entry) for entry in content[key])
                       for read, key in ((_read_joint, "joints"), (_read_solid, "shapes")))  # fmt: skip
-    cell = ViewCell(robot.name, robot.grade, robot.base, robot.tcp, joints, solids, content)
+    cell = ViewCell(joints, solids, content)
     assert tuple(joint.name for joint in cell.actuated) == robot.joint_names
     q = draw(5, 1)[0][0]
     drawn, seen = locate_links(robot, q), locate_chain(cell, q)

@@ -1,65 +1,67 @@
-"""Figures of pages: tables that are reached into, small charts in a grid, arrays that plotly.js reads."""
+"""Figures of pages: small charts in a grid, arrays that plotly.js reads, areas, drawn solids."""
 
 from __future__ import annotations
 
 import base64
-import json
 
 import numpy as np
 import pytest
 import trimesh
 
-from compplan.reporting import figure as go
-from compplan.reporting.reach_section import _fill_band
+from compplan.reporting.charts import Bars, Figure, add_area, draw_bars
 from compplan.robot.solids import triangulate_box, triangulate_rod
-
-
-def test_a_key_reaches_into_its_table_and_what_is_none_is_left_out() -> None:
-    figure = go.Figure(go.Scatter(y=[1.0, 2.0], marker_color="#123456", name=None))
-    figure.update_xaxes(title_text="s, mm").update_layout(yaxis_title="mm", yaxis={"type": "log"})
-    drawn = json.loads(figure.to_json())
-    assert drawn["data"][0]["marker"] == {"color": "#123456"} and "name" not in drawn["data"][0]
-    assert drawn["layout"]["xaxis"] == {"title": {"text": "s, mm"}}
-    assert drawn["layout"]["yaxis"] == {"title": {"text": "mm"}, "type": "log"}
 
 
 @pytest.mark.parametrize("kind", ["float32", "float64", "int8", "int16", "int32"])
 def test_an_array_is_read_back_as_it_was(kind: str) -> None:
     values = np.arange(6, dtype=kind).reshape(2, 3) * (1000 if kind == "int16" else 1)
-    packed = json.loads(go.Figure(go.Heatmap(z=values)).to_json())["data"][0]["z"]
+    figure = Figure()
+    figure.add("heatmap", z=values)
+    packed = figure.to_dict()["data"][0]["z"]
     bytes_, names = base64.b64decode(packed["bdata"]), {"f4": "<f4", "f8": "<f8", "i1": "i1", "i2": "<i2", "i4": "<i4"}
     back = np.frombuffer(bytes_, names[packed["dtype"]]).reshape([int(n) for n in packed["shape"].split(", ")])
     np.testing.assert_array_equal(back, values)
 
 
-def test_numbers_that_are_none_are_null_in_lists() -> None:
-    drawn = json.loads(go.Figure(go.Scatter(x=["a", "b"], y=[None, float("nan")])).to_json())
-    assert drawn["data"][0]["y"] == [None, None]
+def test_numbers_that_are_none_are_null_in_lists_and_keys_that_are_none_are_left_out() -> None:
+    figure = Figure()
+    figure.line(["a", "b"], [None, float("nan")], customdata=None)
+    drawn = figure.to_dict()["data"][0]
+    assert drawn["y"] == [None, None] and "customdata" not in drawn
 
 
 def test_small_charts_fill_the_page_from_the_top_left_and_do_not_overlap() -> None:
-    figure = go.make_subplots(rows=2, cols=3, horizontal_spacing=0.1, vertical_spacing=0.2, subplot_titles="abcdef")
-    boxes = [(figure.layout[f"xaxis{n}"].domain, figure.layout[f"yaxis{n}"].domain) for n in ("", 2, 3, 4, 5, 6)]
+    figure = Figure("abcdef", 3, gaps=(0.1, 0.2))
+    layout = figure.layout
+    boxes = [(layout[f"xaxis{n}"]["domain"], layout[f"yaxis{n}"]["domain"]) for n in ("", 2, 3, 4, 5, 6)]
     assert boxes[0][0][0] == 0 and boxes[0][1][1] == 1 and boxes[5][0][1] == pytest.approx(1) and boxes[5][1][0] == 0
     assert boxes[1][0][0] - boxes[0][0][1] == pytest.approx(0.1)
     assert boxes[0][1][0] - boxes[3][1][1] == pytest.approx(0.2)
-    assert [note.text for note in figure.layout.annotations] == list("abcdef")
-    figure.add_trace(go.Scatter(y=[1]), row=2, col=1).add_hline(y=3.0, line={"width": 1}, row=2, col=1)
-    assert figure.data[0].xaxis == "x4" and figure.layout.shapes[0].yref == "y4"
+    assert [note["text"] for note in layout["annotations"]] == list("abcdef")
+    assert figure.line([0], [1], panel=3)["xaxis"] == "x4"
+    figure.level(3.0, panel=3)
+    assert layout["shapes"][0]["yref"] == "y4" and layout["shapes"][0]["xref"] == "x4 domain"
 
 
-def test_charts_of_a_row_share_their_axis() -> None:
-    figure = go.make_subplots(rows=2, cols=2, shared_yaxes=True)
-    assert figure.layout.yaxis2.matches == "y" and figure.layout.yaxis4.matches == "y3"
-    assert figure.layout.yaxis.matches is None and figure.layout.yaxis3.matches is None
+def test_charts_share_the_axes_of_their_row_or_column() -> None:
+    layout = Figure("abcd", 2, shared="y").layout
+    assert [layout[f"yaxis{n}"].get("matches") for n in ("", 2, 3, 4)] == [None, "y", None, "y3"]
+    layout = Figure("abc", 1, shared="x").layout
+    assert [layout[f"xaxis{n}"].get("matches") for n in ("", 2, 3)] == ["x3", "x3", None]
 
 
 def test_the_band_is_filled_where_it_is_known_alone() -> None:
-    figure = go.Figure(go.Scatter(x=[0, 1, 2, 3, 4, 5], y=[2, 2, np.nan, np.nan, 3, 3], name="true tip, 95 %"))
-    _fill_band(figure)
-    fill = figure.data[0]
-    assert fill.x.tolist() == [0, 0, 1, 1, 2, 3, 4, 4, 5, 5] and fill.y.tolist() == [0, 2, 2, 0, 0, 0, 0, 3, 3, 0]
-    assert figure.data[1].showlegend is False and fill.legendgroup == figure.data[1].legendgroup
+    figure = Figure()
+    add_area(figure, np.arange(6.0), np.array([2, 2, np.nan, np.nan, 3, 3]), "95 % band", "red")
+    assert figure.data[0]["x"].tolist() == [0, 0, 1, 1, 2, 3, 4, 4, 5, 5]
+    assert figure.data[0]["y"].tolist() == [0, 2, 2, 0, 0, 0, 0, 3, 3, 0]
+
+
+def test_bars_reach_to_the_ends_of_their_intervals() -> None:
+    figure = draw_bars(["a", "b"], {"": Bars([1.0, 2.0], "red", [0.5, 2.0], [1.5, 4.0])}, "mm")
+    spread = figure.data[0]["error_x"]
+    assert spread["array"].tolist() == [0.5, 2.0] and spread["arrayminus"].tolist() == [0.5, 0.0]
+    assert figure.data[0]["y"] == ["a", "b"] and figure.layout["yaxis"]["autorange"] == "reversed"
 
 
 def test_drawn_boxes_and_rods_are_closed_and_face_outwards() -> None:

@@ -15,15 +15,24 @@ from montecarlo_cases import cone_job
 
 from compplan.cli import group
 from compplan.errors import InputError
+from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.planning.plan import Plan, plan_job
-from compplan.reporting.robot_scene import locate_links
-from compplan.reporting.style import CATEGORIES, NEUTRAL, SEQUENTIAL
-from compplan.reporting.thinning import simplify_path
-from compplan.reporting.view.gap_scene import GapScene
-from compplan.reporting.view.motion import bend_arm, locate_chain
-from compplan.reporting.view.paint import join_rows, paint_names, paint_sizes, pick_point, read_colour
-from compplan.reporting.view.plan_scene import PROMISE, PlanScene
+from compplan.reporting.scenes import locate_links
+from compplan.reporting.style import SEQUENTIAL
 from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewSolid, read_recording
+from compplan.reporting.view.scene import (
+    PROMISE,
+    GapScene,
+    PlanScene,
+    bend_arm,
+    join_rows,
+    locate_chain,
+    paint_names,
+    paint_sizes,
+    pick_point,
+    read_colour,
+    slope_tip,
+)
 from compplan.reporting.writers.plan import write_plan
 from compplan.robot import load_robot
 
@@ -164,19 +173,6 @@ def test_the_longest_paths_are_thinned_and_keep_their_ends(scene: PlanScene) -> 
     assert {0, long.count - 1} <= set(long.rows.tolist())
 
 
-def test_a_path_is_drawn_by_the_rows_that_it_bends_or_strays_at() -> None:
-    turn = np.linspace(0, 2 * np.pi, 5001)
-    path = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn, np.where(np.abs(turn - 3) < 2e-3, 0.2, 0.0)])
-    for slack in (1e-2, 1e-4):
-        rows = simplify_path(path, slack, 5000)
-        drawn = np.column_stack([np.interp(turn, turn[rows], column) for column in path[rows].T])
-        assert np.linalg.norm(drawn - path, axis=1).max() <= slack
-        assert len(rows) < 10 * np.pi / np.sqrt(8 * slack)  # chords of a sagitta have sqrt(8 r slack)
-        assert path[rows, 3].max() == 0.2
-    assert len(simplify_path(path, 1e-9, 100)) == 100
-    assert simplify_path(path[:2], 1e-9, 100).tolist() == [0, 1]
-
-
 def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanScene) -> None:
     pytest.importorskip("viser")
     import viser
@@ -201,7 +197,6 @@ def test_a_picture_costs_the_same_on_a_long_path_as_on_a_short_one(scene: PlanSc
 @pytest.mark.parametrize("name", ["kuka_kr240_rail", "ur10"])
 def test_the_slope_of_the_tip_is_its_difference(name: str, tmp_path: Path) -> None:
     from compplan.io.tables import write_json
-    from compplan.reporting.view.motion import slope_tip
     from compplan.reporting.view.recording import read_cell
     from compplan.reporting.writers.recording import summarise_cell
     from compplan.robot import Mimic
@@ -231,8 +226,7 @@ def make_gap() -> GapScene:
     robot = load_robot("ur10")
     content = json.loads(json.dumps(summarise_cell(robot), default=lambda array: array.tolist()))
     solids = tuple(_read_solid(entry) for entry in content["shapes"])
-    cell = ViewCell(robot.name, robot.grade, robot.base, robot.tcp,
-                tuple(_read_joint(entry) for entry in content["joints"]), solids, content)  # fmt: skip
+    cell = ViewCell(tuple(_read_joint(entry) for entry in content["joints"]), solids, content)
     rng = np.random.default_rng(0)
     gap = {"nominal model": rng.normal(0, 1e-3, (6, 3)), "updated model": rng.normal(0, 1e-4, (6, 3))}
     cause = np.array(["backlash, joint_2"] * 3 + ["payload, tool"] * 2 + ["not explained"])
@@ -303,14 +297,10 @@ def test_the_command_refuses_an_empty_folder_a_taken_port_and_a_missing_viewer(
     assert "pip install 'compplan[view]'" in run("view", str(folder), "--no-open")
 
 
-def test_the_panel_marks_where_the_arm_is_and_names_the_worst_places(scene: PlanScene) -> None:
-    from compplan.reporting.view.panel import draw_colour_bar, draw_curve
+def test_the_panel_names_the_worst_places_and_marks_the_tolerance(scene: PlanScene) -> None:
+    from compplan.reporting.view.server import draw_colour_bar
 
     record, size = scene.recording, scene.sizes["uncorrected"]
-    half = float(record.time[-1]) / 2.0
-    svg = draw_curve(record.time, size, record.tolerance, half)
-    mark = float(svg.split('class="mark" x1="')[1].split('"')[0])
-    assert mark == pytest.approx(150.0, abs=0.2) and 'class="curve" d="M' in svg
     worst = scene.worst("uncorrected")
     assert size[worst[0]] == np.nanmax(size) and len(worst) == 5
     assert all(size[a] >= size[b] for a, b in pairwise(worst))

@@ -13,7 +13,7 @@ from commandline import run_command
 
 from compplan.cli.doctor import examine_robot
 from compplan.errors import InputError
-from compplan.reporting.robot_scene import UNPAINTED, place_shapes
+from compplan.reporting.scenes import UNPAINTED, place_shapes
 from compplan.robot import load_robot
 from compplan.simulation.exact_model import read_exact_robot
 

@@ -18,7 +18,6 @@ from compplan.statics.sensitivity import attain_pose
 from compplan.studies.comparison import DRAWS, SEED
 from compplan.studies.runner import Settings, run_study
 from compplan.studies.sensitivity import measure_sensitivity
-from compplan.studies.statistics import estimate_mean
 from compplan.studies.storage import discard_chunks
 from compplan.studies.study import prepare_study
 from compplan.studies.summary import summarise_run
@@ -74,16 +73,6 @@ def test_a_chunk_of_another_study_that_slips_in_is_not_taken(tmp_path: Path) -> 
     (tmp_path / "b" / "chunk-000000.npz").replace(tmp_path / "a" / "chunk-000000.npz")
     with pytest.raises(InputError, match="another study"):
         run_study(study, Settings(samples=64, seed=3), folder=tmp_path / "a", workforce=HERE)
-
-
-def test_a_study_stops_when_its_intervals_are_narrow_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    from compplan.studies import runner
-
-    monkeypatch.setattr(runner, "MOST_SAMPLES", 64)
-    settings = Settings(samples=1024, seed=3, stop_below=5e-5)
-    run = run_study(small_study(), settings, workforce=HERE)
-    assert run.stopped and len(run.evaluated.rms) < 1024
-    assert max(estimate_mean(run.evaluated.rms[:, k], 8).half_width for k in range(2)) < 5e-5
 
 
 def test_total_indices_find_what_matters() -> None:

@@ -43,7 +43,7 @@ COMMANDS = {
     "compare": "compare job.toml --out out",
     "montecarlo": "montecarlo mill.toml --samples 16 --replicates 2 --workers 2 --no-sensitivity"
     " --strategies none,mirror,nlp,secondary_encoder --out out",
-    "convert": "convert part.gcode --out out/part.csv",
+    "convert": "convert part.gcode --out out/part.csv --report out",
     "post": "post part.apt --robot robot --part 1700,0,900 --program krl --feed 20 --out out",
     "doctor": "doctor robot --json",
 }  # fmt: skip

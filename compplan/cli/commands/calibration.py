@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.options import complete_robots
-from compplan.io.tables import dump_json
+from compplan.cli.options import INPUT, json_summary, robot_option
+from compplan.cli.terminal import show
 from compplan.io.transaction import check_folder
 from compplan.reporting.writers.calibration import write_calibrated, write_controller_file
 from compplan.robot import load_robot
@@ -15,11 +15,10 @@ from compplan.robot import load_robot
 
 @click.command("calibration")
 @click.argument("direction", type=click.Choice(["read", "write"]))
-@click.argument("source", type=click.Path(path_type=Path))
-@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
-              help="The type as it ships, which the controller's numbers count from.")  # fmt: skip
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="read: folder to write; write: file.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@click.argument("source", type=INPUT)
+@robot_option("The type as it ships, which the controller's numbers count from.")
+@click.option("--out", required=True, type=INPUT, help="read: folder to write; write: file.")
+@json_summary
 def command(direction: str, source: Path, robot_name: str, out: Path, as_json: bool) -> None:
     """Read a UR controller's calibration, the file SOURCE, into DIR/robot, or write it from the measured folder SOURCE.
 
@@ -36,10 +35,5 @@ def command(direction: str, source: Path, robot_name: str, out: Path, as_json: b
         summary = write_controller_file(load_robot(source), nominal, out)
         lines = [f"lost, tip error rms over {summary['poses']} drawn poses without load:"]
         lines += [f"  {row['rms_mm']:9.4f} mm  {row['what']}" for row in summary["lost"]]
-        lines += [f"  {summary['left_rms_mm']:9.4f} mm  left in all"]
-        lines += [f"wrote {out}: {summary['advice']}"]
-    if as_json:
-        click.echo(dump_json(summary, indent=2))
-        return
-    for line in lines:
-        click.echo(line)
+        lines += [f"  {summary['left_rms_mm']:9.4f} mm  left in all", f"wrote {out}: {summary['advice']}"]
+    show(summary, as_json, lines)

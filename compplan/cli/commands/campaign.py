@@ -6,18 +6,18 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.options import robot_instead
-from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.cli.options import INPUT, json_summary, out_folder, robot_instead
+from compplan.cli.terminal import show, show_progress
+from compplan.errors import InputError
 from compplan.io.parsing import LEAST_SIGMA_MM
-from compplan.io.tables import dump_json
 
 
 @click.command("campaign")
-@click.argument("job", type=click.Path(path_type=Path))
+@click.argument("job", type=INPUT)
 @click.option("--poses", "count", type=click.IntRange(1, 200), required=True, help="How many poses to measure.")
-@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
+@out_folder
 @robot_instead
-@click.option("--log", "log", type=click.Path(path_type=Path), help="What has been measured already.")
+@click.option("--log", "log", type=INPUT, help="What has been measured already.")
 @click.option("--weights-kg", "weights", default="0", show_default=True, metavar="KG,KG",
               help="Weights that can hang at the tool; 0: none.")  # fmt: skip
 @click.option("--pull-N", "pull", type=click.FloatRange(0.0, 1e5), default=0.0, show_default=True,
@@ -33,16 +33,16 @@ from compplan.io.tables import dump_json
               help="What sees the tip: positions by a tracker or CMM, a ball put into sockets, a dial gauge,"
               " a ball bar.")  # fmt: skip
 @click.option("--places", type=click.IntRange(1, 30), help="Where those stand; else 3, of dial gauges 6.")
-@click.option("--instrument", "described", type=click.Path(path_type=Path),
+@click.option("--instrument", "described", type=INPUT,
               help="TOML file of the instrument of --log, as `diagnose` takes it.")  # fmt: skip
 @click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
               help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
               " sockets one by one, which do not tell the scale.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
-@click.option("--json", "as_json", is_flag=True, help="Print campaign.json to stdout.")
+@json_summary
 def command(
-    job: Path, count: int, folder: Path, robot: str | None, log: Path | None, weights: str, pull: float, sigma: float,
-    register: str | None, purpose: str, instrument: str, places: int | None, described: Path | None,
+    job: Path, count: int, folder: Path, robot_name: str | None, log: Path | None, weights: str, pull: float,
+    sigma: float, register: str | None, purpose: str, instrument: str, places: int | None, described: Path | None,
     length_mm: float | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Design the measurements that narrow the 95 % band on JOB's path most, or calibrate the arm with fewest poses.
@@ -51,43 +51,30 @@ def command(
 
     Example: compplan campaign paths/isf_cone.toml --poses 12 --weights-kg 0,50 --pull-N 300 --out poses
     """
-    from compplan.cli.commands.measured import read_log
-    from compplan.cli.commands.progress import show_progress
-    from compplan.errors import InputError
+    from compplan.cli.measured import read_log
     from compplan.job.operations import load_one_job
     from compplan.learning.campaign import Equipment, design_campaign, parse_weights
     from compplan.measurement.registration import parse_parts
     from compplan.planning.plan import plan_job
-    from compplan.reporting.writers.campaign import write_campaign
+    from compplan.reporting.campaign import write_campaign
 
     if not sigma < 10.0 or not pull < 1e5:
         raise InputError("--sigma-mm and --pull-N are finite numbers")
     frames = None if register is None else () if register == "none" else parse_parts(register)
-    equipment = Equipment(
-        parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places,
-        None if length_mm is None else length_mm * 1e-3,
-    )  # fmt: skip
-    checked = load_one_job(job, robot)
+    length = None if length_mm is None else length_mm * 1e-3
+    equipment = Equipment(parse_weights(weights), pull, sigma * 1e-3, frames, seed, purpose, instrument, places, length)
+    checked = load_one_job(job, robot_name)
     with show_progress() as announce:
         announce("plan")
         plan = plan_job(checked)
-        measured = read_log(log, plan.robot, described)
-        campaign = design_campaign(plan, equipment, count, measured, announce)
+        campaign = design_campaign(plan, equipment, count, read_log(log, plan.robot, described), announce)
         announce("report")
         summary = write_campaign(campaign, folder)
-    if as_json:
-        click.echo(dump_json(summary, indent=2))
-        return
-    click.echo(summary["says"])
-    for stand in campaign.stands:
-        click.echo(f"put up {stand.says}")
-    for note in campaign.notes:
-        click.echo(note)
+    lines = [summary["says"], *(f"put up {stand.says}" for stand in campaign.stands), *campaign.notes]
     if len(campaign.touching):
-        click.echo(f"the way to pose {', '.join(str(k + 1) for k in campaign.touching)} touches something: go around")
-    click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
+        poses = ", ".join(str(k + 1) for k in campaign.touching)
+        lines.append(f"the way to pose {poses} touches something: go around")
     more = "" if instrument == "tracker" else f" and --instrument {folder / 'instrument.toml'}"
     more += f" and --register {','.join(equipment.frames)}" if equipment.frames else ""
-    click.echo(
-        f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
-    )
+    todo = f"next: measure, fill in {folder / 'campaign.csv'}, and compplan diagnose it with the robot of the job{more}"
+    show(summary, as_json, [*lines, f"wrote {', '.join(summary['files'])} to {folder}", todo])

@@ -2,53 +2,45 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import asdict, replace
 from math import inf
 from pathlib import Path
 from typing import Any
 
 import click
 
-from compplan.cli.commands.cam_options import keep_stated, take_cam_options
-from compplan.cli.commands.output_paths import OUT_FOLDER, OUT_TABLE
+from compplan.cli.options import FOLDER, INPUT, TABLE, json_summary, keep_stated, take_cam_options
+from compplan.cli.terminal import show
 from compplan.errors import InputError
-from compplan.io.tables import dump_json
+from compplan.io.tables import write_text
 from compplan.io.tomlfile import check_table, read_named_table
 from compplan.io.transaction import replace_folder
 from compplan.toolpath.readers import READERS, CamFacts, read_cam, refuse_idle
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import check_toolpath, resample_toolpath, write_toolpath
 
-CHOICES = {
-    "arc_centres": ["incremental", "absolute", "reversed"],
-    "circle_sense": ["auto", "right_hand", "left_hand"],
-    "tilt_angles": ["spatial"],
-    "cycles": ["skip", "expand"],
-    "tool_direction": ["x", "y", "z", "-x", "-y", "-z"],
-}
-
 #: Endings of a toolpath table.
 TABLES = (".csv", ".txt", "")
-#: The page in the folder of --report.
-PAGE = "report.html"
 
 
 @click.command(epilog=f"Languages that are read: {', '.join(READERS)}.")
-@click.argument("camfile", type=click.Path(path_type=Path))
-@click.option("--out", "out", type=OUT_TABLE, required=True, help="The toolpath table to write (CSV).")
-@click.option("--report", type=OUT_FOLDER, metavar="DIR",
+@click.argument("camfile", type=INPUT)
+@click.option("--out", type=TABLE, required=True, help="The toolpath table to write (CSV).")
+@click.option("--report", type=FOLDER, metavar="DIR",
               help="Folder for report.html: the path by tool, its box, what was refused or assumed.")  # fmt: skip
 @click.option("--chord-tolerance-mm", type=float, help="Greatest distance between an arc and its chords (0.001).")
 @click.option("--max-step-mm", type=float, help="Divide cutting moves that are longer.")
-@click.option("--arc-centres", type=click.Choice(CHOICES["arc_centres"]), help="How I J K count in G-code.")
-@click.option("--circle-sense", type=click.Choice(CHOICES["circle_sense"]), help="Sense of an APT CIRCLE.")
+@click.option("--arc-centres", type=click.Choice(["incremental", "absolute", "reversed"]),
+              help="How I J K count in G-code.")  # fmt: skip
+@click.option("--circle-sense", type=click.Choice(["auto", "right_hand", "left_hand"]), help="Sense of an APT CIRCLE.")
 @take_cam_options
 @click.option("--cam", "cam_file", metavar="FILE", help="TOML file as [cam] of a job; options here come before it.")
-@click.option("--cycles", type=click.Choice(CHOICES["cycles"]), help="Whether drilling cycles are cut.")
-@click.option("--tilt-angles", type=click.Choice(CHOICES["tilt_angles"]), help="What cycle 19 (Heidenhain) states.")
-@click.option("--tool-direction", type=click.Choice(CHOICES["tool_direction"]), help="Where the TCP frame points out.")
+@click.option("--cycles", type=click.Choice(["skip", "expand"]), help="Whether drilling cycles are cut.")
+@click.option("--tilt-angles", type=click.Choice(["spatial"]), help="What cycle 19 (Heidenhain) states.")
+@click.option("--tool-direction", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+              help="Where the TCP frame points out.")  # fmt: skip
 @click.option("--strict", is_flag=True, default=None, help="Refuse a file that is read with any note.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@json_summary
 def command(
     camfile: Path, out: Path, report: Path | None, max_step_mm: float | None, as_json: bool, cam_file: str | None,
     **options: Any,
@@ -57,6 +49,8 @@ def command(
 
     Example: compplan convert part.nc --out part.csv
     """
+    from compplan.reporting.convert import render_refusal, render_toolpath
+
     if out.suffix.lower() not in TABLES:
         raise InputError(f"--out is {str(out)!r}, expected the name of a table that ends in .csv")
     stated = read_named_table(cam_file, "cam")[0] if cam_file is not None else {}
@@ -65,32 +59,28 @@ def command(
         cam = read_cam(camfile, table)
         toolpath = refuse_idle(cam)
     except InputError as error:
-        if report is not None:
-            from compplan.reporting.convert_page import write_refusal_page
-
-            with replace_folder(report, "convert") as folder:
-                write_refusal_page(camfile, error, folder / PAGE)
+        _write_page(report, render_refusal(camfile, error))
         raise
-    if max_step_mm is not None and not 0.0 < max_step_mm < inf:
-        raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
     if max_step_mm is not None:
+        if not 0.0 < max_step_mm < inf:
+            raise InputError(f"--max-step-mm is {max_step_mm:g}, expected a finite number of mm, more than 0")
         toolpath = resample_toolpath(toolpath, max_step_mm * 1e-3)
     write_toolpath(check_toolpath(toolpath, need_feed=False), out)
+    facts = replace(cam.facts, waypoints=len(toolpath))
     if still := int(((toolpath.feed == 0.0) & ~toolpath.rapid)[1:].sum()):
         note = f"{still} cutting moves have no feed: state it with --feed"
-        cam = dataclasses.replace(cam, facts=dataclasses.replace(cam.facts, notes=(*cam.facts.notes, note)))
-    if report is not None:
-        from compplan.reporting.convert_page import write_convert_page
+        facts = replace(facts, notes=(*facts.notes, note))
+    page = _write_page(report, render_toolpath(toolpath, facts) if report is not None else "")
+    show({"schema": 1, "out": str(out), **asdict(facts)}, as_json, [*describe_facts(facts), f"wrote {out}{page}"])
 
-        with replace_folder(report, "convert") as folder:
-            write_convert_page(toolpath, dataclasses.replace(cam.facts, waypoints=len(toolpath)), folder / PAGE)
-    if as_json:
-        facts = {**dataclasses.asdict(cam.facts), "waypoints": len(toolpath)}
-        click.echo(dump_json({"schema": 1, "out": str(out), **facts}))
-        return
-    for line in describe_facts(dataclasses.replace(cam.facts, waypoints=len(toolpath))):
-        click.echo(line)
-    click.echo(f"wrote {out}" if report is None else f"wrote {out}, {report / PAGE}")
+
+def _write_page(folder: Path | None, html: str) -> str:
+    """Write the page, where a folder is given, and return how the terminal names it."""
+    if folder is None:
+        return ""
+    with replace_folder(folder, "convert") as part:
+        write_text(part / "report.html", html)
+    return f", {folder / 'report.html'}"
 
 
 def describe_facts(facts: CamFacts) -> list[str]:

@@ -6,15 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table as RichTable
 
-from compplan.cli.commands.options import complete_robots
 from compplan.cli.doctor import Remark, examine_installation, examine_log, examine_robot
+from compplan.cli.options import json_summary, robot_option
+from compplan.cli.terminal import format_table, show
 from compplan.errors import InputError
 from compplan.io.provenance import describe_origin
-from compplan.io.tables import dump_json
 from compplan.robot import load_robot
 from compplan.toolpath.readers import list_suffixes
 
@@ -24,9 +22,8 @@ COLOURS = {"fine": "green", "note": "cyan", "odd": "yellow"}
 
 @click.command("doctor")
 @click.argument("target", required=False)
-@click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
-              help="Robot that the log was taken on: folder or shipped robot.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@robot_option("Robot that the log was taken on: folder or shipped robot.", required=False)
+@json_summary
 def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
     """Look at TARGET and say what is odd: a robot (folder or name) or a measurement log; without it the installation.
 
@@ -43,10 +40,8 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
         findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
     else:
         findings = examine_installation()
-    if as_json:
-        click.echo(dump_json({"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}))
-        return
-    _print_findings(findings)
+    summary = {"findings": [asdict(finding) for finding in findings], "made_by": describe_origin()}
+    show(summary, as_json, describe_findings(findings))
 
 
 def _refuse_others(target: str | None) -> None:
@@ -64,11 +59,12 @@ def _refuse_others(target: str | None) -> None:
     raise InputError(sentence, file=target)
 
 
-def _print_findings(findings: list[Remark]) -> None:
-    table = RichTable(box=None, show_header=False, pad_edge=False)
+def describe_findings(findings: list[Remark]) -> list[str]:
+    """Return the findings as lines for people."""
+    rows = []
     for finding in findings:
         said = finding.sentence + (f"; {finding.advice}" if finding.advice else "")
-        table.add_row(f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said))
-    Console(highlight=False).print(table)
+        rows.append((f"[{COLOURS[finding.state]}]{finding.state}[/]", finding.about, escape(said)))
     odd = sum(finding.state == "odd" for finding in findings)
-    click.echo(f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at")
+    count = f"{odd} odd of {len(findings)} looked at" if odd else f"nothing odd; {len(findings)} looked at"
+    return [*format_table(rows), count]

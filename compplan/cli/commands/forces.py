@@ -8,25 +8,21 @@ from typing import Any
 
 import click
 
-from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.cli.options import INPUT, json_summary, out_folder
+from compplan.cli.terminal import show, show_progress
 from compplan.errors import InputError
-from compplan.io.tables import dump_json
 from compplan.process.force_models import FORCE_MODELS
 
 
 @click.command(epilog=f"Force models of a job: {', '.join(FORCE_MODELS)}.")
-@click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
-@click.option(
-    "--log",
-    type=click.Path(path_type=Path),
-    help="Measured forces: CSV with s_mm or t_s, the length or the "
-    "time cut so far, and fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.",
-)
-@click.option("--write", "table", type=click.Path(path_type=Path), help="With --log: write the fitted coefficients to "
-              "this file, which a job then names as its materials; process.toml of a robot folder takes the level "
-              "instead, which later plans read.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the summary (forces.json) to stdout.")
+@click.argument("job", type=INPUT)
+@out_folder
+@click.option("--log", type=INPUT, help="Measured forces: CSV with s_mm or t_s, the length or the time cut so far, and "
+              "fx_N fy_N fz_N, part axes; mx_Nm my_Nm mz_Nm at the tip and power_W are used too.")  # fmt: skip
+@click.option("--write", "table", type=INPUT, help="With --log: write the fitted coefficients to this file, which a "
+              "job then names as its materials; process.toml of a robot folder takes the level instead, which later "
+              "plans read.")  # fmt: skip
+@json_summary
 def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_json: bool) -> None:
     """Predict engagement and force along the path of JOB: write forces.json, forces.csv, report.html, stock.stl.
 
@@ -34,11 +30,10 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
 
     Example: compplan forces examples/forces/pocket.toml --out out
     """
-    from compplan.cli.commands.progress import show_progress
     from compplan.job.force_prediction import predict_forces
     from compplan.job.operations import load_one_job
     from compplan.process.learned_force import FILE as LESSON
-    from compplan.reporting.writers.forces import write_coefficients, write_forces, write_level
+    from compplan.reporting.forces import write_coefficients, write_forces, write_level
 
     if table is not None and log is None:
         raise InputError("--write needs --log, the measured forces")
@@ -50,24 +45,16 @@ def command(job: Path, folder: Path, log: Path | None, table: Path | None, as_js
             (write_level if table.name == LESSON else write_coefficients)(found, table)
         announce("write: forces.json, forces.csv, report.html")
         summary = write_forces(found, folder)
-    if as_json:
-        click.echo(dump_json(summary))
-        return
-    for line in _describe(summary):
-        click.echo(line)
-    for note in summary["notes"]:
-        click.echo(note)
+    lines = [*_describe(summary), *summary["notes"]]
     if table is not None:
-        hint = "plans with this robot folder read it" if table.name == LESSON else (
-            f'in a job: [process] materials = "{table.name}", material = "measured"'
-        )  # fmt: skip
-        click.echo(f"wrote {table}; {hint}")
+        hint = f'in a job: [process] materials = "{table.name}", material = "measured"'
+        lines.append(f"wrote {table}; {'plans with this robot folder read it' if table.name == LESSON else hint}")
     left = ", stock.stl" if "engagement" in summary else ""
-    click.echo(f"wrote forces.json, forces.csv, report.html{left} to {folder}")
+    show(summary, as_json, [*lines, f"wrote forces.json, forces.csv, report.html{left} to {folder}"])
 
 
 def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Say in lines what forces.json holds."""
+    """Return in lines what forces.json holds."""
     force = summary["force_N"]
     yield (f"{summary['model']}: {summary['waypoints_in_contact']} of {summary['waypoints']} waypoints in contact, "
            f"force up to {force['max']:.4g} N, {force['mean_in_contact']:.4g} N on average there")  # fmt: skip
@@ -83,5 +70,4 @@ def _describe(summary: Mapping[str, Any]) -> Iterator[str]:
         for number in fit["fitted"]:
             yield (f"  {number['name']}: {number['value']:.4g} {number['unit']} "
                    f"[{number['low']:.4g}, {number['high']:.4g}], {number['in_job']:.4g} in the job")  # fmt: skip
-        for note in fit["notes"]:
-            yield f"  {note}"
+        yield from (f"  {note}" for note in fit["notes"])

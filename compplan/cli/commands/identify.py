@@ -4,36 +4,29 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
-from compplan.cli.commands.measured import (
-    load_measured,
-    measured_options,
-    registered_parts,
-    settle_questions,
-)
-from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.output_paths import OUT_FOLDER
-from compplan.cli.commands.progress import show_progress
+from compplan.cli.measured import load_measured, measured_options, registered_parts, settle_questions
+from compplan.cli.options import INPUT, assume_ok, json_summary, out_folder, robot_option
+from compplan.cli.terminal import show, show_progress
 from compplan.effects.requested import GEOMETRY
 from compplan.errors import InputError
 from compplan.identification.campaign import identify_campaign
 from compplan.identification.parameters import LINK_TERMS
 from compplan.identification.problem import IdentifyOptions
-from compplan.io.tables import dump_json
 from compplan.job.names import EFFECTS
 from compplan.measurement.checks import list_notes
 from compplan.measurement.fit.robust import LOSSES
 from compplan.measurement.registration import parse_parts
-from compplan.reporting.writers.identify import describe_identification, write_identification
+from compplan.reporting.identify import describe_identification, write_identification
 
 
 @click.command(epilog=f"Effects: {', '.join(EFFECTS)}.")
-@click.argument("measurements", type=click.Path(path_type=Path), required=False)
-@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
-              help="Robot folder, or name of a shipped robot.")  # fmt: skip
-@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
+@click.argument("measurements", type=INPUT, required=False)
+@robot_option()
+@out_folder
 @click.option("--register", help='Frames that are unknown: "base", "tool" or "base,tool".')
 @click.option("--springs", help="Springs to identify, by name; default: those of the robot and one a joint.")
 @click.option("--add", help='Springs that the robot lacks and gets, such as "joint_3.rx,base_joint.ry".')
@@ -46,28 +39,13 @@ from compplan.reporting.writers.identify import describe_identification, write_i
 @click.option("--loss", type=click.Choice(LOSSES), default="tukey", help="How rows far from the model count.")
 @click.option("--choose-poses", hidden=True, help="Gone: compplan campaign chooses poses.")
 @measured_options
-@click.option("--assume-ok", is_flag=True, help="Go on where the log raises a question.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@assume_ok
+@json_summary
 def command(
-    measurements: Path | None,
-    robot_name: str,
-    out: Path,
-    register: str | None,
-    springs: str | None,
-    add: str | None,
-    stepwise: bool,
-    links: str | None,
-    effects: str | None,
-    geometry: str,
-    reference: str,
-    loss: str,
-    choose_poses: str | None,
-    instrument: Path | None,
-    tool: Path | None,
-    target_offset: str | None,
-    assume_ok: bool,
-    as_json: bool,
-) -> None:
+    measurements: Path | None, robot_name: str, folder: Path, register: str | None, springs: str | None,
+    add: str | None, effects: str | None, choose_poses: str | None, instrument: Path | None, tool: Path | None,
+    target_offset: str | None, assume_ok: bool, as_json: bool, **choices: Any,
+) -> None:  # fmt: skip
     """Identify the compliances of ROBOT from MEASUREMENTS (a measurement log), with 95 % intervals.
 
     Writes DIR/robot (the updated robot folder) and DIR/identify.json.
@@ -75,10 +53,8 @@ def command(
     Example: compplan identify examples/identify/measurements.csv --robot kuka_kr270 --out out
     """
     options = IdentifyOptions(
-        register=parse_parts(register),
-        springs=None if springs is None else _split(springs),
-        add=_split(add or ""), effects=_split(effects or ""),
-        stepwise=stepwise, links=links, geometry=geometry, reference=reference, loss=loss,
+        register=parse_parts(register), springs=None if springs is None else _split(springs), add=_split(add or ""),
+        effects=_split(effects or ""), **choices,
     )  # fmt: skip
     if measurements is None or choose_poses is not None:
         fault = "no measurement log is given" if choose_poses is None else "--choose-poses is gone"
@@ -88,13 +64,9 @@ def command(
     settle_questions(robot, campaign, options.register, assume_ok)
     with show_progress() as progress:
         found = identify_campaign(robot, campaign, options, progress=progress)
-    summary = write_identification(found, out, list(campaign.notes))
-    if as_json:
-        click.echo(dump_json(summary))
-        return
-    for line in (*describe_identification(summary), *list_notes(campaign.notes)):
-        click.echo(line)
-    click.echo(f"wrote {out / 'robot'}, {out / 'identify.json'} and {out / 'report.html'}")
+    summary = write_identification(found, folder, list(campaign.notes))
+    wrote = f"wrote {folder / 'robot'}, {folder / 'identify.json'} and {folder / 'report.html'}"
+    show(summary, as_json, [*describe_identification(summary), *list_notes(campaign.notes), wrote])
 
 
 def _split(text: str) -> tuple[str, ...]:

@@ -7,14 +7,16 @@ import re
 import shutil
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 import tomli_w
 
-from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.progress import show_progress
+from compplan.cli.options import INPUT, robot_option
+from compplan.cli.terminal import show, show_progress
 from compplan.controllers.writers import WRITERS, list_languages
 from compplan.controllers.writers.joint_convention import load_controller
 from compplan.controllers.writers.post import read_post
@@ -45,10 +47,29 @@ from compplan.toolpath.reading import read_toolpath
 FEW_TURNS_MM = 5.0
 
 
+@dataclass(frozen=True)
+class Form:
+    """What `compplan init` writes: how it is called, how many words that takes, and its options."""
+
+    usage: str
+    words: int
+    options: tuple[str, ...]
+
+
+FORMS = {
+    "robot": Form("robot URDF", 2, ("tcp", "tool_axis", "controller", "payload", "reach", "mass", "out")),
+    "template": Form("template LANGUAGE", 2, ("out",)),
+    "profile": Form("profile --robot ROBOT", 1, ("robot_name", "out")),
+    "log": Form("log --robot ROBOT", 1, ("robot_name", "out")),
+    "schema": Form("--schema", 0, ("schema",)),
+}
+#: Any other first word is the file of a job.
+JOB = Form("FILE", 1, ("robot_name", "toolpath", "short"))
+
+
 @click.command()
 @click.argument("words", nargs=-1, metavar="[FILE | profile | robot URDF | log | template LANGUAGE]")
-@click.option("--robot", "robot_name", default=None, shell_complete=complete_robots,
-              help="Robot of the job, or of the log: folder or shipped robot.")  # fmt: skip
+@robot_option("Robot of the job, or of the log: folder or shipped robot.", required=False)
 @click.option("--toolpath", default=None, help="Toolpath of the job, relative to it: CSV or a CAM file.")
 @click.option("--tcp", default=None, help="init robot: frame of the tool centre point; left out: the end of the chain.")
 @click.option("--tool-axis", type=click.Choice(list(TURNS)), default=None,
@@ -61,14 +82,9 @@ FEW_TURNS_MM = 5.0
 @click.option("--mass", type=click.FloatRange(1.0, 2e4), default=None,
               help="init robot: own weight in kg, to check the URDF's masses by.")  # fmt: skip
 @click.option("--short", is_flag=True, help="A job of the keys that one needs first, without the others.")
-@click.option("--out", type=click.Path(path_type=Path), default=None,
-              help="Folder of the robot, or file of the log or template.")  # fmt: skip
+@click.option("--out", type=INPUT, default=None, help="Folder of the robot, or file of the log or template.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of a job, and write nothing.")
-def command(
-    words: tuple[str, ...], robot_name: str | None, toolpath: str | None, tcp: str | None, tool_axis: str | None,
-    controller: str | None, payload: float | None, reach: float | None, mass: float | None, short: bool,
-    out: Path | None, schema: bool,
-) -> None:  # fmt: skip
+def command(words: tuple[str, ...], **options: Any) -> None:
     """Write a job FILE (default job.toml) in which every key is explained; a shop profile; a robot folder; a log.
 
     With a robot, the part is put where the arm reaches its path, the tool leaves the flange straight, and the forces
@@ -86,63 +102,63 @@ def command(
 
     Example: compplan init log --robot arm --out measurements.csv
     """
-    own = {"tcp": tcp, "tool_axis": tool_axis, "controller": controller, "payload": payload, "reach": reach,
-           "mass": mass}  # fmt: skip
-    if schema:
+    form = _check_form(words, options)
+    out, robot_name = options["out"], options["robot_name"]
+    if options["schema"]:
         from compplan.job.schema import write_schema
 
-        if words:
-            raise InputError(f"{words[0]!r} has no meaning in: compplan init --schema")
-        _refuse(words, 0, "--schema", robot=robot_name, toolpath=toolpath, out=out, **own)
-        click.echo(write_schema())
-        return
-    if short and words[:1] in (("robot",), ("log",), ("template",), ("profile",)):
-        raise InputError(f"--short has no meaning in: compplan init {words[0]}")
-    if words[:1] == ("robot",):
-        _refuse(words, 2, "robot URDF", robot_name=robot_name, toolpath=toolpath)
-        if (payload is None) != (reach is None) or (mass is not None and payload is None):
-            raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
-        if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
-            raise InputError("--payload, --reach and --mass: nan is no number")
-        rating = None if payload is None or reach is None else Rating(payload, reach, mass)
-        _init_robot(Path(words[1]), tcp, tool_axis, controller, rating, out)
-    elif words[:1] == ("template",):
-        _refuse(words, 2, "template LANGUAGE", robot_name=robot_name, toolpath=toolpath, **own)
-        _init_template(words[1], out)
-    elif words[:1] == ("profile",):
-        _refuse(words, 1, "profile --robot ROBOT", toolpath=toolpath, **own)
-        _init_profile(robot_name, out or Path("shop.toml"))
-    elif words[:1] == ("log",):
-        _refuse(words, 1, "log --robot ROBOT", toolpath=toolpath, **own)
-        _init_log(robot_name, out or Path("measurements.csv"))
+        lines = [write_schema()]
+    elif form is JOB:
+        file = Path(words[0]) if words else Path("job.toml")
+        lines = _init_job(file, robot_name, options["toolpath"], short=options["short"])
+    elif words[0] == "robot":
+        rating = _read_rating(options["payload"], options["reach"], options["mass"])
+        made_of = (options["tcp"], options["tool_axis"], options["controller"])
+        lines = _init_robot(Path(words[1]), *made_of, rating, out)
+    elif words[0] == "template":
+        lines = _init_template(words[1], out)
+    elif words[0] == "profile":
+        lines = _init_profile(robot_name, out or Path("shop.toml"))
     else:
-        if len(words) > 1:
-            forms = "'profile', 'robot URDF', 'log' or 'template LANGUAGE'"
-            raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
-        _refuse(words, len(words), "FILE", out=out, **own)
-        _init_job(Path(words[0]) if words else Path("job.toml"), robot_name, toolpath, short=short)
+        lines = _init_log(robot_name, out or Path("measurements.csv"))
+    show({}, False, lines)
 
 
-def _init_template(language: str, out: Path | None) -> None:
+def _check_form(words: tuple[str, ...], options: Mapping[str, Any]) -> Form:
+    """Return what is to be written; refuse words that are too few or too many, and options of another form."""
+    form = FORMS["schema"] if options["schema"] else FORMS.get(words[0], JOB) if words else JOB
+    if form is FORMS["schema"] and words:
+        raise InputError(f"{words[0]!r} has no meaning in: compplan init --schema")
+    if form is JOB and len(words) > 1:
+        forms = "'profile', 'robot URDF', 'log' or 'template LANGUAGE'"
+        raise InputError(f"init takes one FILE, {forms}, not {' '.join(words)!r}")
+    if form is not JOB and len(words) != form.words:
+        raise InputError(f"{len(words) - 1} words after {words[0]!r}, expected: compplan init {form.usage}")
+    for name, value in options.items():
+        if value and name not in form.options:
+            option = name.removesuffix("_name").replace("_", "-")
+            raise InputError(f"--{option} has no meaning in: compplan init {form.usage}")
+    return form
+
+
+def _read_rating(payload: float | None, reach: float | None, mass: float | None) -> Rating | None:
+    if (payload is None) != (reach is None) or (mass is not None and payload is None):
+        raise InputError("--payload, --reach and --mass: give payload and reach together, own weight beside them")
+    if any(math.isnan(value) for value in (payload, reach, mass) if value is not None):
+        raise InputError("--payload, --reach and --mass: nan is no number")
+    return None if payload is None or reach is None else Rating(payload, reach, mass)
+
+
+def _init_template(language: str, out: Path | None) -> list[str]:
     if language not in WRITERS:
         raise UnknownNameError("program language", language, list(WRITERS))
     file = out or Path(f"{language}.jinja")
     _refuse_existing(file)
     write_text(file, read_post(language))
-    click.echo(f'wrote {file}; next: [output] templates = {{ {language} = "{file.name}" }}')
+    return [f'wrote {file}; next: [output] templates = {{ {language} = "{file.name}" }}']
 
 
-def _refuse(words: tuple[str, ...], count: int, form: str, **options: object) -> None:
-    """Refuse words that are too few or too many, and options of another form."""
-    if len(words) != count:
-        raise InputError(f"{len(words) - 1} words after {words[0]!r}, expected: compplan init {form}")
-    for name, value in options.items():
-        if value is not None:
-            option = name.removesuffix("_name").replace("_", "-")
-            raise InputError(f"--{option} has no meaning in: compplan init {form}")
-
-
-def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> None:
+def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short: bool) -> list[str]:
     _refuse_existing(file)
     if file.suffix.lower() != ".toml":
         raise InputError(f"a job is a file that ends in .toml, not {str(file)!r}")
@@ -171,9 +187,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
                 announce("force that the arm bears")
                 text = ease_force(text, file)
     write_text(file, shorten_job(text) if short else text)
-    for sentence in filter(None, (place, assumed)):
-        click.echo(sentence)
-    click.echo(f"wrote {file}; next: compplan plan {file} --out out")
+    return [*filter(None, (place, assumed)), f"wrote {file}; next: compplan plan {file} --out out"]
 
 
 def place_part(text: str, file: Path) -> tuple[str, str]:
@@ -235,7 +249,7 @@ def _check_toolpath(path: Path) -> None:
 
 def _init_robot(
     urdf: Path, tcp: str | None, tool_axis: str | None, controller: str | None, rating: Rating | None, out: Path | None
-) -> None:
+) -> list[str]:
     folder = out or Path(urdf.stem)
     if not folder.is_dir() or any(folder.iterdir()):  # a run that died may have left it empty
         _refuse_existing(folder)
@@ -254,9 +268,7 @@ def _init_robot(
             (new / place).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, new / place)
         read_robot_folder(new)
-    for sentence in _describe_robot(made, controller):
-        click.echo(sentence)
-    click.echo(f"wrote {folder}; next: compplan doctor {folder}")
+    return [*_describe_robot(made, controller), f"wrote {folder}; next: compplan doctor {folder}"]
 
 
 def _describe_robot(made: Skeleton, controller: str | None) -> Iterator[str]:
@@ -276,21 +288,21 @@ def _describe_robot(made: Skeleton, controller: str | None) -> Iterator[str]:
                "then set checked = true")  # fmt: skip
 
 
-def _init_log(robot_name: str | None, file: Path) -> None:
+def _init_log(robot_name: str | None, file: Path) -> list[str]:
     if robot_name is None:
         raise InputError("init log needs --robot: its joints are columns")
     _refuse_existing(file)
     write_text(file, write_log_text(load_robot(robot_name)))
-    click.echo(f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}")
+    return [f"wrote {file}; next, when it is filled in: compplan doctor {file} --robot {robot_name}"]
 
 
-def _init_profile(robot_name: str | None, file: Path) -> None:
+def _init_profile(robot_name: str | None, file: Path) -> list[str]:
     """Write a shop profile, in the language of the robot's controller."""
     _refuse_existing(file)
     robot = None if robot_name is None else load_robot(robot_name, relative_to=file.parent)
     language = "csv" if robot is None else _native_language(robot)
     write_text(file, write_profile_text(robot_name or "kuka_kr210_r2700_2", language))
-    click.echo(f'wrote {file}; next: profile = "{file.name}" in a job, or compplan post CAMFILE --profile {file}')
+    return [f'wrote {file}; next: profile = "{file.name}" in a job, or compplan post CAMFILE --profile {file}']
 
 
 def _native_language(robot: Robot) -> str:

@@ -6,18 +6,17 @@ from pathlib import Path
 
 import click
 
-from compplan.cli.commands.options import complete_robots, posture_kept
-from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.cli.options import INPUT, assume_ok, json_summary, out_folder, posture_kept, robot_option
+from compplan.cli.terminal import show, show_progress
+from compplan.errors import InfeasibleError
 from compplan.io.parsing import LEAST_SIGMA_MM
-from compplan.io.tables import dump_json
 
 
 @click.command("learn")
-@click.argument("job", type=click.Path(path_type=Path))
-@click.argument("measured", type=click.Path(path_type=Path))
-@click.option("--robot", "robot_name", required=True, shell_complete=complete_robots,
-              help="Robot folder that the part's program was planned with.")  # fmt: skip
-@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
+@click.argument("job", type=INPUT)
+@click.argument("measured", type=INPUT)
+@robot_option("Robot folder that the part's program was planned with.")
+@out_folder
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
 @click.option("--align", type=click.Choice(["datum", "best_fit"]),
@@ -26,17 +25,16 @@ from compplan.io.tables import dump_json
               )  # fmt: skip
 @click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip
-@click.option("--instrument", type=click.Path(path_type=Path),
+@click.option("--instrument", type=INPUT,
               help="TOML file of the instrument: its sigma_mm, where --sigma-mm is left out.")  # fmt: skip
-@click.option("--mesh", type=click.Path(path_type=Path),
-              help="Nominal surface of the part, STL or PLY in mm, in the frame of the points: they count along its"
-              " normals.")  # fmt: skip
+@click.option("--mesh", type=INPUT, help="Nominal surface of the part, STL or PLY in mm, in the frame of the points: "
+              "they count along its normals.")  # fmt: skip
 @click.option("--reach-mm", type=click.FloatRange(0.0, 1000.0, min_open=True),
               help="How far from the path of the tip the tool makes that surface; else 1 mm more than the radius of the"
               " cutter in [process].")  # fmt: skip
-@click.option("--assume-ok", is_flag=True, help="Learn points that are asked about as they are.")
+@assume_ok
 @posture_kept
-@click.option("--json", "as_json", is_flag=True, help="Print learn.json to stdout.")
+@json_summary
 def command(
     job: Path, measured: Path, robot_name: str, folder: Path, frame: str, align: str | None, sigma_mm: float | None,
     instrument: Path | None, mesh: Path | None, reach_mm: float | None, assume_ok: bool, keep: str | None,
@@ -51,14 +49,12 @@ def command(
 
     Example: compplan learn paths/circle_500mm.toml part1.csv --robot kuka_kr270 --out part2
     """
-    from compplan.cli.commands.progress import show_progress
-    from compplan.errors import InfeasibleError
     from compplan.job.operations import load_one_job
     from compplan.learning.measured_path import reach_of
     from compplan.learning.part import learn_from_part
     from compplan.learning.surface import read_surface
     from compplan.measurement.instrument import read_instrument
-    from compplan.reporting.writers.learn import write_learning
+    from compplan.reporting.learn import write_learning
 
     checked = load_one_job(job, keep=keep)
     if instrument is not None and sigma_mm is None:
@@ -72,24 +68,20 @@ def command(
         )  # fmt: skip
         announce("report")
         summary = write_learning(teaching, folder)
-    if as_json:
-        click.echo(dump_json(summary, indent=2))
-    else:
-        click.echo(teaching.after.verdict.sentence)
-        click.echo(f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points")
-        for note in teaching.notes:
-            click.echo(note)
-        if teaching.lesson.taken:
-            band = summary["band_after_mm"]
-            click.echo(
-                f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
-                f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
-                " directions that were measured"
-            )
-        click.echo(f"wrote {', '.join(summary['files'])} to {folder}")
-        if teaching.lesson.taken:
-            click.echo(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
-    if teaching.after.status != "solved":
-        failing, limits = teaching.after.command.failures, set(teaching.after.command.failures.values())
-        message = f"{teaching.after.explain_failures()}; the best compromise is written"
+    plan, taken, band = teaching.after, teaching.lesson.taken, summary["band_after_mm"]
+    lines = [plan.verdict.sentence, f"measured {summary['measured_rms_mm']:.4g} mm rms at {summary['points']} points"]
+    lines += teaching.notes
+    if taken:
+        lines.append(
+            f"expected of the next part: {summary['expected_rms_mm']:.4g} mm rms; its tip within"
+            f" {band['p95_max']:.3g} mm with 95 %, within {band['p95_max_in_measured_directions']:.3g} mm in the"
+            " directions that were measured"
+        )
+    lines.append(f"wrote {', '.join(summary['files'])} to {folder}")
+    if taken:
+        lines.append(f"next: cut a part with it, measure that, and learn again with --robot {folder / 'robot'}")
+    show(summary, as_json, lines)
+    if plan.status != "solved":
+        failing, limits = plan.command.failures, set(plan.command.failures.values())
+        message = f"{plan.explain_failures()}; the best compromise is written"
         raise InfeasibleError(message, waypoints=sorted(failing), limits=sorted(limits))

@@ -7,15 +7,13 @@ from pathlib import Path
 import click
 import numpy as np
 
-from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.output_paths import OUT_FOLDER
-from compplan.cli.commands.progress import show_progress
+from compplan.cli.options import complete_robots, json_summary, out_folder
+from compplan.cli.terminal import show, show_progress
 from compplan.effects import robot_effects
 from compplan.errors import InputError
-from compplan.io.tables import dump_json
+from compplan.reporting.map import write_map
 from compplan.reporting.maps.reach import POSTURES
 from compplan.reporting.maps.survey import MapSettings, map_robot
-from compplan.reporting.writers.map import write_map
 from compplan.robot import load_robot
 
 #: Greatest load [N, Nm] and height [mm] that are taken for true.
@@ -24,7 +22,7 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 
 @click.command()
 @click.argument("robot", shell_complete=complete_robots)
-@click.option("--out", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
+@out_folder
 @click.option("--posture", type=click.Choice(POSTURES), default="down", show_default=True,
               help="How the tool points; straight: wrist joints at zero.")  # fmt: skip
 @click.option("--force", nargs=3, type=float, default=(0.0, 0.0, 1000.0), show_default=True,
@@ -35,19 +33,11 @@ MOST_LOAD, FARTHEST_MM = 1e5, 1e5
 @click.option("--azimuth-deg", type=float, default=0.0, show_default=True, help="Direction of the vertical plane.")
 @click.option("--points", type=click.IntRange(5, 1000), default=100, show_default=True, help="Points along each side.")
 @click.option("--reduced", help="Robot folder of a reduced model to compare with; by default it is fitted.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@json_summary
 def command(
-    robot: str,
-    out: Path,
-    posture: str,
-    force: tuple[float, float, float],
-    moment: tuple[float, float, float],
-    height_mm: float,
-    azimuth_deg: float,
-    points: int,
-    reduced: str | None,
-    as_json: bool,
-) -> None:
+    robot: str, folder: Path, posture: str, force: tuple[float, ...], moment: tuple[float, ...], height_mm: float,
+    azimuth_deg: float, points: int, reduced: str | None, as_json: bool,
+) -> None:  # fmt: skip
     """Draw how far ROBOT yields: under the worst unit force and under a given wrench, over two planes.
 
     Example: compplan map kuka_kr270 --force 0 0 -800 --out out
@@ -59,19 +49,12 @@ def command(
         raise InputError(
             f"--force and --moment are at most {MOST_LOAD:g} N or Nm, --height-mm {FARTHEST_MM:g}, --azimuth-deg 360"
         )
-    settings = MapSettings(
-        posture=posture, wrench=wrench, height=height_mm * 1e-3, azimuth=float(np.radians(azimuth_deg)), points=points
-    )
+    settings = MapSettings(posture, wrench, height_mm * 1e-3, float(np.radians(azimuth_deg)), points)
     loaded = load_robot(robot)
     robot_effects(loaded)  # they move no map, but a wrong file is told here too
     with show_progress() as progress:
         progress("maps of two planes")
         result = map_robot(loaded, settings, None if reduced is None else load_robot(reduced))
         progress("pictures and report")
-        write_map(result, out)
-    if as_json:
-        click.echo(dump_json(result.summary()))
-        return
-    for line in result.lines():
-        click.echo(line)
-    click.echo(f"wrote {out / 'map.json'}, {out / 'report.html'}")
+        write_map(result, folder)
+    show(result.summary(), as_json, [*result.lines(), f"wrote {folder / 'map.json'}, {folder / 'report.html'}"])

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from compplan.cli.commands.operations import carry_out_all
-from compplan.cli.commands.options import posture_kept, robot_instead
-from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.cli.options import INPUT, json_summary, out_folder, posture_kept, robot_instead
+from compplan.cli.terminal import show, show_progress
 from compplan.errors import CompplanError, InfeasibleError
-from compplan.io.tables import dump_json
 
 if TYPE_CHECKING:
     from compplan.job.job import Job
+    from compplan.planning.result import Plan
 
-#: What a plan goes through, as it tells it.
+#: What a plan goes through, as it says it.
 STAGES = (
     "robot and toolpath", "posture", "sampling", "compensation", "force and feed", "virtual cell", "margins",
     "95 % band", "write",
@@ -24,24 +24,24 @@ STAGES = (
 
 
 @click.command()
-@click.argument("job", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
+@click.argument("job", type=INPUT)
+@out_folder
 @robot_instead
 @posture_kept
-@click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
-def command(job: Path, folder: Path, robot: str | None, keep: str | None, as_json: bool) -> None:
+@json_summary
+def command(job: Path, folder: Path, robot_name: str | None, keep: str | None, as_json: bool) -> None:
     """Plan JOB: write plan.json, joints.csv, report.html and native programs.
 
     Example: compplan plan paths/isf_cone.toml --out out
     """
     from compplan.job.job import load_job
 
-    checked = load_job(job, robot, keep)
+    checked = load_job(job, robot_name, keep)
     carry_out(checked, folder, as_json=as_json, note=_describe_lesson(checked, f"learned_{job.stem}.csv"))
 
 
 def _describe_lesson(job: Job, name: str) -> str:
-    """Say that the robot's folder holds a lesson of this path; a robot that is not found says so elsewhere."""
+    """Say that the robot's folder holds a lesson of this path; a robot that is not found is refused elsewhere."""
     from compplan.robot.folder import find_robot_folder
 
     try:
@@ -53,7 +53,7 @@ def _describe_lesson(job: Job, name: str) -> str:
 
 
 def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
-    """Plan a job, write what came of it, and say so.
+    """Plan a job, a plan for each tool that it calls, write what came of it, and say so.
 
     Args:
         job: The job.
@@ -62,41 +62,65 @@ def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
         note: What the plan's notes begin with, "" for nothing.
 
     Raises:
-        InfeasibleError: If the plan is not what was asked for; it is written all the same.
-
+        InfeasibleError: If a plan is not what was asked for; it is written all the same.
     """
     from compplan.job.operations import split_job
+    from compplan.planning.plan import plan_job
+    from compplan.planning.result import replace_said, summarise_plan
+    from compplan.reporting.plan_text import format_plan
+    from compplan.reporting.writers.plan import deliver_plan, note_programs
 
     jobs = split_job(job)
-    if len(jobs) > 1:
-        carry_out_all(jobs, folder, as_json=as_json, note=note)
-    else:
-        _carry_out_one(jobs[0], folder, as_json=as_json, note=note)
-
-
-def _carry_out_one(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
-    """Plan a job of one tool, as `carry_out` says."""
-    from compplan.cli.commands.progress import show_progress
-    from compplan.planning.plan import plan_job
-    from compplan.planning.result import replace_said
-    from compplan.reporting.plan_text import format_plan
-    from compplan.reporting.writers.plan import deliver_plan, note_programs, summarise_plan
-
+    plans: list[Plan] = []
     with show_progress(STAGES) as announce:
-        plan = note_programs(plan_job(job, progress=announce))
-        plan = replace_said(plan, (note, *plan.notes)) if note else plan
-        announce("95 % band: where the true tip is")
-        _ = plan.promise, plan.mismatch
-        announce("write: programs, joints.csv, report.html")
-        plan, files = deliver_plan(plan, folder)
-    if as_json:
-        click.echo(dump_json(summarise_plan(plan), indent=2))
+        for one in jobs:
+            plan = note_programs(plan_job(one, progress=announce))
+            plans.append(replace_said(plan, (note, *plan.notes)) if note and not plans else plan)
+            announce("95 % band: where the true tip is")
+            _ = plans[-1].promise, plans[-1].mismatch
+        if len(jobs) == 1:
+            announce("write: programs, joints.csv, report.html")
+            plan, files = deliver_plan(plans[0], folder)
+            plans = [plan]
+    if len(jobs) == 1:
+        show(summarise_plan(plan), as_json, format_plan(plan, folder, files))
     else:
-        for line in format_plan(plan, folder, files):
-            click.echo(line)
-    if plan.status != "solved":
-        failing = sorted(plan.command.failures)
-        limits = sorted(set(plan.command.failures.values()))
-        marked = "infeasible" if plan.status == "infeasible" else "not_confirmed"
-        message = f"{plan.explain_failures()}; the best compromise is written, marked {marked}"
-        raise InfeasibleError(message, waypoints=failing, limits=limits)
+        name = jobs[0].data.get("name", "").rpartition(",")[0] or jobs[0].file.stem
+        plans = _deliver_all(plans, folder, name, as_json=as_json)
+    _refuse_failures(plans)
+
+
+def _deliver_all(plans: Sequence[Plan], folder: Path, name: str, *, as_json: bool) -> list[Plan]:
+    """Write the plans of several tools together, say so, and return them with what their files say."""
+    from compplan.planning.operations import summarise_operations
+    from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
+    from compplan.reporting.plan_text import format_notes
+
+    read, files = deliver_operations(plans, folder, name)
+    summary = summarise_operations(read, name)
+    lines = [f"{name}: {describe_operations(summary)}"]
+    for plan in read:
+        label = "" if plan.job is None else plan.job.label
+        lines.append(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
+    lines += format_notes(summary["notes"], folder)
+    if any(plan.job is not None and plan.job.output.programs for plan in read):
+        lines.append(describe_order(summary, files))
+    first = folder / summary["tools"][0]["folder"]
+    lines.append(f"wrote {len(files)} files to {folder}; next: open {folder / 'report.html'}, or compplan view {first}")
+    show(summary, as_json, lines)
+    return read
+
+
+def _refuse_failures(plans: Sequence[Plan]) -> None:
+    """Refuse plans that are not solved, with the waypoints and limits that stop them."""
+    from compplan.planning.operations import worst_status
+
+    failing = [plan for plan in plans if plan.status != "solved"]
+    if not failing:
+        return
+    labels = [f"{plan.job.label}: " if plan.job is not None and len(plans) > 1 else "" for plan in failing]
+    said = "; ".join(f"{label}{plan.explain_failures()}" for label, plan in zip(labels, failing, strict=True))
+    waypoints = sorted(failing[0].command.failures) if len(plans) == 1 else []
+    limits = sorted({limit for plan in failing for limit in plan.command.failures.values()})
+    message = f"{said}; the best compromise is written, marked {worst_status(plans)}"
+    raise InfeasibleError(message, waypoints=waypoints, limits=limits)

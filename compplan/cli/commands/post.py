@@ -7,27 +7,24 @@ from typing import Any
 
 import click
 
-from compplan.cli.commands.cam_options import keep_stated, take_cam_options
-from compplan.cli.commands.options import complete_robots
-from compplan.cli.commands.output_paths import OUT_FOLDER
+from compplan.cli.commands.plan import carry_out
+from compplan.cli.options import INPUT, json_summary, keep_stated, out_folder, robot_option, take_cam_options
 from compplan.controllers.writers import WRITERS
 from compplan.errors import InputError
 from compplan.io.tomlfile import check_table, read_named_table
 
 #: Where the tables and keys of the job that this command makes up come from.
-OPTIONS = {
-    "robot": "--robot", "toolpath": "CAMFILE", "part": "--part", "tool": "--tool", "tools": "--tools",
-    "process": "--process",
-    "cam": "--cam", "plan": "--plan", "output": "--output",
-}  # fmt: skip
+OPTIONS = {"toolpath": "CAMFILE"} | {
+    name: f"--{name}" for name in ("robot", "part", "tool", "tools", "process", "cam", "plan", "output")
+}
 
 
 @click.command()
-@click.argument("camfile", type=click.Path(path_type=Path))
+@click.argument("camfile", type=INPUT)
 @click.option(
     "--profile", metavar="FILE", help="Shop profile (compplan init profile): what it has may be left out here."
 )
-@click.option("--robot", shell_complete=complete_robots, help="A folder in robots/ or a path.")
+@robot_option("A folder in robots/ or a path.", required=False)
 @click.option("--part", metavar="X,Y,Z[,RX,RY,RZ] | FILE", help="Part frame, mm and rotation vector.")
 @click.option("--tool", metavar="FILE", help="TOML file as [tool] of a job; left out: the robot folder's TCP.")
 @click.option("--tools", metavar="FILE", help="Tools by T number: TOML with [[tool]], CSV, or a tool library (Fusion, "
@@ -39,10 +36,10 @@ OPTIONS = {
 @take_cam_options
 @click.option("--plan", "wishes", metavar="FILE", help="TOML file as [plan] of a job: strategy, tolerance, posture.")
 @click.option("--output", metavar="FILE", help="TOML file as [output] of a job: signals (io), header, footer, ..")
-@click.option("--out", "folder", type=OUT_FOLDER, default="out", show_default=True, help="Folder to write to.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary (plan.json) to stdout.")
+@out_folder
+@json_summary
 def command(
-    camfile: Path, profile: str | None, robot: str | None, part: str | None, tool: str | None, tools: str | None,
+    camfile: Path, profile: str | None, robot_name: str | None, part: str | None, tool: str | None, tools: str | None,
     process: str | None, programs: tuple[str, ...], cam: str | None, wishes: str | None, output: str | None,
     folder: Path, as_json: bool, **of_cam: Any,
 ) -> None:  # fmt: skip
@@ -50,16 +47,16 @@ def command(
 
     Example: compplan post part.nc --robot kuka_kr240 --part 1800,0,700 --program krl --out out
     """
-    from compplan.cli.commands.plan import carry_out
     from compplan.reporting.writers.post import make_post_job
 
     stated = keep_stated(**of_cam)
     of_file = {**({} if cam is None else read_named_table(cam, "cam")[0]), **stated} if stated else cam
     stands_in = folder.absolute() / f"{camfile.stem}.toml"
+    place = None if part is None else read_part(part)
     note = "No --process is given: no force is predicted, the arm bends under weights alone." if process is None else ""
     try:
         job = make_post_job(
-            camfile, robot=robot, part=None if part is None else read_part(part), program=programs, profile=profile,
+            camfile, robot=robot_name, part=place, program=programs, profile=profile,
             tool=tool, tools=tools, process=process, cam=of_file, plan=wishes,
             output=None if output is None else read_output(output), stands_in=stands_in,
         )  # fmt: skip
@@ -86,7 +83,6 @@ def read_part(text: str) -> dict[str, Any]:
 
     Raises:
         InputError: If it is neither.
-
     """
     from compplan.reporting.writers.post import read_part as read_numbers
     from compplan.reporting.writers.post import read_table_of_job
@@ -105,7 +101,6 @@ def read_output(file: str) -> dict[str, Any]:
 
     Raises:
         InputError: If a key is not what it has to be, those among them that the command line replaces.
-
     """
     from compplan.job.output import OutputTable
     from compplan.reporting.writers.post import read_table_of_job

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import click
 
+from compplan.cli.options import INPUT
+from compplan.cli.terminal import show, show_progress
 from compplan.io.tables import read_text
 
 
 @click.command()
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=INPUT)
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="Port on 127.0.0.1.")
 @click.option("--open/--no-open", "opened", default=True, help="Open the page in the browser.")
 def command(out: Path, port: int, opened: bool) -> None:
@@ -22,7 +24,6 @@ def command(out: Path, port: int, opened: bool) -> None:
 
     Example: compplan view out
     """
-    from compplan.cli.commands.progress import show_progress
     from compplan.reporting.view.server import HOST, start_server
 
     viewers = []
@@ -31,7 +32,7 @@ def command(out: Path, port: int, opened: bool) -> None:
             progress("the viewer starts")
             viewers.append(start_server(folder, port + place))
         address = f"http://{HOST}:{port + place}"
-        click.echo(f"{folder} at {address}, Ctrl-C ends it")
+        show({}, False, [f"{folder} at {address}, Ctrl-C ends it"])
         if opened:
             click.launch(address)
     try:

@@ -6,9 +6,8 @@ what will matter later, and what to do about it. What cannot be read at all ends
 
 from __future__ import annotations
 
-from compplan.cli.doctor.installation import examine_installation
+from compplan.cli.doctor.installation import Remark, examine_installation
 from compplan.cli.doctor.log import examine_log
-from compplan.cli.doctor.remarks import Remark
 from compplan.cli.doctor.robot_folder import examine_robot
 
 __all__ = ["Remark", "examine_installation", "examine_log", "examine_robot"]

@@ -7,17 +7,35 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from importlib import metadata
+from typing import Literal
 
 import numpy as np
 from packaging.requirements import Requirement
 
-from compplan.cli.doctor.remarks import Remark
 from compplan.robot.folder import robot_folders
 from compplan.version import VERSION
 
 #: Oldest Python, as pyproject.toml states it.
 OLDEST_PYTHON = (3, 11)
+
+
+@dataclass(frozen=True)
+class Remark:
+    """One thing that was looked at.
+
+    Attributes:
+        state: "fine": as it should be; "note": worth knowing; "odd": likely a mistake, or it will limit results.
+        about: What was looked at, in a word or two.
+        sentence: What was seen, with its figure.
+        advice: What to do about it; "" where there is nothing to do.
+    """
+
+    state: Literal["fine", "note", "odd"]
+    about: str
+    sentence: str
+    advice: str = ""
 
 
 def examine_installation() -> list[Remark]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compplan.cli.doctor.remarks import Remark
+from compplan.cli.doctor.installation import Remark
 from compplan.diagnosis.data.plausibility import check_plausibility
 from compplan.errors import InputError
 from compplan.io.tables import Table, read_table, read_text
@@ -26,15 +26,10 @@ NARROW = np.radians(15.0)
 
 
 def examine_log(file: Path, robot: Robot | None = None) -> list[Remark]:
-    """Look at a measurement log, and at how it goes with its robot where that is given.
-
-    Args:
-        file: The log.
-        robot: The robot that it was taken on.
+    """Look at a measurement log, and at how it goes with the robot that it was taken on where that is given.
 
     Raises:
         InputError: If it is no measurement log, or none of this robot.
-
     """
     try:
         table = read_table(file, log_columns(), unknown="note", rename=rename_title)

@@ -1,4 +1,4 @@
-"""A robot folder: what it does not say, and what its numbers come to."""
+"""A robot folder: what it does not say, what its numbers come to, and how the teach pendant counts tools on it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.cli.doctor.pendant import check_pendant
-from compplan.cli.doctor.remarks import Remark
-from compplan.controllers.writers.joint_convention import load_controller
+from compplan.cli.doctor.installation import Remark
+from compplan.controllers.writers.joint_convention import from_controller, load_controller, locate_link
+from compplan.controllers.writers.pendant import locate_pendant
 from compplan.effects import robot_effects
 from compplan.robot import Array, Robot
 from compplan.robot.description import find_mesh
-from compplan.robot.mounting import name_axis, outward_axis
+from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.robot.rating import check_mass, read_rating, sum_arm_mass
 from compplan.robot.shapes import describe_shapes, read_bodies
 from compplan.robot.soft_limits import describe_soft_limits
@@ -33,14 +33,12 @@ POOR = 0.02
 FASTEST, FASTEST_SLIDE = np.radians(2000.0), 10.0
 #: Poses that are sampled.
 POSES = 400
+#: Angle between the TCP's z and the flange's outward axis from which on the folder's own tool is asked about. [deg]
+ASIDE = 60.0
 
 
 def examine_robot(robot: Robot) -> list[Remark]:
-    """Look at a robot folder that could be read.
-
-    Args:
-        robot: The robot.
-    """
+    """Look at a robot folder that could be read."""
     findings = [_describe(robot), *_look_at_sources(robot), *_look_at_limits(robot), *_look_at_weights(robot)]
     findings += [*_look_at_springs(robot), *_look_at_geometry(robot), *_look_at_controller(robot)]
     return [*findings, *check_pendant(robot), *_look_at_shapes(robot)]
@@ -152,7 +150,7 @@ def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
 
 def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     counting = load_controller(robot)
-    if counting.known:
+    if not counting.unchecked:
         yield Remark("fine", "controller", "controller.toml says how the joints are counted")
     else:
         yield Remark("note", "controller", f"{counting.unchecked}: signs and zeros of native programs are not known",
@@ -183,3 +181,49 @@ def _sample(robot: Robot) -> Array:
     middle = middle_of_limits(robot)
     half = np.minimum(np.nan_to_num((robot.upper - robot.lower) / 2.0, posinf=np.pi), np.pi)
     return np.asarray(middle + np.random.default_rng(0).uniform(-0.9, 0.9, (POSES, robot.nq)) * half)
+
+
+def zero_posture(robot: Robot) -> Array:
+    """Return the posture in which the pendant shows 0 for every axis, or the nearest within limits. Shape (nq,)."""
+    q = from_controller(load_controller(robot), np.zeros((1, robot.nq)))[0]
+    return np.asarray(np.clip(q, robot.lower, robot.upper))
+
+
+def check_pendant(robot: Robot) -> Iterator[Remark]:
+    """Say how tool data of the pendant are counted, and how to check it."""
+    found, flange = locate_pendant(robot), robot.flange
+    if found is None:
+        advice = "write [pendant] with x and z in controller.toml, or give tools in the URDF's flange frame"
+        yield Remark("note", "pendant", "nothing says how the teach pendant counts tools", advice)
+        return
+    x, z = (name_axis(found.pose[:3, k]) for k in (0, 2))
+    said = f"tool data of the teach pendant: x points along {x} and z along {z} of {flange!r} ({found.source})"
+    if found.confirmed:
+        yield Remark("fine", "pendant", said)
+    else:
+        why = "taken from the URDF" if not found.stated else "where x points is not confirmed"
+        yield Remark("note", "pendant", f"{said}; {why}", "jog along +x of tool 0 before the first cut")
+    yield Remark("fine", "jog check", _describe_jog(robot, found.pose))
+    yield from _look_at_mounted(robot, found.pose)
+
+
+def _describe_jog(robot: Robot, pendant: Array) -> str:
+    """Say where the flange goes when one jogs along the tool's axes with every axis at 0."""
+    q = zero_posture(robot)
+    counting = load_controller(robot)
+    at_zero = np.allclose(q, from_controller(counting, np.zeros((1, robot.nq)))[0])
+    flange = locate_link(robot, q[None], robot.flange)[0] @ pendant
+    seen = counting.world[:3, :3].T @ flange[:3, :3]
+    x, z = (name_axis(np.where(np.abs(seen[:, k]) < 1e-6, 0.0, seen[:, k])) for k in (0, 2))
+    pose = "with every axis at 0" if at_zero else "with every axis as near to 0 as its limits allow"
+    return f"{pose}, tool 0 jogs along +x towards {x} and along +z towards {z} of the base frame"
+
+
+def _look_at_mounted(robot: Robot, pendant: Array) -> Iterator[Remark]:
+    """Ask about the folder's own TCP where it leaves the flange sideways."""
+    tool = mounted_tool(robot)
+    cosine = float(np.clip(tool[:3, 2] @ pendant[:3, 2], -1.0, 1.0))
+    angle = float(np.degrees(np.arccos(cosine)))
+    if angle > ASIDE:
+        yield Remark("odd", "tcp", f"z of {robot.tcp!r} points {angle:.3g} deg away from the flange's outward axis",
+                     "z of the TCP frame has to point out of the tool")  # fmt: skip

@@ -29,30 +29,18 @@ SIDE = 6
 
 @dataclass(frozen=True)
 class Places:
-    """Where rows are along a path.
+    """Where rows are along a path."""
 
-    Args:
-        s: Length along it. Shape (n,). [m]
-        point: Nearest point of it. Shape (n, 3). [m]
-        distance: Distance across it. Shape (n,). [m]
-
-    """
-
-    s: Array
-    point: Array
-    distance: Array
+    s: Array  #: Length along it. Shape (n,). [m]
+    point: Array  #: Nearest point of it. Shape (n, 3). [m]
+    distance: Array  #: Distance across it. Shape (n,). [m]
 
 
 def place_rows(path: Path, tip: Array, way: Array) -> Places:
     """Find every row of a log on the programmed path, in order, a block of rows after another.
 
     The way that the tip has gone so far says where to look, so that a path that passes a place twice is told apart.
-
-    Args:
-        path: The programmed path.
-        tip: Tips of the rows. Shape (n, 3). [m]
-        way: Way gone up to each. Shape (n,). [m]
-
+    Tips of the rows have shape (n, 3), the way gone up to each (n,). [m]
     """
     s = _follow_rows(path, tip, way, find_start(path, tip, way))
     index = np.searchsorted(path.s, s)
@@ -123,14 +111,10 @@ def _hold_rows(path: Path, tip: Array, way: Array, rows: NDArray[np.int_], start
 
 
 def find_nearest(points: Array, index: NDArray[np.int_], tip: Array, side: int) -> tuple[Array, Array]:
-    """Return the nearest point of a polyline near given points of it, and where that is, counted in points.
+    """Return the nearest point of a polyline to each row, and where that is, counted in points.
 
-    Args:
-        points: The polyline. Shape (m, 3). [m]
-        index: A point of it for every row. Shape (n,).
-        tip: The rows. Shape (n, 3). [m]
-        side: How many pieces to either side are looked at.
-
+    `index` is a point of it for every row, `side` how many pieces to either side of it are looked at. Shapes (m, 3),
+    (n,), (n, 3). [m]
     """
     best = np.full(len(tip), np.inf)
     nearest, share = np.empty_like(tip), np.empty(len(tip))

@@ -21,10 +21,7 @@ STILL = 1e-6
 def follow_command(q: Array, motion: ServoMotion) -> Array:
     """Return the joints that drives reach of a command at the controller's cycle; they rest before the first row.
 
-    Args:
-        q: Command, a cycle apart. Shape (k, nq). [rad or m]
-        motion: The controller.
-
+    Shape (k, nq). [rad or m]
     """
     lagged = lag_command(q, motion.lag, motion.acceleration_lag, motion.cycle)
     if not motion.lost_motion.any():
@@ -33,14 +30,9 @@ def follow_command(q: Array, motion: ServoMotion) -> Array:
 
 
 def lag_command(q: Array, lag: Array, acceleration_lag: Array, cycle: float) -> Array:
-    """Return a command after lag and acceleration residue of every joint, exact for straight pieces between rows.
+    """Return a command after lag T1 [s] and acceleration residue T2 [s^2] of every joint, exact for straight pieces.
 
-    Args:
-        q: Command. Shape (k, nq). [rad or m]
-        lag: T1. Shape (nq,). [s]
-        acceleration_lag: T2. Shape (nq,). [s^2]
-        cycle: Time between rows. [s]
-
+    Rows of the command, shape (k, nq) [rad or m], are a cycle [s] apart.
     """
     out = np.empty_like(q)
     for j in range(q.shape[1]):

@@ -30,7 +30,6 @@ def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes
 
     Returns:
         The moves, and the row of the whole program at the end of each. Shape (m,).
-
     """
     program = fitted.program
     alone, moves = program.alone(linear=True), mark_moves(program)

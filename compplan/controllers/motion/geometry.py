@@ -38,24 +38,14 @@ MISSED = 1e-7
 
 @dataclass(frozen=True)
 class Nodes:
-    """Where the moves of a program end.
+    """Where the moves of a program end."""
 
-    Args:
-        instructions: The instructions.
-        q: Joints at the end of each. Shape (n, nq). [rad or m]
-        position: Tip there. Shape (n, 3). [m]
-        rotation: TCP frame there. Shape (n, 3, 3).
-        length: Way of the tip to each, 0 for the first. Shape (n,). [m]
-        arcs: Arcs among the moves, by the one that each is.
-
-    """
-
-    instructions: Instructions
-    q: Array
-    position: Array
-    rotation: Array
-    length: Array
-    arcs: Mapping[int, Arc] = field(default_factory=dict)
+    instructions: Instructions  #: The instructions.
+    q: Array  #: Joints at the end of each. Shape (n, nq). [rad or m]
+    position: Array  #: Tip there. Shape (n, 3). [m]
+    rotation: Array  #: TCP frame there. Shape (n, 3, 3).
+    length: Array  #: Way of the tip to each, 0 for the first. Shape (n,). [m]
+    arcs: Mapping[int, Arc] = field(default_factory=dict)  #: Arcs among the moves, by the one that each is.
 
     def along(self, move: NDArray[np.int_], share: Array) -> Array:
         """Return where the tip is at shares of lines and arcs. Shape (k,) -> (k, 3). [m]."""
@@ -69,28 +59,16 @@ class Nodes:
 
 @dataclass(frozen=True)
 class Path:
-    """Points along a path, near enough to one another for a cubic between two.
+    """Points along a path, near enough to one another for a cubic between two."""
 
-    Args:
-        s: Length up to each, tip and a little for every turn of a joint. Shape (m,). [m]
-        q: Joints. Shape (m, nq). [rad or m]
-        position: Tip. Shape (m, 3). [m]
-        feed: Greatest speed in s from each point to the next, as programmed. Shape (m,). [m/s]
-        stops: Points at which the robot rests, ends included.
-        before: Slope dq/ds as each point is reached. Shape (m, nq).
-        after: Slope as it is left; another one where it rests. Shape (m, nq).
-        ends: Length at the end of every move, its blend included. Shape (moves,). [m]
-
-    """
-
-    s: Array
-    q: Array
-    position: Array
-    feed: Array
-    stops: NDArray[np.int_]
-    before: Array
-    after: Array
-    ends: Array
+    s: Array  #: Length up to each, tip and a little for every turn of a joint. Shape (m,). [m]
+    q: Array  #: Joints. Shape (m, nq). [rad or m]
+    position: Array  #: Tip. Shape (m, 3). [m]
+    feed: Array  #: Greatest speed in s from each point to the next, as programmed. Shape (m,). [m/s]
+    stops: NDArray[np.int_]  #: Points at which the robot rests, ends included.
+    before: Array  #: Slope dq/ds as each point is reached. Shape (m, nq).
+    after: Array  #: Slope as it is left; another one where it rests. Shape (m, nq).
+    ends: Array  #: Length at the end of every move, its blend included. Shape (moves,). [m]
 
     @cached_property
     def bends(self) -> tuple[Array, Array, Array, Array]:
@@ -103,15 +81,10 @@ class Path:
 def locate_nodes(instructions: Instructions, arm: Arm, start: Array | None = None) -> Nodes:
     """Find the joints at the end of every instruction, each in the branch nearest to the one before.
 
-    Args:
-        instructions: The instructions.
-        arm: The robot.
-        start: Joints near those of the first instruction; without, and where that gives none, those nearest to the
-            middle of the limits. Shape (nq,). [rad or m]
+    The first is the one nearest to `start`, shape (nq,) [rad or m]; without it, to the middle of the limits.
 
     Raises:
         InputError: If an end is out of reach.
-
     """
     n = len(instructions)
     q = np.array(instructions.q)
@@ -212,7 +185,6 @@ def build_path(nodes: Nodes, arm: Arm, blend_share: float, spacing: float = STEP
     Raises:
         InputError: If nothing moves.
         InfeasibleError: If a line cannot be followed in one branch.
-
     """
     length, n = nodes.length, len(nodes.length)
     reach = np.zeros(n)

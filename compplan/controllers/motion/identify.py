@@ -49,39 +49,21 @@ GROUPS = 3
 
 @dataclass(frozen=True)
 class Identified:
-    """What logs say of a controller.
+    """What logs say of a controller."""
 
-    Args:
-        motion: The model fitted to all rows.
-        rung: Its name in `RUNGS`, or "none" where no model helps rows left out.
-        helps: Whether it is to be written.
-        left: Distance of rows left out across the executed path. Shape (n,). [m]
-        left_before: The same by the folder's own values. Shape (n,). [m]
-        without: Distance across the programmed path. Shape (n,). [m]
-        ladder: By rung the (median, p95) of rows left out. [m]
-        held_out: "log" or "time": what was left out in turn.
-
-    """
-
-    motion: ServoMotion
-    rung: str
-    helps: bool
-    left: Array
-    left_before: Array
-    without: Array
+    motion: ServoMotion  #: The model fitted to all rows.
+    rung: str  #: Its name in `RUNGS`, or "none" where no model helps rows left out.
+    helps: bool  #: Whether it is to be written.
+    left: Array  #: Distance of rows left out across the executed path. Shape (n,). [m]
+    left_before: Array  #: The same by the folder's own values. Shape (n,). [m]
+    without: Array  #: Distance across the programmed path. Shape (n,). [m]
+    #: By rung the (median, p95) of rows left out. [m]
     ladder: dict[str, tuple[float, float]] = field(default_factory=dict)
-    held_out: str = "log"
+    held_out: str = "log"  #: "log" or "time": what was left out in turn.
 
 
 def identify_motion(windows: Sequence[Window], folder: ServoMotion, arm: Arm) -> Identified:
-    """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all.
-
-    Args:
-        windows: Windows of all logs.
-        folder: The folder's own values.
-        arm: The robot.
-
-    """
+    """Fit every rung with groups of rows left out, keep the plainest that is nearly the best, and fit it to all."""
     logs = sorted({window.log for window in windows})
     by_log = len(logs) > 1
     count = min(GROUPS, len(logs) if by_log else len(windows))
@@ -180,15 +162,8 @@ def fit_motion(
 ) -> ServoMotion:
     """Fit a model by damped Gauss-Newton steps with robust weights; blends stay.
 
-    A joint's parameters change its own column alone, so that one run gives the slopes of all joints.
-
-    Args:
-        windows: What to fit to.
-        motion: Where to begin.
-        free: What may change: speed, common or lag, acceleration, lost.
-        arm: The robot.
-        steps: Most steps.
-
+    A joint's parameters change its own column alone, so that one run gives the slopes of all joints. `free` names what
+    may change: speed, common or lag, acceleration, lost.
     """
     now, damping = _evaluate(windows, motion, free, arm), 1e-3
     for _ in range(steps):

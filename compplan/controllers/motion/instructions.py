@@ -32,27 +32,16 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Instructions:
-    """Hold the motion instructions of a program; the robot stands at the end of the first one when it begins.
+    """Hold the motion instructions of a program; the robot stands at the end of the first one when it begins."""
 
-    Args:
-        file: Where they were read from.
-        lines: Line of each. Shape (n,).
-        straight: Whether the tip goes along a line; else the joints go in proportion. Shape (n,).
-        position: Tip at the end of each, base frame; NaN where joints are given. Shape (n, 3). [m]
-        axis: Tool axis there, tip to spindle; NaN where joints are given. Shape (n, 3).
-        q: Joints there; NaN where only a pose is given. Shape (n, nq). [rad or m]
-        feed: Speed of the tip on the way there. Shape (n,). [m/s]
-        zone: Distance from the end at which the controller may leave for the next one; 0: exact stop. Shape (n,). [m]
-
-    """
-
-    file: Path
-    lines: NDArray[np.int64]
-    straight: NDArray[np.bool_]
-    position: Array
-    axis: Array
-    q: Array
-    feed: Array
+    file: Path  #: Where they were read from.
+    lines: NDArray[np.int64]  #: Line of each. Shape (n,).
+    straight: NDArray[np.bool_]  #: Whether the tip goes along a line; else the joints go in proportion. Shape (n,).
+    position: Array  #: Tip at the end of each, base frame; NaN where joints are given. Shape (n, 3). [m]
+    axis: Array  #: Tool axis there, tip to spindle; NaN where joints are given. Shape (n, 3).
+    q: Array  #: Joints there; NaN where only a pose is given. Shape (n, nq). [rad or m]
+    feed: Array  #: Speed of the tip on the way there. Shape (n,). [m/s]
+    #: Distance from the end at which the controller may leave for the next one; 0: exact stop. Shape (n,). [m]
     zone: Array
 
     def __len__(self) -> int:
@@ -62,13 +51,8 @@ class Instructions:
 def read_instructions(file: Path, robot: Robot) -> Instructions:
     """Read PROGRAM.csv.
 
-    Args:
-        file: The table.
-        robot: The robot that executes it.
-
     Raises:
         InputError: With file and line, if a row is no instruction that this robot can be given.
-
     """
     table = read_table(file, COLUMNS)
     n, nq = len(table), robot.nq
@@ -97,7 +81,6 @@ def read_joints(table: Table, robot: Robot, name: str) -> Array:
 
     Raises:
         InputError: If their number or their units are not the robot's.
-
     """
     keys = table.numbered(name)
     if not keys:

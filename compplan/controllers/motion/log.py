@@ -35,32 +35,18 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Log:
-    """Hold what a log says, rows in the order of time.
+    """Hold what a log says, rows in the order of time."""
 
-    Args:
-        file: Where it was read from.
-        time: Clock of the log. Shape (n,). [s]
-        raw: Joints as logged. Shape (n, nq). [rad or m]
-        q: Joints with torn readings put right. Shape (n, nq). [rad or m]
-        rate: Rates of them. Shape (n, nq). [rad/s or m/s]
-        torn: Which readings were torn. Shape (n, nq).
-        cycle: Usual time between rows. [s]
-        late: Share of rows whose clock is off by more than a fifth of a cycle.
-        missing: Share of rows that are not there.
-        notes: What was read past.
-
-    """
-
-    file: Path
-    time: Array
-    raw: Array
-    q: Array
-    rate: Array
-    torn: NDArray[np.bool_]
-    cycle: float
-    late: float
-    missing: float
-    notes: tuple[str, ...]
+    file: Path  #: Where it was read from.
+    time: Array  #: Clock of the log. Shape (n,). [s]
+    raw: Array  #: Joints as logged. Shape (n, nq). [rad or m]
+    q: Array  #: Joints with torn readings put right. Shape (n, nq). [rad or m]
+    rate: Array  #: Rates of them. Shape (n, nq). [rad/s or m/s]
+    torn: NDArray[np.bool_]  #: Which readings were torn. Shape (n, nq).
+    cycle: float  #: Usual time between rows. [s]
+    late: float  #: Share of rows whose clock is off by more than a fifth of a cycle.
+    missing: float  #: Share of rows that are not there.
+    notes: tuple[str, ...]  #: What was read past.
 
     def __len__(self) -> int:
         return len(self.time)
@@ -69,13 +55,8 @@ class Log:
 def read_log(file: Path, robot: Robot) -> Log:
     """Read LOG.csv and put torn readings right.
 
-    Args:
-        file: The table.
-        robot: The robot that was logged.
-
     Raises:
         InputError: With file and line, if it is no log of this robot.
-
     """
     table = read_table(file, COLUMNS, unknown="note", rename=rename_export)
     raw, time, notes = read_joints(table, robot, "q#"), table.values["time"], list(table.notes)
@@ -106,7 +87,6 @@ def clean_log(file: Path, time: Array, raw: Array, notes: list[str]) -> Log:
 
     Raises:
         InputError: If no joint moves.
-
     """
     cycle = float(np.median(np.diff(time)))
     if np.ptp(raw, axis=0).max() < 1e-4:

@@ -25,18 +25,11 @@ NEAR = 0.04
 
 @dataclass(frozen=True)
 class WindowRun:
-    """A window as a model executes it.
+    """A window as a model executes it."""
 
-    Args:
-        command: Joints that are commanded. Shape (k, nq). [rad or m]
-        q: Joints that the drives reach. Shape (k, nq). [rad or m]
-        at: Where every row of the window is in it, in rows of the run. Shape (n,).
-
-    """
-
-    command: Array
-    q: Array
-    at: Array
+    command: Array  #: Joints that are commanded. Shape (k, nq). [rad or m]
+    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
+    at: Array  #: Where every row of the window is in it, in rows of the run. Shape (n,).
 
     @cached_property
     def here(self) -> tuple[Array, Array]:
@@ -45,14 +38,7 @@ class WindowRun:
 
 
 def run_window(window: Window, motion: ServoMotion, arm: Arm) -> WindowRun:
-    """Execute a window and find its rows in the run: where the path's length is theirs, then where joints are nearest.
-
-    Args:
-        window: The window.
-        motion: The model.
-        arm: The robot.
-
-    """
+    """Execute a window and find its rows in the run: where the path's length is theirs, then nearest in the joints."""
     if window.latest.get("motion") is motion:  # a step that was taken is looked at again for its slopes
         return window.latest["run"]
     model = replace(motion, cycle=CYCLE)
@@ -124,7 +110,6 @@ def divide_gap(window: Window, motion: ServoMotion, arm: Arm) -> dict[str, Array
 
     Returns:
         By cause, and `gap` for all of it. Shape (n, 3) each. [m]
-
     """
     run = run_window(window, motion, arm)
     lagged = lag_command(run.command, motion.lag, motion.acceleration_lag, CYCLE)

@@ -27,36 +27,23 @@ REST = 8.0
 
 @dataclass(frozen=True)
 class Executed:
-    """What the controller makes of a program.
+    """What the controller makes of a program."""
 
-    Args:
-        time: Since the first command. Shape (k,). [s]
-        q: Joints that the drives reach. Shape (k, nq). [rad or m]
-        position: Nominal tip of them. Shape (k, 3). [m]
-        motion: The controller.
-        notes: What is assumed.
-
-    """
-
-    time: Array
-    q: Array
-    position: Array
-    motion: ServoMotion
-    notes: tuple[str, ...]
+    time: Array  #: Since the first command. Shape (k,). [s]
+    q: Array  #: Joints that the drives reach. Shape (k, nq). [rad or m]
+    position: Array  #: Nominal tip of them. Shape (k, 3). [m]
+    motion: ServoMotion  #: The controller.
+    notes: tuple[str, ...]  #: What is assumed.
 
 
 def execute_program(file: File, robot: Robot, start: Array | None = None) -> Executed:
-    """Execute the instructions of a file.
+    """Execute the instructions of PROGRAM.csv as the controller of the robot folder does.
 
-    Args:
-        file: PROGRAM.csv.
-        robot: The robot; [motion] of its controller.toml is the controller.
-        start: Joints near those in which it begins, where its first row gives a pose alone. Shape (nq,).
+    `start` are joints near those in which it begins, where its first row gives a pose alone. Shape (nq,).
 
     Raises:
         InputError: If the file or the folder is not what it has to be.
         InfeasibleError: If a line cannot be followed, or a joint would leave its limits.
-
     """
     motion, assumed = load_motion(robot)
     instructions = read_instructions(file, robot)

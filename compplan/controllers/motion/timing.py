@@ -13,27 +13,17 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class Schedule:
-    """Length along a path by time, smoothed as the controller's interpolator gives it out.
+    """Length along a path by time, smoothed as the controller's interpolator gives it out."""
 
-    Args:
-        time: Instants, a cycle apart. Shape (k,). [s]
-        s: Length along the path. Shape (k,). [m]
-
-    """
-
-    time: Array
-    s: Array
+    time: Array  #: Instants, a cycle apart. Shape (k,). [s]
+    s: Array  #: Length along the path. Shape (k,). [m]
 
 
 def limit_speed(path: Path, motion: ServoMotion) -> Array:
-    """Return the speed at every point of a path: at most the feed, joint velocities, and what corners allow.
+    """Return the speed along s at every point: at most the feed, joint velocities, and what corners allow. (m,) [m/s]
 
     A point's curvature q'' costs v^2 |q''| of each joint's acceleration and v^2 |p''| of the tip's; on the way between
     points v^2 grows by at most 2 a ds.
-
-    Returns:
-        Speed in s. Shape (m,). [m/s]
-
     """
     step = np.diff(path.s)
     slope, bend, tip_slope, tip_bend = path.bends

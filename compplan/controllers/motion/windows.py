@@ -36,35 +36,20 @@ RESTING = 5e-4
 
 @dataclass(frozen=True)
 class Window:
-    """A piece of a program with rows of the log.
+    """A piece of a program with rows of the log."""
 
-    Args:
-        log: Which log it is of.
-        nodes: The moves, from some before the rows to some after.
-        s: Length of every row along the programmed path of the piece. Shape (n,). [m]
-        q: Joints of the rows. Shape (n, nq). [rad or m]
-        rate: Rates of them. Shape (n, nq).
-        tip: Nominal tips of them. Shape (n, 3). [m]
-        torn_by: What torn readings moved the tip. Shape (n, 3). [m]
-        point: Nearest points of the programmed path. Shape (n, 3). [m]
-        leverage: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
-        paths: Executed paths by blend share, as far as they were laid.
-        known: Lengths of the rows along them.
-        latest: The model that it was run with last, `motion`, and the `run`.
-
-    """
-
-    log: int
-    nodes: Nodes
-    s: Array
-    q: Array
-    rate: Array
-    tip: Array
-    torn_by: Array
-    point: Array
-    leverage: Array
-    paths: dict[float, Path] = field(default_factory=dict)
-    known: dict[float, Array] = field(default_factory=dict)
+    log: int  #: Which log it is of.
+    nodes: Nodes  #: The moves, from some before the rows to some after.
+    s: Array  #: Length of every row along the programmed path of the piece. Shape (n,). [m]
+    q: Array  #: Joints of the rows. Shape (n, nq). [rad or m]
+    rate: Array  #: Rates of them. Shape (n, nq).
+    tip: Array  #: Nominal tips of them. Shape (n, 3). [m]
+    torn_by: Array  #: What torn readings moved the tip. Shape (n, 3). [m]
+    point: Array  #: Nearest points of the programmed path. Shape (n, 3). [m]
+    leverage: Array  #: How far a joint moves the tip, root mean square. Shape (nq,). [m/rad]
+    paths: dict[float, Path] = field(default_factory=dict)  #: Executed paths by blend share, as far as they were laid.
+    known: dict[float, Array] = field(default_factory=dict)  #: Lengths of the rows along them.
+    #: The model that it was run with last, `motion`, and the `run`.
     latest: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -93,24 +78,14 @@ class Window:
 
 @dataclass(frozen=True)
 class PlacedLog:
-    """A log beside its program.
+    """A log beside its program."""
 
-    Args:
-        log: The log.
-        nodes: Where the moves of the program end.
-        rows: Rows of the log that are placed. Shape (n,).
-        places: Where they are on the programmed path. Shape (n,).
-        programmed: The programmed path.
-        ends: Length of the programmed path at the end of every move. Shape (moves,). [m]
-
-    """
-
-    log: Log
-    nodes: Nodes
-    rows: NDArray[np.int_]
-    places: Places
-    programmed: Path
-    ends: Array
+    log: Log  #: The log.
+    nodes: Nodes  #: Where the moves of the program end.
+    rows: NDArray[np.int_]  #: Rows of the log that are placed. Shape (n,).
+    places: Places  #: Where they are on the programmed path. Shape (n,).
+    programmed: Path  #: The programmed path.
+    ends: Array  #: Length of the programmed path at the end of every move. Shape (moves,). [m]
 
 
 def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
@@ -118,7 +93,6 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
 
     Raises:
         InputError: If one of them is not what it has to be, or the log is of another program.
-
     """
     log, instructions = read_log(file, robot), read_instructions(program, robot)
     nodes = locate_nodes(instructions, arm, log.q[0])
@@ -134,16 +108,7 @@ def load_trace(file: File, program: File, robot: Robot, arm: Arm) -> PlacedLog:
 
 
 def _suspect_unit(q: Array, robot: Robot, arm: Arm, programmed: Path, time: Array) -> str:
-    """Say that a log's angles have another unit than its columns state where they follow the program in that unit.
-
-    Args:
-        q: Joint positions as read. Shape (n, nq). [rad or m]
-        robot: The robot.
-        arm: Its arm.
-        programmed: The programmed path.
-        time: Shape (n,). [s]
-
-    """
+    """Say that a log's angles have another unit than its columns state where they follow the program in that unit."""
     for factor, said in ((180.0 / np.pi, "rad, not deg"), (np.pi / 180.0, "deg, not rad")):
         tip = locate_frames(arm.chain, np.where(robot.prismatic, q, factor * q)).tcp_position
         if np.median(place_rows(programmed, tip, measure_way(time, tip)).distance) <= OTHER_PROGRAM:

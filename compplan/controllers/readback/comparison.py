@@ -64,15 +64,10 @@ class Findings:
 
 @dataclass(frozen=True)
 class StiffArm:
-    """Forward kinematics of the unloaded arm as the controller believes it.
+    """Forward kinematics of the unloaded arm as the controller believes it."""
 
-    Attributes:
-        carries_part: Whether a positioner carries the part; poses are then seen from the part.
-        locate: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
-
-    """
-
-    carries_part: bool
+    carries_part: bool  #: Whether a positioner carries the part; poses are then seen from the part.
+    #: Returns position (n, 3) [m] and rotation (n, 3, 3) of the tool at q (n, nq). [rad or m]
     locate: Callable[[Array], tuple[Array, Array]]
 
 
@@ -88,7 +83,6 @@ def compare_written(
         robot: The robot folder.
         wanted: What was planned.
         arm_with: Returns the arm with a table [tool], or with the folder's own tool where it is None.
-
     """
     model = load_robot(robot)
     joints, cycle = read_joints(robot), load_motion(model)[0].cycle
@@ -253,11 +247,12 @@ class _Rows:
         """Say where the moves of a program, which end at some of the rows, are not those planned."""
         lines = [move for move in moves if move.kind != "joint"]
         said = [self._compare_joints(moves, held), self._compare_places(moves, held), self._compare_tool(moves[0])]
-        if self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
+        every = self._compare_feeds(moves) if len(moves) == len(self.q) else "rows are left out"
+        if every and self.wanted.fit > 0.0 and lines and all(move.pose is not None for move in lines):
             bases = [self.world @ np.asarray(move.base) for move in moves]
             said += follow_moves(self._lay_rows(), held, moves, bases)
         else:
-            said.append(self._compare_feeds(moves))
+            said.append(every)
         return [text for text in said if text]
 
     def _compare_joints(self, moves: list[Move], held: NDArray[np.int_]) -> str:
@@ -302,8 +297,8 @@ class _Rows:
 
     def _compare_feeds(self, moves: list[Move]) -> str:
         wanted = np.maximum(self.wanted.feed[self.wanted.program] * 1e3, 0.0)
-        stated = np.array([np.nan if move.feed is None or move.kind != "line" else move.feed for move in moves])
-        off = np.abs(stated - np.maximum(wanted, LEAST_FEED)) - FEED_STEP
+        stated = np.array([np.nan if move.feed is None else move.feed for move in moves])
+        off = np.minimum(np.abs(stated - wanted), np.abs(stated - np.maximum(wanted, LEAST_FEED))) - FEED_STEP
         off[(wanted == 0.0) | np.isnan(stated)] = -1.0
         if off.max(initial=-1.0) <= 0.0:
             return ""

@@ -19,11 +19,7 @@ PLACE, TURN = 5e-3, 1e-4
 def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
     """Say which frame that a FANUC or INFORM program asks of the cell is not the planned one.
 
-    Args:
-        path: The program.
-        part: The part frame, seen from the robot's world. Shape (4, 4). [mm]
-        tool: The tool, seen from the pendant's flange. Shape (4, 4). [mm]
-
+    The part frame is seen from the robot's world, the tool from the pendant's flange. Shape (4, 4). [mm]
     """
     found = []
     for name, said in read_declared(path).items():

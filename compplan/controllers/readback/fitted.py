@@ -33,30 +33,18 @@ WINDOW = 256
 
 @dataclass(frozen=True)
 class PlannedRows:
-    """The rows that a program stands for.
+    """The rows that a program stands for."""
 
-    Attributes:
-        position: Commanded tip. Shape (m, 3). [mm]
-        rotation: Commanded orientation. Shape (m, 3, 3).
-        time: Shape (m,). [s]
-        kept: Rows that a move has to end at. Shape (m,).
-        free: Rows whose speed is of no account. Shape (m,).
-        tolerance: How far rows may lie beside the move that ends at each. Shape (m,). [mm]
-        cycle: Least time of a move. [s]
-        asked: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (m,). [mm/s]
-        corners: Rows that are corners, which a zone leads around. Shape (m,).
-
-    """
-
-    position: Array
-    rotation: Array
-    time: Array
-    kept: NDArray[np.bool_]
-    free: NDArray[np.bool_]
-    tolerance: Array
-    cycle: float
+    position: Array  #: Commanded tip. Shape (m, 3). [mm]
+    rotation: Array  #: Commanded orientation. Shape (m, 3, 3).
+    time: Array  #: Shape (m,). [s]
+    kept: NDArray[np.bool_]  #: Rows that a move has to end at. Shape (m,).
+    free: NDArray[np.bool_]  #: Rows whose speed is of no account. Shape (m,).
+    tolerance: Array  #: How far rows may lie beside the move that ends at each. Shape (m,). [mm]
+    cycle: float  #: Least time of a move. [s]
+    #: Feed that the CAM file asks for; without it no leg has a speed of its own. Shape (m,). [mm/s]
     asked: Array | None = None
-    corners: NDArray[np.bool_] | None = None
+    corners: NDArray[np.bool_] | None = None  #: Rows that are corners, which a zone leads around. Shape (m,).
 
 
 def find_rows(
@@ -70,7 +58,6 @@ def find_rows(
         turns: Orientation of the tool there; nan where a program does not say it. Shape (k, 3, 3).
         held: Rows whose joints are those of a move that states joints, None of other moves; None: no move does.
             Shape (m,) each.
-
     """
     found: list[int] = []
     at, n = -1, len(rows.position)
@@ -97,14 +84,7 @@ def find_rows(
 def _steps_back(rows: PlannedRows, found: list[int], before: Array, tip: Array) -> bool:
     """Tell whether a move ends at the row that the one before it was given, and that one a row earlier.
 
-    Rows that lie nearer to each other than a language rounds change places so.
-
-    Args:
-        rows: What was planned.
-        found: Rows of the moves up to that one.
-        before: Where the move before ends. Shape (3,). [mm]
-        tip: Where the move ends. Shape (3,). [mm]
-
+    Rows that lie nearer to each other than a language rounds change places so. Places have shape (3,). [mm]
     """
     if not found or found[-1] - 1 <= (found[-2] if len(found) > 1 else -1):
         return False
@@ -159,12 +139,7 @@ def _find_row(rows: PlannedRows, at: int, tip: Array, turn: Array) -> int | None
 def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move], bases: Sequence[Array]) -> list[str]:
     """Say where a line or arc first leaves the rows that it stands for, or takes another time.
 
-    Args:
-        rows: What was planned.
-        ends: The row at which each move ends. Shape (k,).
-        moves: The moves.
-        bases: Pose of the frame that the positions of each move count from, seen from the base. [mm]
-
+    `ends` is the row at which each move ends, `bases` the frame that its positions count from, seen from the base. [mm]
     """
     step = np.linalg.norm(np.diff(rows.position, axis=0, prepend=rows.position[:1]), axis=1)
     lasts, stops = np.diff(rows.time, prepend=rows.time[0] - 1.0), np.zeros(len(step), bool)
@@ -184,11 +159,8 @@ def follow_moves(rows: PlannedRows, ends: NDArray[np.int_], moves: Sequence[Move
 def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
     """Say where the rounding of a corner lies farther from the legs of it than zones may lead.
 
-    Args:
-        position: Commanded tip at all rows. Shape (m, 3). [mm]
-        corner: From a row to the corner that stands for it, nan at rows beside. Shape (m, 3). [mm]
-        beside: How far zones may lead beside each row. Shape (m,). [mm]
-
+    `corner` is the way from a row to the corner that stands for it, nan at rows beside, `beside` how far zones may
+    lead. Shapes (m, 3), (m, 3), (m,). [mm]
     """
     said, left_out = [], np.isnan(corner[:, 0])
     for row in np.flatnonzero(np.nan_to_num(np.abs(corner).max(axis=1)) > 0.0).tolist():

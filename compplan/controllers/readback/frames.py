@@ -85,7 +85,6 @@ def read_mounting(tool: Mapping[str, Any], folder: Path, flange_to_tool0: pin.SE
         tool: The table [tool] as it stands in the job.
         folder: The robot folder; its controller.toml may say how the pendant counts.
         flange_to_tool0: The URDF's tool0 seen from its flange where both are on one body, else None.
-
     """
     if tool.get("frame", "flange") != "pendant":
         return pin.SE3.Identity()

@@ -22,45 +22,28 @@ TABLE = 1e-6
 
 @dataclass(frozen=True)
 class Commanded:
-    """What was planned, row by row of what is delivered: the way there, the path, the way back.
+    """What was planned, row by row of what is delivered: the way there, the path, the way back."""
 
-    Attributes:
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        time: Shape (n,). [s]
-        wanted: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
-        program: Rows that programs hold; Shape (m,).
-        path: First row of the path, and the one after its last.
-        feed: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
-        free: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
-        table: Rows that joints.csv holds. Shape (n,).
-        coarser: How much more than the strictest tolerance the move to each row may take. Shape (n,).
-        stands: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves.
-            Shape (m,).
-        may_stop: Where programs may stop exactly instead of leaving the path in a zone. Shape (m,).
-        sent: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
-        asked: Feed that the CAM file asks for in the move to each row that programs hold. Shape (m,). [mm/s]
-        beside: How far zones may lead beside a corner. Shape (m,). [m]
-        corner: From a row that programs hold to the corner that moves of the tool state in its place, nan at rows of
-            a rounded corner that they leave out, 0 elsewhere. Shape (m, 3). [m]
-        fit: How far rows may lie beside moves of the tool that stand for them, where the tolerance is strictest. [mm]
-
-    """
-
-    q: Array
-    time: Array
-    wanted: Array
-    program: Array
-    path: tuple[int, int]
-    feed: Array
+    q: Array  #: Commanded joint positions. Shape (n, nq). [rad or m]
+    time: Array  #: Shape (n,). [s]
+    wanted: Array  #: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
+    program: Array  #: Rows that programs hold; Shape (m,).
+    path: tuple[int, int]  #: First row of the path, and the one after its last.
+    feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
+    #: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves. Shape (m,).
     stands: NDArray[np.bool_]
-    may_stop: NDArray[np.bool_]
+    may_stop: NDArray[np.bool_]  #: Where programs may stop exactly instead of leaving the path in a zone. Shape (m,).
+    #: Whether the speed of the move to each row that programs hold is of no account. Shape (m,).
     free: NDArray[np.bool_]
-    table: NDArray[np.bool_]
-    coarser: Array
-    sent: Array
-    asked: Array
-    beside: Array
+    table: NDArray[np.bool_]  #: Rows that joints.csv holds. Shape (n,).
+    coarser: Array  #: How much more than the strictest tolerance the move to each row may take. Shape (n,).
+    sent: Array  #: Joint positions that programs hold: q, or what leads by the lag of drives. Shape (n, nq). [rad or m]
+    asked: Array  #: Feed that the CAM file asks for in the move to each row that programs hold. Shape (m,). [mm/s]
+    beside: Array  #: How far zones may lead beside a corner. Shape (m,). [m]
+    #: From a row that programs hold to the corner that moves of the tool state in its place, nan at rows of a rounded
+    #: corner that they leave out, 0 elsewhere. Shape (m, 3). [m]
     corner: Array
+    #: How far rows may lie beside moves of the tool that stand for them, where the tolerance is strictest. [mm]
     fit: float
 
     def take(self, kept: NDArray[np.int_]) -> Commanded:

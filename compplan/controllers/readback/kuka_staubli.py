@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -20,8 +19,10 @@ import numpy as np
 from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
+    Block,
     Move,
     kuka_pose,
+    nest_lines,
     read_numbers,
     staubli_poses,
 )
@@ -33,52 +34,11 @@ _KRL_FIELD = re.compile(rf"(\w+) ({NUMBER})")
 
 
 @lru_cache(maxsize=4096)
-def _krl_value(text: str) -> tuple[float | None, str, float]:
-    """Return the number that a text is; else, where it is a sum, its first part and the number added to it."""
-    if re.fullmatch(NUMBER, text):
-        return float(text), "", 0.0
-    match = re.fullmatch(r"(.+)([-+])(\d+)", text)
-    return (None, "", 0.0) if match is None else (None, match[1], float(match[2] + match[3]))
-
-
-@lru_cache(maxsize=4096)
 def _krl_name(name: str) -> tuple[str, str | None]:
     """Return a variable's name, and what numbers its element."""
     match = re.fullmatch(r"([$\w.]+)(?:\[(\w+)\])?", name.strip())
     assert match, f"no variable: {name}"
     return match[1].upper(), match[2]
-
-
-@lru_cache(maxsize=256)
-def _lay_out_krl(lines: tuple[str, ...]) -> list[tuple[str, tuple[str, ...] | None, tuple[str, ...] | None]]:
-    """Return lines with what they open: the lines of a FOR and nothing, or both branches of an IF."""
-    laid: list[tuple[str, tuple[str, ...] | None, tuple[str, ...] | None]] = []
-    row = 0
-    while row < len(lines):
-        word = lines[row].partition(" ")[0]
-        if word not in ("FOR", "IF"):
-            laid.append((lines[row], None, None))
-        else:
-            end = _end_krl(lines, row, word)
-            body, other = lines[row + 1 : end], None
-            if word == "IF":
-                depths = np.cumsum([line.startswith("IF ") - (line == "ENDIF") for line in body])
-                middle = next((i for i, line in enumerate(body) if line == "ELSE" and not depths[i]), len(body))
-                body, other = body[:middle], body[middle + 1 :]
-            laid.append((lines[row], body, other))
-            row = end
-        row += 1
-    return laid
-
-
-def _end_krl(lines: tuple[str, ...], row: int, word: str) -> int:
-    depth = 0
-    for index in range(row, len(lines)):
-        depth += lines[index].startswith(f"{word} ")
-        depth -= lines[index] == f"END{word}"
-        if not depth:
-            return index
-    raise AssertionError(f"{word} without END{word}")
 
 
 @lru_cache(maxsize=4096)
@@ -96,7 +56,6 @@ class _Krl:
     values: dict[str, Any] = field(default_factory=lambda: {"$NULLFRAME": dict.fromkeys("XYZABC", 0.0)})
     whole: set[str] = field(default_factory=set)
     moves: list[Move] = field(default_factory=list)
-    axes: tuple[float, ...] = ()
     carried: bool = False
 
     def evaluate(self, text: str) -> Any:
@@ -107,23 +66,20 @@ class _Krl:
             return read_numbers(text)[:4]
         if text.startswith("{"):
             return {key: float(value) for key, value in _KRL_FIELD.findall(text)}
-        number, start, more = _krl_value(text)
-        if number is not None:
-            return number
-        if start:
-            return float(self.evaluate(start)) + more
+        if text[0] in "-.0123456789":
+            return float(text)
         name = self.resolve(text)
         return self.values.get(name) if name.startswith(("BASE_DATA", "TOOL_DATA", "LOAD_DATA")) else self.values[name]
 
     def resolve(self, name: str) -> str:
         """Return a variable's name with the number of its element."""
         whole, index = _krl_name(name)
-        return whole if index is None else f"{whole}[{int(float(self.evaluate(index)))}]"
+        return whole if index is None else f"{whole}[{int(self.evaluate(index))}]"
 
     def assign(self, name: str, text: str) -> None:
         value = self.evaluate(text)
         if name.strip() in self.whole:
-            value = float(math.floor(float(value) + 0.5))
+            value = float(math.floor(value + 0.5))
         self.values[self.resolve(name)] = value
 
     def call(self, name: str) -> None:
@@ -134,27 +90,21 @@ class _Krl:
                 self.assign(*line.split("=", 1))
         text = mark_actions((self.folder / f"{name}.src").read_text(), "krl")
         lines = [line.split(";")[0].strip() for line in text.splitlines()]
-        start = lines.index(f"DEF {name}()")
-        self.run([line for line in lines[start + 1 : lines.index("END")] if line])
+        body = lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]
+        self.run(nest_lines(filter(None, body), {"FOR": "ENDFOR", "IF": "ENDIF"}, "ELSE"))
 
-    def run(self, lines: Sequence[str]) -> None:
-        for line, first, other in _lay_out_krl(tuple(lines)):
-            if first is None:
+    def run(self, blocks: list[Block]) -> None:
+        for line, body, other in blocks:
+            if body is None:
                 self.step(line)
-            elif other is None:
-                self.count(line, first)
+            elif match := re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", line):
+                for number in range(int(self.evaluate(match[2])), int(self.evaluate(match[3])) + 1):
+                    self.values[match[1]] = float(number)
+                    self.run(body)
             else:
                 match = re.fullmatch(rf"IF (.+)>({NUMBER}) THEN", line)
                 assert match, f"unknown line: {line}"
-                self.run(first if float(self.evaluate(match[1])) > float(match[2]) else other)
-
-    def count(self, head: str, body: tuple[str, ...]) -> None:
-        match = re.fullmatch(r"FOR (\w+)=(\w+) TO (\w+)", head)
-        assert match, f"unknown line: {head}"
-        first, last = (int(float(self.evaluate(text))) for text in match.groups()[1:])
-        for number in range(first, last + 1):
-            self.values[match[1]] = float(number)
-            self.run(body)
+                self.run(body if self.evaluate(match[1]) > float(match[2]) else other or [])
 
     def step(self, line: str) -> None:
         if moved := _krl_move(line):
@@ -220,11 +170,7 @@ def read_krl(source: Path) -> list[Move]:
 PLACE = ("x", "y", "z", "rx", "ry", "rz")
 _VAL3_MOVE = re.compile(r"move([jlc])\((?:(\w+)\[(\d+)\],)?(\w+)\[(\w+)\],(\w+),(\w+)\)")
 _VAL3_FEED = re.compile(rf"(\w+)\.tvel=(?:({NUMBER})|(\w+)\[(\w+)\])")
-_VAL3_FOR = re.compile(r"for (\w+)=(\d+) to (\d+)")
-_VAL3_IF = re.compile(r"if (\w+)\[(\w+)\]>0")
 _STANDING = np.eye(4)
-#: A line, what it says where it opens a block, and the lines of its blocks.
-_Val3Line = tuple[str, re.Match[str] | None, list[str], list[str] | None]
 
 
 def _val3_tag(element: ElementTree.Element) -> str:
@@ -240,7 +186,6 @@ class _Val3:
     scalars: dict[str, float] = field(default_factory=dict)
     waited: bool = True
     moves: list[Move] = field(default_factory=list)
-    blocks: dict[int, tuple[list[str], list[_Val3Line]]] = field(default_factory=dict)
     places: dict[str, list[Any]] = field(default_factory=dict)
     turns: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
@@ -250,51 +195,20 @@ class _Val3:
         lines = [line.split("//")[0].strip() for line in mark_actions(code, "val3").splitlines()]
         lines = [line for line in lines if line]
         assert (lines[0], lines[-1]) == ("begin", "end")
-        self.run(lines[1:-1])
+        self.run(nest_lines(iter(lines[1:-1]), {"for": "endFor", "if": "endIf"}, "else"))
 
-    def run(self, lines: list[str]) -> None:
-        """Run lines; a block is laid out once, however often a loop comes to it."""
-        if id(lines) not in self.blocks:
-            self.blocks[id(lines)] = (lines, self.lay_out(lines))
-        for line, match, first, other in self.blocks[id(lines)][1]:
-            if match is None:
+    def run(self, blocks: list[Block]) -> None:
+        for line, body, other in blocks:
+            if body is None:
                 self.step(line)
-            elif other is None:
+            elif match := re.fullmatch(r"for (\w+)=(\d+) to (\d+)", line):
                 for number in range(int(match[2]), int(match[3]) + 1):
                     self.scalars[match[1]] = number
-                    self.run(first)
+                    self.run(body)
             else:
-                self.run(first if float(self.element(match[1], match[2])["value"]) > 0 else other)
-
-    def lay_out(self, lines: list[str]) -> list[_Val3Line]:
-        """Return lines with what they open: the lines of a loop, or both branches of an if."""
-        laid: list[_Val3Line] = []
-        row = 0
-        while row < len(lines):
-            line = lines[row]
-            if match := _VAL3_FOR.fullmatch(line):
-                end = self.find(lines, row, "endFor", "for ")
-                laid.append((line, match, lines[row + 1 : end], None))
-                row = end
-            elif match := _VAL3_IF.fullmatch(line):
-                end, other = (self.find(lines, row, word, "if ") for word in ("endIf", "else"))
-                laid.append((line, match, lines[row + 1 : other], lines[other + 1 : end]))
-                row = end
-            else:
-                laid.append((line, None, [], None))
-            row += 1
-        return laid
-
-    @staticmethod
-    def find(lines: list[str], row: int, word: str, opening: str) -> int:
-        """Return where a block that opens at a row has its `word`."""
-        depth = 0
-        for index in range(row, len(lines)):
-            depth += lines[index].startswith(opening)
-            if depth == 1 and lines[index] == word:
-                return index
-            depth -= lines[index] == ("endIf" if opening == "if " else "endFor")
-        raise AssertionError(f"no {word}")
+                match = re.fullmatch(r"if (\w+)\[(\w+)\]>0", line)
+                assert match, f"unknown line: {line}"
+                self.run(body if float(self.element(match[1], match[2])["value"]) > 0 else other or [])
 
     def element(self, name: str, index: str) -> dict[str, str]:
         return self.data[name][int(self.scalars[index])]

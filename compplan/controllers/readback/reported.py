@@ -35,19 +35,13 @@ LETTERS = ("wrist", "elbow", "shoulder")
 
 @dataclass(frozen=True)
 class PostureWord:
-    """One word of the configuration at every row.
+    """One word of the configuration at every row."""
 
-    Attributes:
-        values: Its value. Shape (n,).
-        sure: Whether it lies clear of the threshold. Shape (n,).
-        status: What each value adds to S of a KRL position, empty where not said.
-        native: The controller's own word for each, empty where not said.
-
-    """
-
-    values: NDArray[np.str_]
-    sure: NDArray[np.bool_]
+    values: NDArray[np.str_]  #: Its value. Shape (n,).
+    sure: NDArray[np.bool_]  #: Whether it lies clear of the threshold. Shape (n,).
+    #: What each value adds to S of a KRL position, empty where not said.
     status: Mapping[str, int] = field(default_factory=dict)
+    #: The controller's own word for each, empty where not said.
     native: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -62,25 +56,16 @@ def read_words(counting: Counting, robot: Robot, q: Array) -> dict[str, PostureW
 
 @dataclass(frozen=True)
 class ReportedProgram:
-    """What programs have to say, at the rows that they hold.
+    """What programs have to say, at the rows that they hold."""
 
-    Attributes:
-        arm: Joints of the arm as the controller counts them. Shape (m, 6). [deg]
-        words: Configuration words by name.
-        rapid: Whether the move to each row is rapid. Shape (m,).
-        stands: Whether the tool has to stand still at each row, beside the ends of rapid moves. Shape (m,).
-        share: Share of the axis rates that the move to each row takes, nan where not known. Shape (m,).
-        mass: Mass of the tool, None where the job states none. [kg]
-        centre: Its centre, the pendant's flange frame. Shape (3,). [mm]
-
-    """
-
-    arm: Array
-    words: Mapping[str, PostureWord]
-    rapid: NDArray[np.bool_]
+    arm: Array  #: Joints of the arm as the controller counts them. Shape (m, 6). [deg]
+    words: Mapping[str, PostureWord]  #: Configuration words by name.
+    rapid: NDArray[np.bool_]  #: Whether the move to each row is rapid. Shape (m,).
+    #: Whether the tool has to stand still at each row, beside the ends of rapid moves. Shape (m,).
     stands: NDArray[np.bool_]
-    share: Array
-    mass: float | None = None
+    share: Array  #: Share of the axis rates that the move to each row takes, nan where not known. Shape (m,).
+    mass: float | None = None  #: Mass of the tool, None where the job states none. [kg]
+    #: Its centre, the pendant's flange frame. Shape (3,). [mm]
     centre: Array = field(default_factory=lambda: np.zeros(3))
 
     def take(self, rows: NDArray[np.int_]) -> ReportedProgram:

@@ -25,7 +25,6 @@ class JointTable:
         slides: Whether they are prismatic. Shape (nq,).
         outer: Whether they are external axes: those that slide, or carry the part. Shape (nq,).
         lower, upper, velocity, effort, acceleration, jerk: Limits, infinite where none is stated. Shape (nq,).
-
     """
 
     names: tuple[str, ...]

@@ -48,7 +48,6 @@ def write_program(
     Raises:
         UnknownNameError: If there is no such language.
         InputError: If the program does not fit the language, or the folder cannot be written.
-
     """
     if language not in WRITERS:
         raise UnknownNameError("program language", language, list(WRITERS))
@@ -62,13 +61,8 @@ def check_brand(controller: str, language: str) -> None:
 
     A controller of a brand that no language here belongs to, or that nobody names, may have any.
 
-    Args:
-        controller: What controller the robot has, as controller.toml names it.
-        language: One of `WRITERS`.
-
     Raises:
         InputError: If the controller is of another brand than the language.
-
     """
     brand = _brand(language)
     if brand and brand.lower() in controller.lower():
@@ -82,12 +76,7 @@ def check_brand(controller: str, language: str) -> None:
 
 
 def list_languages(controller: str) -> list[str]:
-    """List the languages that a controller may have, its own brand's first: all of `WRITERS` where that is not known.
-
-    Args:
-        controller: What controller the robot has, as controller.toml names it.
-
-    """
+    """List the languages that a controller may have, its own brand's first: all where the brand is not known."""
     brands = {name: _brand(name) for name in WRITERS}
     own = {brand for brand in brands.values() if brand and brand.lower() in controller.lower()}
     spoken = [name for name, brand in brands.items() if not own or not brand or brand in own]
@@ -99,17 +88,9 @@ def check_languages(
 ) -> None:
     """Refuse a job that asks for programs that its robot cannot have, before it is planned.
 
-    Args:
-        robot: The robot.
-        languages: The languages of `WRITERS` that the job asks for.
-        file: The job file, for the message.
-        form: Which moves the programs shall have, as in `Program`.
-        any_brand: Whether a language of another brand than the robot's controller will do.
-
     Raises:
         InputError: If it is of another brand, has joints or a controller.toml that a language is not written for, or
             its controller.toml is not what it has to be.
-
     """
     controller = load_controller(robot).name if languages else ""
     moving = [name for name, module in WRITERS.items() if getattr(module, "MOVES_PART", False)]
@@ -138,13 +119,7 @@ def _rehearse(robot: Robot, language: str, form: str) -> None:
 
 
 def describe_program(program: Program, language: str) -> list[str]:
-    """Return what a user has to know of a program in a language, one sentence each.
-
-    Args:
-        program: The program.
-        language: One of `WRITERS`.
-
-    """
+    """Return what a user has to know of a program in a language, one sentence each."""
     notes: list[str] = []
     if program.unchecked:
         notes.append(Stop(

@@ -15,14 +15,7 @@ MOVES_PART = True
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME_joints.csv: a column a joint (A1_deg ...), feed_mm_s, rapid, and time_s where it is known.
-
-    Args:
-        program: The program.
-        folder: Folder to write to.
-        most: Not used: a table is not cut.
-
-    """
+    """Write NAME_joints.csv: a column a joint (A1_deg ...), feed_mm_s, rapid, and time_s where it is known."""
     columns: dict[str, object] = {}
     if program.time is not None:
         columns["time_s"] = program.time

@@ -58,15 +58,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
     Joints that carry the part are a motion group of their own (GP2); all positions are joint positions then, and lines
     are driven seen from the part (COORD).
-
-    Args:
-        program: The program.
-        folder: Folder to write to.
-        most: Greatest number of positions in a program.
-
-    Raises:
-        InputError: If the robot has more than six rotating joints, or a feed above 2000 mm/s.
-
     """
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 3 or (program.moves_part and program.prismatic.any()):
@@ -225,15 +216,8 @@ def format_program(
 ) -> str:  # fmt: skip
     """Return the file of a program: its head, its instructions with their numbers, its positions.
 
-    Args:
-        name: Name.
-        program: The program.
-        frame: User frame that positions count from, 0 for joint positions.
-        moves: Motion and what happens beside it.
-        positions: Positions of the moves.
-        main: Whether frames, header and footer belong to it.
-        parts: Programs that it calls.
-
+    `frame` is the user frame that positions count from, 0 for joint positions; a main program has frames, header and
+    footer, and calls its parts.
     """
     cell = check_cell(program.post, CELL, "FANUC")
     second = cell.positioner if program.moves_part else 0

@@ -47,20 +47,12 @@ BLOCK, GROW = 2048, 1.6
 
 @dataclass(frozen=True)
 class Fitted:
-    """Hold a fitted program.
+    """Hold a fitted program."""
 
-    Args:
-        program: The program at the ends of its moves, with `via` of its arcs and `bend` of its cubics.
-        rows: The row of each in the whole program. Shape (m,).
-        kinds: LINE, CURVE, or the row that an arc goes by. Shape (m,).
-        slowed: How many moves are driven slower than planned, so that the controller has the time for them.
-
-    """
-
-    program: Program
-    rows: NDArray[np.int_]
-    kinds: NDArray[np.int_]
-    slowed: int = 0
+    program: Program  #: The program at the ends of its moves, with `via` of its arcs and `bend` of its cubics.
+    rows: NDArray[np.int_]  #: The row of each in the whole program. Shape (m,).
+    kinds: NDArray[np.int_]  #: LINE, CURVE, or the row that an arc goes by. Shape (m,).
+    slowed: int = 0  #: How many moves are driven slower than planned, so that the controller has the time for them.
 
 
 def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> Fitted:
@@ -72,7 +64,6 @@ def fit_moves(program: Program, *, arcs: bool = True, curves: bool = False) -> F
         program: The program, with poses; `tolerance` and `cycle` of it say how closely, and the least time of a move.
         arcs: Whether the language has arcs.
         curves: Whether it has cubics.
-
     """
     n = len(program)
     if program.tolerance <= 0.0 or program.tcp is None or program.time is None or n < 2:

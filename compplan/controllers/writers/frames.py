@@ -14,18 +14,10 @@ from compplan.robot import Robot
 
 
 def euler_angles(rotation: Array, order: str) -> Array:
-    """Return Euler angles in scipy's letters: capitals turn about turning axes, small letters about fixed ones.
+    """Return Euler angles in scipy's letters: capitals turn about turning axes, small letters about fixed ones. [deg]
 
     "ZYX" are A B C of KUKA, "XYZ" rx ry rz of VAL3, "xyz" W P R of FANUC and Rx Ry Rz of Yaskawa, "ZYZ" O A T of
-    Kawasaki. Where the angles are not unique, the last one is 0.
-
-    Args:
-        rotation: Rotations. Shape (n, 3, 3).
-        order: Order of the axes.
-
-    Returns:
-        Shape (n, 3). [deg]
-
+    Kawasaki. Where the angles are not unique, the last one is 0. Shape (n, 3, 3) -> (n, 3).
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

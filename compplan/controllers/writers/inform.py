@@ -52,15 +52,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     of the cell; the job fills them (MFRAME, SETTOOL) where that is asked for. Joint angles need a controller that takes
     POSTYPE ANGLE. Joints that carry the part are a station (ST1, angles EC); positions are joint angles then, and lines
     are driven seen from the part (SMOVL .. +MOVJ EC).
-
-    Args:
-        program: The program, of an arm with six rotating joints.
-        folder: Folder to write to.
-        most: Greatest number of positions in a job.
-
-    Raises:
-        InputError: If the robot has not six rotating joints: external axes are in pulses, which nobody states here.
-
     """
     if not program.moves_part or program.prismatic.any() or len(program.joint_names) - program.outer.sum() != 6:
         need_six_axes(program, "INFORM", sliding=0)

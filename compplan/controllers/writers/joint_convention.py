@@ -81,44 +81,17 @@ class ControllerTable(StrictTable):
 
 @dataclass(frozen=True)
 class Counting:
-    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm.
+    """Hold how a controller counts joints: controller = sign q + zero + coupling q, in deg and mm."""
 
-    Args:
-        name: What controller it is.
-        joint_names: Its names of the joints, from the base.
-        prismatic: Which joints slide. Shape (nq,).
-        matrix: sign and coupling together. Shape (nq, nq).
-        zero: What it counts at q = 0. Shape (nq,). [deg or mm]
-        words: Its configuration words by name.
-        world: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
-        unchecked: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
-
-    """
-
-    name: str
-    joint_names: tuple[str, ...]
-    prismatic: NDArray[np.bool_]
-    matrix: Array
-    zero: Array
-    words: Mapping[str, ConfigurationWord]
+    name: str  #: What controller it is.
+    joint_names: tuple[str, ...]  #: Its names of the joints, from the base.
+    prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
+    matrix: Array  #: sign and coupling together. Shape (nq, nq).
+    zero: Array  #: What it counts at q = 0. Shape (nq,). [deg or mm]
+    words: Mapping[str, ConfigurationWord]  #: Its configuration words by name.
+    #: Pose of the frame that its frames count from, seen from the URDF's base. Shape (4, 4). [m]
     world: Array = field(default_factory=lambda: np.eye(4))
-    unchecked: str = ""
-
-    @property
-    def known(self) -> bool:
-        """Whether a controller.toml that is checked states all this."""
-        return not self.unchecked
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of each joint: "deg" or "mm"."""
-        return tuple("mm" if slides else "deg" for slides in self.prismatic)
-
-
-def plain_controller(robot: Robot) -> Counting:
-    """Return a controller that counts as the URDF does."""
-    names = tuple(f"J{number}" for number in range(1, robot.nq + 1))
-    return Counting("", names, robot.prismatic, np.eye(robot.nq), np.zeros(robot.nq), {}, unchecked=NO_FILE)
+    unchecked: str = ""  #: Why signs and zeros are not known; "" where a controller.toml that is checked states them.
 
 
 def load_controller(robot: Robot) -> Counting:
@@ -126,17 +99,17 @@ def load_controller(robot: Robot) -> Counting:
 
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
-
     """
+    nq = robot.nq
+    plain = tuple(f"J{number}" for number in range(1, nq + 1))
     if robot.folder is None or not (robot.folder / "controller.toml").exists():
-        return plain_controller(robot)
+        return Counting("", plain, robot.prismatic, np.eye(nq), np.zeros(nq), {}, unchecked=NO_FILE)
     file = robot.folder / "controller.toml"
     table = read_toml_model(ControllerTable, file)
-    nq = robot.nq
     for key, length in (("sign", len(table.sign)), ("zero_deg", len(table.zero_deg))):
         if length != nq:
             raise InputError(f"has {length} numbers, expected {nq}, one a joint", file=file, where=key)
-    names = table.joint_names or plain_controller(robot).joint_names
+    names = table.joint_names or plain
     if len(names) != nq:
         raise InputError(f"has {len(names)} names, expected {nq}, one a joint", file=file, where="joint_names")
     if len(set(names)) < nq or not all(name.isprintable() and 0 < len(name.strip()) <= LONGEST_NAME for name in names):
@@ -170,7 +143,6 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
 
     Raises:
         InputError: If the file is not what it has to be, or does not fit the robot.
-
     """
     load_controller(robot)
     file = None if robot.folder is None else robot.folder / "controller.toml"
@@ -182,7 +154,10 @@ def load_motion(robot: Robot) -> tuple[ServoMotion, list[str]]:
 
 def to_controller(controller: Counting, q: Array) -> Array:
     """Return joint positions as the controller counts them. Shape (n, nq). [rad or m] -> [deg or mm]."""
-    return _to_degrees(controller, q) @ controller.matrix.T + controller.zero
+    q = np.asarray(q, dtype=np.float64)
+    if q.ndim != 2 or q.shape[1] != len(controller.zero):
+        raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
+    return np.where(controller.prismatic, q * 1e3, np.degrees(q)) @ controller.matrix.T + controller.zero
 
 
 def from_controller(controller: Counting, joints: Array) -> Array:
@@ -192,25 +167,8 @@ def from_controller(controller: Counting, joints: Array) -> Array:
     return np.where(controller.prismatic, degrees * 1e-3, np.radians(degrees))
 
 
-def rates_to_controller(controller: Counting, rates: Array) -> Array:
-    """Return joint rate limits in the units of the controller, coupling aside. Shape (nq,)."""
-    return np.where(controller.prismatic, np.asarray(rates) * 1e3, np.degrees(rates))
-
-
-def _to_degrees(controller: Counting, q: Array) -> Array:
-    q = np.asarray(q, dtype=np.float64)
-    if q.ndim != 2 or q.shape[1] != len(controller.zero):
-        raise ShapeError(f"q has shape {q.shape}, expected (n, {len(controller.zero)})")
-    return np.where(controller.prismatic, q * 1e3, np.degrees(q))
-
-
 def locate_link(robot: Robot, q: Array, link: str) -> Array:
-    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m].
-
-    Raises:
-        InputError: If the chain has no such link.
-
-    """
+    """Return the pose of a link's frame, unloaded, base frame. Shape (n, nq) -> (n, 4, 4) [m]."""
     return locate_links(robot, q, [link])[link]
 
 
@@ -219,7 +177,6 @@ def locate_links(robot: Robot, q: Array, links: Sequence[str]) -> dict[str, Arra
 
     Raises:
         InputError: If the chain has no such link.
-
     """
     pose = np.tile(np.eye(4), (len(q), 1, 1))
     found = {robot.base: pose}
@@ -316,7 +273,6 @@ def believed_robot(robot: Robot) -> Robot:
 
     Raises:
         InputError: If controller.urdf is no URDF or lacks a joint of the chain.
-
     """
     if robot.folder is None or not (robot.folder / "controller.urdf").exists():
         return robot

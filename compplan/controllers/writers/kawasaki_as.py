@@ -51,15 +51,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     Long ones hold further programs NAME_1 and so on, a file each, which the first calls. Transformations count from the
     part frame (part+p1), angles are O A T: about z, the new y, the newest z. The language has no configuration in a
     transformation: linear moves keep the branch of the joint move before them. A sliding joint is the seventh value.
-
-    Args:
-        program: The program, of an arm with six rotating joints and at most one sliding one.
-        folder: Folder to write to.
-        most: Greatest number of points in a program.
-
-    Raises:
-        InputError: If the robot has other joints.
-
     """
     need_six_axes(program, "Kawasaki AS", sliding=1)
     name = legal_name(name_main(program), LONGEST_NAME - count_digits(program, most or MOST), reserved=RESERVED).lower()

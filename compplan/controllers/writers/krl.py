@@ -91,15 +91,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     curvature changes, and the curve of SPL is not published. A rail counts as
     coupled: $BASE stands still while it moves; where joints carry the part, $BASE moves with it (EK).
     Files end lines with CR LF.
-
-    Args:
-        program: The program; its joints are named A1 .. A6 and E1 ..
-        folder: Folder to write to.
-        most: Greatest number of points in a file.
-
-    Raises:
-        InputError: If the joints have other names.
-
     """
     order_joints(program, ARM, "KRL")
     name = legal_name(name_main(program), LONGEST_NAME - count_digits(program, most or MOST))

@@ -12,12 +12,7 @@ from compplan.errors import InputError
 
 
 def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
-    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes.
-
-    Raises:
-        InputError: If the robot does not fit.
-
-    """
+    """Refuse a robot that has not six rotating joints, or more sliding ones than the language takes."""
     slides = int(program.outer.sum())
     if program.moves_part or len(program.joint_names) - slides != 6 or slides > sliding:
         rail = f" and up to {sliding} sliding" if sliding else ""
@@ -27,20 +22,13 @@ def need_six_axes(program: Program, language: str, *, sliding: int) -> None:
 
 @dataclass(frozen=True)
 class MainForm:
-    """How a language writes a program that calls others, for jobs of several tools; a language without calls has none.
+    """How a language writes a program that calls others, for jobs of several tools."""
 
-    Args:
-        suffix: Ending of its files.
-        longest: Letters of its name.
-        format: The text, from the name, the program of the first tool (for the head), and the programs to call.
-        newline: What ends its lines.
-
-    """
-
-    suffix: str
-    longest: int
+    suffix: str  #: Ending of its files.
+    longest: int  #: Letters of its name.
+    #: The text, from the name, the program of the first tool (for the head), and the programs to call.
     format: Callable[[str, Program, Sequence[str]], str]
-    newline: str = "\r\n"
+    newline: str = "\r\n"  #: What ends its lines.
 
 
 class Language(Protocol):
@@ -49,5 +37,8 @@ class Language(Protocol):
     name: str
 
     def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
-        """Write a program into a folder, at most so many points in a file; return the files."""
-        ...
+        """Write a program into a folder, at most `most` points in a file (left out: what controllers take).
+
+        Raises:
+            InputError: If the robot's joints, or what is known of them, do not fit the language.
+        """

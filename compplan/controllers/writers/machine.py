@@ -20,57 +20,33 @@ Signal = int | str
 
 @dataclass(frozen=True)
 class Wiring:
-    """Hold the signals of a cell and what they do; what is None is not wired.
+    """Hold the signals of a cell and what they do; what is None is not wired."""
 
-    Args:
-        spindle: Output that turns the spindle.
-        spindle_reverse: Output that turns it counter-clockwise while `spindle` is on.
-        spindle_ready: Input that is on when the spindle has its speed.
-        spindle_wait_s: How long to wait for the spindle where there is no such input. [s]
-        coolant: Output of flood coolant.
-        mist: Output of mist coolant.
-        tool_change: Program that changes the tool; it gets the tool's number.
-        optional_stop: Input that is on while optional stops are wanted; left out: every one stops.
-        signals: Outputs for signals of a robot program that was read, by their name there.
-
-    """
-
-    spindle: Signal | None = None
-    spindle_reverse: Signal | None = None
-    spindle_ready: Signal | None = None
-    spindle_wait_s: float = 5.0
-    coolant: Signal | None = None
-    mist: Signal | None = None
-    tool_change: str | None = None
-    optional_stop: Signal | None = None
+    spindle: Signal | None = None  #: Output that turns the spindle.
+    spindle_reverse: Signal | None = None  #: Output that turns it counter-clockwise while `spindle` is on.
+    spindle_ready: Signal | None = None  #: Input that is on when the spindle has its speed.
+    spindle_wait_s: float = 5.0  #: How long to wait for the spindle where there is no such input. [s]
+    coolant: Signal | None = None  #: Output of flood coolant.
+    mist: Signal | None = None  #: Output of mist coolant.
+    tool_change: str | None = None  #: Program that changes the tool; it gets the tool's number.
+    optional_stop: Signal | None = None  #: Input that is on while optional stops are wanted; left out: every one stops.
+    #: Outputs for signals of a robot program that was read, by their name there.
     signals: Mapping[str, Signal] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Phrases:
-    """Hold how a language says things; each gives lines.
+    """Hold how a language says things; each gives lines."""
 
-    Args:
-        say: Comment of a text.
-        switch: Sets an output: (signal, on).
-        wait: Waits: (seconds).
-        expect: Waits for an input: (signal).
-        pause: Stops until the operator goes on: (what to do).
-        pause_if: ... while an input is on: (signal, what to do).
-        call: Calls a program with a number: (name, number).
-        named: Whether signals may have names.
-        native: Lines of events that the language has words of its own for, None for others.
-
-    """
-
-    say: Callable[[str], list[str]]
-    switch: Callable[[Signal, bool], list[str]]
-    wait: Callable[[float], list[str]]
-    expect: Callable[[Signal], list[str]]
-    pause: Callable[[str], list[str]]
-    pause_if: Callable[[Signal, str], list[str]]
-    call: Callable[[str, float], list[str]]
-    named: bool = False
+    say: Callable[[str], list[str]]  #: Comment of a text.
+    switch: Callable[[Signal, bool], list[str]]  #: Sets an output: (signal, on).
+    wait: Callable[[float], list[str]]  #: Waits: (seconds).
+    expect: Callable[[Signal], list[str]]  #: Waits for an input: (signal).
+    pause: Callable[[str], list[str]]  #: Stops until the operator goes on: (what to do).
+    pause_if: Callable[[Signal, str], list[str]]  #: ... while an input is on: (signal, what to do).
+    call: Callable[[str, float], list[str]]  #: Calls a program with a number: (name, number).
+    named: bool = False  #: Whether signals may have names.
+    #: Lines of events that the language has words of its own for, None for others.
     native: Callable[[Event], list[str] | None] = lambda event: None
 
 
@@ -79,7 +55,6 @@ def phrase_events(events: Sequence[Event], wiring: Wiring, phrases: Phrases, lan
 
     Raises:
         InputError: If a signal is a name where the language takes numbers only.
-
     """
     check_signals(wiring, phrases, language)
     lines: dict[int, list[str]] = {}
@@ -153,12 +128,7 @@ def _switch_all(outputs: Sequence[Signal | None], phrases: Phrases, *, on: bool)
 
 
 def check_signals(wiring: Wiring, phrases: Phrases, language: str) -> None:
-    """Refuse names of signals in a language that numbers them.
-
-    Raises:
-        InputError: If there is one.
-
-    """
+    """Refuse names of signals in a language that numbers them."""
     single = {name: getattr(wiring, name) for name in
               ("spindle", "spindle_reverse", "spindle_ready", "coolant", "mist", "optional_stop")}  # fmt: skip
     for key, signal in {**single, **wiring.signals}.items():

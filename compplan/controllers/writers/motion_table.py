@@ -45,34 +45,19 @@ class MotionTable(StrictTable):
 
 @dataclass(frozen=True)
 class ServoMotion:
-    """Hold how a controller moves.
+    """Hold how a controller moves."""
 
-    Args:
-        cycle: Step of the interpolator. [s]
-        blend_share: Length of a corner's blend over its zone.
-        acceleration: Greatest acceleration of the tip along and across the path. [m/s^2]
-        smoothing: Time over which the speed along the path is averaged. [s]
-        lag: First-order lag T1 of each drive. Shape (nq,). [s]
-        acceleration_lag: What the drive falls behind per acceleration, T2. Shape (nq,). [s^2]
-        lost_motion: Full width that a joint loses where it turns back. Shape (nq,). [rad or m]
-        velocity_limits: Shape (nq,). [rad/s or m/s]
-        acceleration_limits: Shape (nq,). [rad/s^2 or m/s^2]
-        source: Who says so, or "assumed".
-        resolution: Smallest step of the tip that moves anything, 0 where none is known. [m]
-
-    """
-
-    cycle: float
-    blend_share: float
-    acceleration: float
-    smoothing: float
-    lag: Array
-    acceleration_lag: Array
-    lost_motion: Array
-    velocity_limits: Array
-    acceleration_limits: Array
-    source: str = ASSUMED
-    resolution: float = 0.0
+    cycle: float  #: Step of the interpolator. [s]
+    blend_share: float  #: Length of a corner's blend over its zone.
+    acceleration: float  #: Greatest acceleration of the tip along and across the path. [m/s^2]
+    smoothing: float  #: Time over which the speed along the path is averaged. [s]
+    lag: Array  #: First-order lag T1 of each drive. Shape (nq,). [s]
+    acceleration_lag: Array  #: What the drive falls behind per acceleration, T2. Shape (nq,). [s^2]
+    lost_motion: Array  #: Full width that a joint loses where it turns back. Shape (nq,). [rad or m]
+    velocity_limits: Array  #: Shape (nq,). [rad/s or m/s]
+    acceleration_limits: Array  #: Shape (nq,). [rad/s^2 or m/s^2]
+    source: str = ASSUMED  #: Who says so, or "assumed".
+    resolution: float = 0.0  #: Smallest step of the tip that moves anything, 0 where none is known. [m]
 
 
 def read_motion(
@@ -80,15 +65,10 @@ def read_motion(
 ) -> ServoMotion:
     """Return the motion that a table [motion] states; without one, or without a key, the assumed values.
 
-    Args:
-        table: The table, or None.
-        prismatic: Which joints slide. Shape (nq,).
-        limits: Velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
-        file: controller.toml, for messages.
+    `limits` are velocity and acceleration limits of the joints, infinite where unknown. Shape (nq,) each.
 
     Raises:
         InputError: If a list does not hold one number a joint, or a lag is out of range.
-
     """
     table = MotionTable() if table is None else table
     nq = len(prismatic)

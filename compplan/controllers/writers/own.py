@@ -23,17 +23,7 @@ LONGEST_NAME = 60
 
 
 def write(program: Program, folder: Path, most: int | None = None) -> list[Path]:
-    """Write NAME with the ending that the template's name has before .jinja.
-
-    Args:
-        program: The program.
-        folder: Folder to write to.
-        most: Not used: a program of one's own is not cut.
-
-    Raises:
-        InputError: If the job names no template, or it is none.
-
-    """
+    """Write NAME with the ending that the template's name has before .jinja."""
     template = program.post.template
     if template is None:
         raise InputError("programs 'own' need a template: output.templates own; compplan init template own writes one")

@@ -46,20 +46,12 @@ class PendantTable(StrictTable):
 
 @dataclass(frozen=True)
 class Pendant:
-    """Hold the maker's flange frame.
+    """Hold the maker's flange frame."""
 
-    Args:
-        pose: Pose of it seen from the URDF's flange frame. Shape (4, 4). [m]
-        source: Who says so.
-        confirmed: Whether that is said of the pendant itself.
-        stated: Whether controller.toml says it; else it is the URDF's own tool0.
-
-    """
-
-    pose: Array
-    source: str
-    confirmed: bool
-    stated: bool
+    pose: Array  #: Pose of it seen from the URDF's flange frame. Shape (4, 4). [m]
+    source: str  #: Who says so.
+    confirmed: bool  #: Whether that is said of the pendant itself.
+    stated: bool  #: Whether controller.toml says it; else it is the URDF's own tool0.
 
 
 def read_pendant(table: PendantTable) -> Pendant:
@@ -75,7 +67,6 @@ def locate_pendant(robot: Robot) -> Pendant | None:
 
     Raises:
         InputError: If [pendant] of controller.toml is not what it has to be.
-
     """
     file = None if robot.folder is None else robot.folder / "controller.toml"
     if file is not None and file.exists():

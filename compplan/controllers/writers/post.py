@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,50 +25,23 @@ if TYPE_CHECKING:
 
     from jinja2 import Environment
 
+    from compplan.controllers.writers.program import Program
+
 #: Letters of a line that controllers take: KSS 471, TP programs 254, the others assumed.
 LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
 
 
 @dataclass(frozen=True)
 class Post:
-    """How a job wants programs of a language written around their moves.
+    """How a job wants programs of a language written around their moves."""
 
-    Args:
-        template: File of its own template, or None for the one of the package.
-        tool: Number or name of the cell's own tool data, None for those of the job.
-        base: Number or name of the cell's own frame, None for the part frame of the job.
-        overwrite: Whether programs fill the cell's tool data and frame with those of the job.
-        main: Name of the main program, None for that of the job.
-        positioner: Number or name by which the cell knows what carries the part, None for the language's usual one.
-
-    """
-
-    template: Path | None = None
-    tool: int | str | None = None
-    base: int | str | None = None
-    overwrite: bool = False
-    main: str | None = None
+    template: Path | None = None  #: File of its own template, or None for the one of the package.
+    tool: int | str | None = None  #: Number or name of the cell's own tool data, None for those of the job.
+    base: int | str | None = None  #: Number or name of the cell's own frame, None for the part frame of the job.
+    overwrite: bool = False  #: Whether programs fill the cell's tool data and frame with those of the job.
+    main: str | None = None  #: Name of the main program, None for that of the job.
+    #: Number or name by which the cell knows what carries the part, None for the language's usual one.
     positioner: int | str | None = None
-
-
-class Templated(Protocol):
-    """What templates are written from: a program."""
-
-    @property
-    def name(self) -> str:
-        """Name of the program."""
-
-    @property
-    def header(self) -> tuple[str, ...]:
-        """Lines that run before the first move."""
-
-    @property
-    def footer(self) -> tuple[str, ...]:
-        """Lines that run after the last move."""
-
-    @property
-    def post(self) -> Post:
-        """How the job wants it written."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +61,6 @@ def check_cell(post: Post, cell: CellWords, language: str) -> Post:
 
     Raises:
         InputError: If the job names tool or frame in a way that the language does not know.
-
     """
     for key, kind in (("tool", cell.tool), ("base", cell.base), ("positioner", cell.positioner)):
         value = getattr(post, key)
@@ -115,27 +87,21 @@ def describe_cell(post: Post, cell: CellWords | None) -> list[Stop]:
     return [Stop(f"{data} of the cell have to hold the values that the head of the program states")] if data else []
 
 
-def name_main(program: Templated) -> str:
+def name_main(program: Program) -> str:
     """Return the name that a job gives its main program, else that of the program."""
     return program.post.main or program.name
 
 
-def name_kind(program: Templated, ending: str) -> str:
+def name_kind(program: Program, ending: str) -> str:
     """Return what tells joint and linear programs apart; nothing where the job names its one program."""
     return "" if program.post.main else ending
 
 
-def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> str:
+def render_post(program: Program, language: str, words: Mapping[str, Any]) -> str:
     """Return the text that a language's template, or the user's own, makes of a program.
-
-    Args:
-        program: The program.
-        language: Language whose template it is.
-        words: What the template may use.
 
     Raises:
         InputError: If the template is not one, uses a word that there is not, or makes what no controller takes.
-
     """
     from jinja2 import TemplateError
 
@@ -160,12 +126,7 @@ def render_post(program: Templated, language: str, words: Mapping[str, Any]) -> 
 
 
 def read_post(language: str) -> str:
-    """Return the package's template of a language.
-
-    Raises:
-        InputError: If it has none.
-
-    """
+    """Return the package's template of a language."""
     file = files(__package__) / "posts" / f"{language}.jinja"
     if not file.is_file():
         raise InputError(f"there is no template of {language}")
@@ -175,11 +136,8 @@ def read_post(language: str) -> str:
 def to_plain(value: Any) -> Any:
     """Return a value as tables, lists, text, numbers, truth values and None, all that a template may hold.
 
-    The cell's own template file is left out: its path is an object with methods that write files.
-
-    Raises:
-        TypeError: If a value is of any other type.
-
+    The cell's own template file is left out: its path is an object with methods that write files. Other types are
+    refused.
     """
     if value is None or type(value) in (str, int, float, bool):
         return value

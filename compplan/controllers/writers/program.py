@@ -19,7 +19,6 @@ from compplan.controllers.writers.joint_convention import (
     locate_link,
     name_words,
     native_words,
-    rates_to_controller,
     to_controller,
 )
 from compplan.controllers.writers.machine import Wiring
@@ -35,123 +34,89 @@ ZERO = 5e-7
 #: Ends and kinds of fitted moves, by whether they have arcs, and cubics.
 Pieces = dict[tuple[bool, bool], tuple[NDArray[np.int_], NDArray[np.int_]]]
 
-#: What a program holds row by row, its words aside.
-BY_ROW = ("joints", "feed", "rapid", "exact", "time", "tcp", "status", "bent", "free", "coarser", "arc_of", "line_of",
-          "corner", "corner_shift", "asked", "via", "bend")  # fmt: skip
+#: What a program holds row by row, joints and words aside: shape of a row of each.
+BY_ROW: dict[str, tuple[int, ...]] = {
+    "feed": (), "rapid": (), "exact": (), "time": (), "tcp": (4, 4), "status": (), "bent": (), "free": (),
+    "coarser": (), "arc_of": (), "line_of": (), "corner": (), "corner_shift": (3,), "asked": (), "via": (4, 4),
+    "bend": (2, 3),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Program:
-    """Hold a program; row i describes the move that ends at waypoint i.
+    """Hold a program; row i describes the move that ends at waypoint i."""
 
-    Args:
-        name: Name; the languages shorten it to what they allow.
-        joints: Commanded joint positions as the controller counts them. Shape (n, nq). [deg or mm]
-        joint_names: The controller's names of the joints, from the base.
-        prismatic: Which joints slide. Shape (nq,).
-        feed: Feed; 0 for rapid moves. Shape (n,). [mm/s]
-        rapid: Which moves are rapid. Shape (n,).
-        exact: Waypoints where the tool stands still, beside those that `stops` finds, or None. Shape (n,).
-        time: Time at each waypoint, or None. Shape (n,). [s]
-        rates: Greatest joint rates, or None. Shape (nq,). [deg/s or mm/s]
-        tcp: Commanded TCP poses in the geometry that the controller believes, base frame, or None. [m]
-            Shape (n, 4, 4).
-        tool: Pose of the TCP frame seen from the controller's flange frame (z out of the flange), or None. [m]
-            Shape (4, 4).
-        part: Pose of the part frame seen from the base. Cartesian positions count from it. Shape (4, 4). [m]
-        world: Pose of the frame that the controller's frames count from, seen from the base. Shape (4, 4). [m]
-        mass: Mass of the tool, or None where nobody states it. [kg]
-        centre: Centre of its mass in the controller's flange frame. Shape (3,). [m]
-        status: S of KRL positions, or None. Shape (n,).
-        bent: Which way the wrist is bent: False below the fifth axis' singular angle, or None. Shape (n,).
-        words: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
-        native: The controller's own words for them, where controller.toml has them. Shape (n,) each.
-        unchecked: Why signs and zeros of the joints are not known; "" where they are.
-        robot: Name of the robot.
-        controller: What controller it is.
-        comments: Lines for the head of every file.
-        header: Lines of the language itself that run before the first move, such as what starts the spindle.
-        footer: Lines of the language itself that run after the last move.
-        events: What happens beside motion, each after the row that it names; -1: before the first move.
-        wiring: Signals of the cell that do it.
-        post: How the job wants it written around the moves.
-        tolerance: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
-        coarser: Factor on it for the move that ends at each row, or None for 1. Shape (n,).
-        cycle: Least time of a written move. [s]
-        free: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
-        form: "linear": moves of the tool alone where a language can write them; "joint", "both".
-        via: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
-        bend: Derivatives by the share of a move, at start and end of a cubic to each waypoint, nan elsewhere; or None.
-            Part axes. Shape (n, 2, 3). [m]
-        splines: Whether cubics and spline blocks are asked for where the language has them.
-        arc_of: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
-        line_of: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
-        carries: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
-        corner: How far the zone at each row may lead beside the path, or None for as far as the language's own.
-            Shape (n,). [m]
-        corner_shift: Vector from a row to the corner that programs state in its place, nan at rows of a rounded corner
-            that they leave out, 0 elsewhere; or None. Base axes. Shape (n, 3). [m]
-        asked: Feed that the CAM file asks for, or None. Shape (n,). [mm/s]
-        blend_share: Length of the controller's blends over their zones.
-        smoothing: Time over which the controller averages the speed. [s]
-        pieces: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs, and cubics.
-
-    """
-
-    name: str
-    joints: Array
-    joint_names: tuple[str, ...]
-    prismatic: NDArray[np.bool_]
-    feed: Array
-    rapid: NDArray[np.bool_]
+    name: str  #: Name; the languages shorten it to what they allow.
+    joints: Array  #: Commanded joint positions as the controller counts them. Shape (n, nq). [deg or mm]
+    joint_names: tuple[str, ...]  #: The controller's names of the joints, from the base.
+    prismatic: NDArray[np.bool_]  #: Which joints slide. Shape (nq,).
+    feed: Array  #: Feed; 0 for rapid moves. Shape (n,). [mm/s]
+    rapid: NDArray[np.bool_]  #: Which moves are rapid. Shape (n,).
+    #: Waypoints where the tool stands still, beside those that `stops` finds, or None. Shape (n,).
     exact: NDArray[np.bool_] | None = None
-    time: Array | None = None
-    rates: Array | None = None
+    time: Array | None = None  #: Time at each waypoint, or None. Shape (n,). [s]
+    rates: Array | None = None  #: Greatest joint rates, or None. Shape (nq,). [deg/s or mm/s]
+    #: Commanded TCP poses in the geometry that the controller believes, base frame, or None. [m] Shape (n, 4, 4).
     tcp: Array | None = None
+    #: Pose of the TCP frame seen from the controller's flange frame (z out of the flange), or None. [m] Shape (4, 4).
     tool: Array | None = None
+    #: Pose of the part frame seen from the base. Cartesian positions count from it. Shape (4, 4). [m]
     part: Array = field(default_factory=lambda: np.eye(4))
+    #: Pose of the frame that the controller's frames count from, seen from the base. Shape (4, 4). [m]
     world: Array = field(default_factory=lambda: np.eye(4))
-    mass: float | None = None
+    mass: float | None = None  #: Mass of the tool, or None where nobody states it. [kg]
+    #: Centre of its mass in the controller's flange frame. Shape (3,). [m]
     centre: Array = field(default_factory=lambda: np.zeros(3))
-    status: NDArray[np.int64] | None = None
+    status: NDArray[np.int64] | None = None  #: S of KRL positions, or None. Shape (n,).
+    #: Which way the wrist is bent: False below the fifth axis' singular angle, or None. Shape (n,).
     bent: NDArray[np.bool_] | None = None
+    #: Value of each configuration word at every waypoint: {"wrist": ["flip", ...], ...}. Shape (n,) each.
     words: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    #: The controller's own words for them, where controller.toml has them. Shape (n,) each.
     native: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
-    unchecked: str = ""
-    robot: str = ""
-    controller: str = ""
-    comments: tuple[str, ...] = ()
+    unchecked: str = ""  #: Why signs and zeros of the joints are not known; "" where they are.
+    robot: str = ""  #: Name of the robot.
+    controller: str = ""  #: What controller it is.
+    comments: tuple[str, ...] = ()  #: Lines for the head of every file.
+    #: Lines of the language itself that run before the first move, such as what starts the spindle.
     header: tuple[str, ...] = ()
-    footer: tuple[str, ...] = ()
+    footer: tuple[str, ...] = ()  #: Lines of the language itself that run after the last move.
+    #: What happens beside motion, each after the row that it names; -1: before the first move.
     events: tuple[Event, ...] = ()
-    wiring: Wiring = field(default_factory=Wiring)
-    post: Post = field(default_factory=Post)
-    tolerance: float = 0.0
-    coarser: Array | None = None
-    cycle: float = 0.0
+    wiring: Wiring = field(default_factory=Wiring)  #: Signals of the cell that do it.
+    post: Post = field(default_factory=Post)  #: How the job wants it written around the moves.
+    tolerance: float = 0.0  #: How far written lines and arcs may lie beside the tip; 0: one move a waypoint. [m]
+    coarser: Array | None = None  #: Factor on it for the move that ends at each row, or None for 1. Shape (n,).
+    cycle: float = 0.0  #: Least time of a written move. [s]
+    #: Moves whose speed is of no account, such as what brings a correction in, or None. Shape (n,).
     free: NDArray[np.bool_] | None = None
-    form: str = "both"
+    form: str = "both"  #: "linear": moves of the tool alone where a language can write them; "joint", "both".
+    #: Pose that an arc to each waypoint goes through, nan where a line leads there, or None. Shape (n, 4, 4). [m]
     via: Array | None = None
+    #: Derivatives by the share of a move, at start and end of a cubic to each waypoint, nan elsewhere; or None. Part
+    #: axes. Shape (n, 2, 3). [m]
     bend: Array | None = None
-    splines: bool = False
+    splines: bool = False  #: Whether cubics and spline blocks are asked for where the language has them.
+    #: Number of the arc of the CAM file that each move is a chord of, 0 for none; or None. Shape (n,).
     arc_of: NDArray[np.int_] | None = None
+    #: Line of the CAM file that each move stands on, 0 where that is not known; or None. Shape (n,).
     line_of: NDArray[np.int_] | None = None
+    #: Which joints carry the part, or None. `tcp` and `part` are then seen from what they carry. Shape (nq,).
     carries: NDArray[np.bool_] | None = None
+    #: How far the zone at each row may lead beside the path, or None for as far as the language's own. Shape (n,). [m]
     corner: Array | None = None
+    #: Vector from a row to the corner that programs state in its place, nan at rows of a rounded corner that they leave
+    #: out, 0 elsewhere; or None. Base axes. Shape (n, 3). [m]
     corner_shift: Array | None = None
-    asked: Array | None = None
-    blend_share: float = 1.0
-    smoothing: float = 0.04
+    asked: Array | None = None  #: Feed that the CAM file asks for, or None. Shape (n,). [mm/s]
+    blend_share: float = 1.0  #: Length of the controller's blends over their zones.
+    smoothing: float = 0.04  #: Time over which the controller averages the speed. [s]
+    #: Ends and kinds of moves that were fitted to these very rows, by whether they have arcs, and cubics.
     pieces: Pieces = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n, nq = self.joints.shape
-        shapes = {
-            "feed": (n,), "rapid": (n,), "exact": (n,), "time": (n,), "rates": (nq,), "tcp": (n, 4, 4), "status": (n,),
-            "bent": (n,), "free": (n,), "via": (n, 4, 4), "bend": (n, 2, 3), "arc_of": (n,), "line_of": (n,),
-            "carries": (nq,), "coarser": (n,), "corner": (n,),
-            "corner_shift": (n, 3), "asked": (n,),
-        }  # fmt: skip
+        shapes = {name: (n, *row) for name, row in BY_ROW.items()} | {"rates": (nq,), "carries": (nq,)}
         for name, shape in shapes.items():
             array = getattr(self, name)
             if array is not None and np.shape(array) != shape:
@@ -165,7 +130,7 @@ class Program:
     def take(self, rows: NDArray[np.int_]) -> Program:
         """Return the program at some of its rows, ends of moves and events among them."""
         some: dict[str, Any] = {
-            name: None if (values := getattr(self, name)) is None else values[rows] for name in BY_ROW
+            name: None if (values := getattr(self, name)) is None else values[rows] for name in ("joints", *BY_ROW)
         }
         words, native = ({key: values[rows] for key, values in table.items()} for table in (self.words, self.native))
         place = np.searchsorted(rows, [event.place for event in self.events]).tolist()
@@ -199,12 +164,7 @@ class Program:
 
     @property
     def positions(self) -> Array:
-        """Commanded TCP poses seen from the part frame. Shape (n, 4, 4) [m].
-
-        Raises:
-            InputError: If the poses are not known.
-
-        """
+        """Commanded TCP poses seen from the part frame; a program without poses is refused. Shape (n, 4, 4) [m]."""
         if self.tcp is None:
             raise InputError("a program with positions needs the poses of the TCP")
         return np.asarray(np.linalg.inv(self.part) @ self.tcp)
@@ -288,7 +248,6 @@ def build_program(
 
     Raises:
         InputError: If controller.toml or controller.urdf of the robot's folder is not what it has to be.
-
     """
     believed = believed_robot(robot)
     tip = locate_link(believed, q, robot.tcp)
@@ -322,7 +281,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
     words, limits, joints = name_words(controller, robot, q), robot.velocity_limits, to_controller(controller, q)
     return {
         "joints": np.where(np.abs(joints) < ZERO, 0.0, joints), "joint_names": controller.joint_names,
-        "rates": rates_to_controller(controller, limits) if np.isfinite(limits).all() else None,
+        "rates": np.where(robot.prismatic, 1e3 * limits, np.degrees(limits)) if np.isfinite(limits).all() else None,
         "world": np.eye(4) if robot.ground else controller.world,
         "words": words, "native": native_words(controller, words), "status": krl_status(controller, robot, q),
         "bent": find_bend(believed, q), "unchecked": controller.unchecked, "controller": controller.name,
@@ -330,12 +289,7 @@ def _count_joints(robot: Robot, believed: Robot, q: Array) -> dict[str, Any]:
 
 
 def split_parts(count: int, most: int) -> list[slice]:
-    """Return the rows of each file, none longer than `most`, all about equally long.
-
-    Raises:
-        InputError: If `most` is less than 1.
-
-    """
+    """Return the rows of each file, none longer than `most`, which is at least 1, all about equally long."""
     if most < 1:
         raise InputError(f"max_points_per_file is {most}, expected at least 1")
     parts = max(1, -(-count // most))
@@ -359,12 +313,7 @@ def head_lines(program: Program) -> list[str]:
 
 
 def order_joints(program: Program, wanted: Sequence[str], language: str) -> list[int]:
-    """Return the columns of joints that a language calls by these names.
-
-    Raises:
-        InputError: If the controller has no such joint.
-
-    """
+    """Return the columns of joints that a language calls by these names; refuse a controller without one of them."""
     missing = [name for name in wanted if name not in program.joint_names]
     if missing:
         own = list(program.joint_names)
@@ -395,14 +344,7 @@ def joint_shares(program: Program) -> Array:
 
 
 def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:
-    """Return the share of the joint rates that each move asks for, up to 100; unknown ones 10. Shape (n,). [%]
-
-    Args:
-        program: The program.
-        rapid: Share that rapid moves have. [%]
-        least: Least share. [%]
-
-    """
+    """Return the share of the joint rates that each move asks for, of rapid ones `rapid`; unknown ones 10. (n,) [%]"""
     shares = joint_shares(program)
     return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)
 

@@ -61,15 +61,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     faster than the feed; rapid moves (500 mm/s) and swings (at the feed) are joint moves and stop. Sliding joints are
     external axes (mm); positions count from the standing base. Joints that carry the part are external axes too (deg),
     of a mechanical unit that moves the user frame of the work object.
-
-    Args:
-        program: The program.
-        folder: Folder to write to.
-        most: Greatest number of points in a module.
-
-    Raises:
-        InputError: If the robot has more than six rotating or six sliding joints.
-
     """
     turning, sliding = np.flatnonzero(~program.outer), np.flatnonzero(program.outer)
     if len(turning) > 6 or len(sliding) > 6:

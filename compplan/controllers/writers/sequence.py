@@ -24,16 +24,8 @@ def write_sequence(
 ) -> list[Path]:
     """Write the main program of a job of several tools in a language, one for joint moves and one for linear ones.
 
-    Args:
-        program: The program of the first tool, for the head.
-        language: Language of the programs.
-        name: Name of the job.
-        groups: Files that were written for each tool, in the order in which they run.
-        folder: Folder to write to.
-
-    Returns:
-        The files written; none where the language has no calls of other programs.
-
+    `groups` are the files that were written for each tool, in the order in which they run. Nothing is written where the
+    language has no calls of other programs.
     """
     main = getattr(WRITERS[language], "MAIN", None)
     if main is None or len(groups) < 2:

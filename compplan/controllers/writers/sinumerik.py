@@ -65,15 +65,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     over the interval from 0 to 1 (A2 B2 C2, which have no PO of their own, turn evenly over it: assumed), rapid moves
     and swings G0 in PTP travel with STAT (status as in KRL) and TU (a bit an axis below 0). A sliding joint is the axis
     E1. Names of axes and the transformation are the machine's: check them.
-
-    Args:
-        program: The program, of an arm with six rotating joints and at most one sliding one.
-        folder: Folder to write to.
-        most: Greatest number of waypoints in a part program.
-
-    Raises:
-        InputError: If the robot has other joints, or poses or status words are not known.
-
     """
     need_six_axes(program, "SINUMERIK", sliding=1)
     if program.tcp is None or program.status is None:

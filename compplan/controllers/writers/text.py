@@ -27,11 +27,6 @@ def clean_text(text: str, longest: int = LONGEST_COMMENT) -> str:
     """Return text as one line of plain letters that no controller takes for code.
 
     Accents go, whatever is no letter, digit or plain sign becomes a space; what is too long ends in dots.
-
-    Args:
-        text: Any text.
-        longest: Letters that may be left.
-
     """
     head = unicodedata.normalize("NFKD", text[: 10 * longest])
     plain = "".join(letter for letter in head if not unicodedata.combining(letter))
@@ -50,7 +45,6 @@ def read_code(path: Path) -> tuple[str, ...]:
     Raises:
         InputError: If the file cannot be read, or holds what would break a program: control letters, letters beyond
             ASCII, or the end of a block of XML.
-
     """
     lines = []
     for number, line in enumerate(read_text(path).split("\n"), start=1):
@@ -62,14 +56,7 @@ def read_code(path: Path) -> tuple[str, ...]:
 
 
 def legal_name(text: str, longest: int, *, reserved: Collection[str] = ()) -> str:
-    """Return a name that a controller takes: letters, digits and _, a letter first, none of its own words.
-
-    Args:
-        text: Any text.
-        longest: Letters that the name may have.
-        reserved: Words that the language keeps for itself, in lower case.
-
-    """
+    """Return a name that a controller takes: letters, digits and _, a letter first, none of its own words."""
     name = re.sub(r"[^A-Za-z0-9]+", "_", clean_text(text, 10 * longest)).strip("_") or "program"
     name = name if name[0].isalpha() else f"p_{name}"
     label = LABEL.search(name)

@@ -58,15 +58,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     the part frame through pose_trans; they are in m and rotation vectors, joints in rad. Rapid moves and swings are
     joint moves at 20 % of the joint rates. The controller has no configuration words: linear moves keep the branch of
     the joint move before them.
-
-    Args:
-        program: The program, of an arm with six rotating joints.
-        folder: Folder to write to.
-        most: Greatest number of points in a program.
-
-    Raises:
-        InputError: If the robot has not six rotating joints.
-
     """
     need_six_axes(program, "URScript", sliding=0)
     name = legal_name(name_main(program), LONGEST_NAME, reserved=RESERVED)

@@ -64,15 +64,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     A project holds NAME.pjx, its data (.dtx) and programs (.pgx): start, stop, and one a part. movej runs through joint
     positions, movel through points in the part frame, no faster along the path than the feed. Rapid moves and swings
     are joint motions at 20 % of the joint rates and stop at their end.
-
-    Args:
-        program: The program, of an arm with six rotating joints.
-        folder: Folder that the project folders are written to.
-        most: Greatest number of points in an array.
-
-    Raises:
-        InputError: If the robot has not six rotating joints.
-
     """
     if program.joints.shape[1] != 6 or program.prismatic.any():
         message = f"VAL3 programs are written for six rotating joints, this robot has {list(program.joint_names)}"

@@ -32,20 +32,13 @@ STEP = 1e-6
 
 @dataclass(frozen=True)
 class BlendZone:
-    """Hold the zone of a language's corners.
+    """Hold the zone of a language's corners."""
 
-    Args:
-        size: Distance from the corner. [m]
-        source: Where the figure is from, or "assumed".
-        share: Most of it as a share of the shorter neighbour.
-        overlap: Time whose way at the feed counts too, in half smoothing times of the controller: where one move slows
-            down while the next one speeds up.
-
-    """
-
-    size: float
-    source: str
-    share: float = 0.5
+    size: float  #: Distance from the corner. [m]
+    source: str  #: Where the figure is from, or "assumed".
+    share: float = 0.5  #: Most of it as a share of the shorter neighbour.
+    #: Time whose way at the feed counts too, in half smoothing times of the controller: where one move slows down while
+    #: the next one speeds up.
     overlap: float = 0.0
 
 
@@ -86,14 +79,9 @@ def mark_moves(program: Program) -> NDArray[np.bool_]:
 def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
     """Return the zones of a fitted program at the ends of its moves as a language has them, and where they are smaller.
 
-    Args:
-        program: The program at the ends of its moves, with lines and arcs of the tool.
-        zone: The language's zone.
-
     Returns:
         Zones, 0 at exact stops, shape (m,) [m]; those that the program has to state because the language's own would
         leave the path too far, infinite elsewhere, shape (m,) [m]; the language's own, shape (m,) [m].
-
     """
     kept = mark_moves(program)
     position, via = program.positions[kept, :3, 3], program.via_positions[kept, :3, 3]
@@ -128,13 +116,7 @@ def find_zones(program: Program, zone: BlendZone) -> tuple[Array, Array, Array]:
 
 
 def stop_at_corners(program: Program, language: str) -> Program:
-    """Return a fitted program that stops exactly where a language without smaller zones would leave the path too far.
-
-    Args:
-        program: The program at the ends of its moves.
-        language: Name of the language.
-
-    """
+    """Return a fitted program that stops where a language without smaller zones would leave the path too far."""
     _, stated, own = find_zones(program, ZONES[language])
     narrow = stated < own
     if not narrow.any():

@@ -13,15 +13,10 @@ from compplan.robot import Array
 
 @dataclass(frozen=True)
 class HeldOutRows:
-    """Residuals of rows under models that were fitted without them.
+    """Residuals of rows under models that were fitted without them."""
 
-    Attributes:
-        residual: Measured minus predicted; after taking off the mean of each pose for differences. Shape (n, m).
-        score: Sum of squared weighted residuals of each pose. Shape (poses,).
-    """
-
-    residual: Array
-    score: Array
+    residual: Array  #: Measured minus predicted; after taking off the mean of each pose for differences. Shape (n, m).
+    score: Array  #: Sum of squared weighted residuals of each pose. Shape (poses,).
 
 
 def predict_left_out(

@@ -22,18 +22,12 @@ class System(NamedTuple):
 
     A row that tells one number of the position has it first. Known distances between contacts follow as components of
     the first row of a contact.
-
-    Attributes:
-        residual: Measured minus predicted, zero where nothing was measured. Shape (n, m).
-        columns: Derivatives of the prediction. Shape (n, m, p).
-        sigma: Stated standard deviation, infinite where nothing was measured. Shape (n, m).
-        block: Position, orientation, encoders or known distances. Shape (m,).
     """
 
-    residual: Array
-    columns: Array
-    sigma: Array
-    block: NDArray[np.int_]
+    residual: Array  #: Measured minus predicted, zero where nothing was measured. Shape (n, m).
+    columns: Array  #: Derivatives of the prediction. Shape (n, m, p).
+    sigma: Array  #: Stated standard deviation, infinite where nothing was measured. Shape (n, m).
+    block: NDArray[np.int_]  #: Position, orientation, encoders or known distances. Shape (m,).
 
     @property
     def known(self) -> NDArray[np.bool_]:

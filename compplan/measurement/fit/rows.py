@@ -26,24 +26,17 @@ KNOWN_FRAMES = Registration(np.eye(4), np.eye(4)[None], ("",), ())
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What a fit is made to; n rows of a log.
+    """What a fit is made to; n rows of a log."""
 
-    Attributes:
-        campaign: The whole log, since some effects remember where the robot came from.
-        row: The rows that are fitted, counted from 0. Shape (n,).
-        registration: Frames of the campaign; its `parts` are fitted along.
-        loss: "least_squares", "huber" or "tukey" (both 95 % efficient).
-        reference: "absolute": poses as they were measured. "difference": rows of the same commanded pose are compared
-            with each other only, so that errors of geometry and frames there drop out [Klimchik2018, eqs. 4-6].
-        sigma: "residuals": the stated standard deviations give relative weights inside position and inside
-            orientation, and the residuals say how large they are. "stated": they are trusted.
-    """
-
-    campaign: Campaign
-    row: NDArray[np.int_]
-    registration: Registration
-    loss: str = "least_squares"
+    campaign: Campaign  #: The whole log, since some effects remember where the robot came from.
+    row: NDArray[np.int_]  #: The rows that are fitted, counted from 0. Shape (n,).
+    registration: Registration  #: Frames of the campaign; its `parts` are fitted along.
+    loss: str = "least_squares"  #: "least_squares", "huber" or "tukey" (both 95 % efficient).
+    #: "absolute": poses as they were measured. "difference": rows of the same commanded pose are compared with each
+    #: other only, so that errors of geometry and frames there drop out [Klimchik2018, eqs. 4-6].
     reference: str = "absolute"
+    #: "residuals": the stated standard deviations give relative weights inside position and inside orientation, and the
+    #: residuals say how large they are. "stated": they are trusted.
     sigma: str = "residuals"
 
     def __len__(self) -> int:

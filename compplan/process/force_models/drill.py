@@ -68,12 +68,7 @@ CHISELS = {False: (1.085, 1.355, 0.030), True: (1.000, 1.100, 0.001)}
 
 
 def drill_coefficients(material: str) -> Coefficients:
-    """Return what a material resists a drill's lips with: along the speed, across (none), against the feed.
-
-    Raises:
-        KeyError: If nobody has stated a constant for the material.
-
-    """
+    """Return what a material resists a drill's lips with: along the speed, across (none), against the feed."""
     constant, words = DRILLED[material]
     return Coefficients(
         (TANGENTIAL * constant, 0.0, AXIAL * constant), (EDGE * constant, 0.0, 0.0), EXPONENT, SCATTER, (0.02, 0.5),
@@ -82,18 +77,7 @@ def drill_coefficients(material: str) -> Coefficients:
 
 
 def ask_handbook(material: str, diameter: float, feed: float, *, thinned: bool) -> tuple[float, float]:
-    """Return thrust [N] and torque [N m] in full cut by the handbook's relation.
-
-    Args:
-        material: One that the handbook's constant is known of.
-        diameter: Of the drill. [mm]
-        feed: A turn. [mm]
-        thinned: Whether the web is thinned.
-
-    Raises:
-        KeyError: If the constant is not known.
-
-    """
+    """Return thrust [N] and torque [N m] in full cut by the handbook's relation, diameter and feed a turn in mm."""
     constant, (turn, push, press) = HANDBOOK[material], CHISELS[thinned]
     thrust = 0.05 * constant * (feed * diameter) ** 0.8 * push + 0.007 * constant * diameter**2 * press
     return thrust, 2.5e-5 * constant * feed**0.8 * diameter**1.8 * turn
@@ -102,11 +86,7 @@ def ask_handbook(material: str, diameter: float, feed: float, *, thinned: bool) 
 def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingShape:
     """Work out what each coefficient of a drill contributes to the mean wrench at its tip, path axes.
 
-    Args:
-        found: The engagement; moves across the axis carry nothing.
-        lips: Number of lips.
-        thinned: Whether the web is thinned.
-
+    Moves across the axis carry nothing.
     """
     edge = found.cutter.slices
     inner, outer = edge.knots[:-1, 0], edge.knots[1:, 0]

@@ -90,11 +90,7 @@ class IsfRegressionProcess(PathForceTable):
 def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
     """Return how high the crest between two contours stands above the grooves of a ball end. [mm]
 
-    Args:
-        step_down: Depth from contour to contour. [mm]
-        diameter: Of the tool. [mm]
-        angle: Wall angle against the sheet. [rad]
-
+    `step_down` is the depth from contour to contour [mm], `angle` that of the wall against the sheet. [rad]
     """
     radius = 0.5 * diameter
     half = np.minimum(0.5 * step_down / np.maximum(np.sin(angle), 1e-9), radius)
@@ -104,44 +100,23 @@ def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
 def steady_axial_force(strength: float, thickness: float, diameter: float, height: Array, angle: Array) -> Array:
     """Return the steady axial force [N] of the regression.
 
-    Args:
-        strength: Tensile strength. [N/mm^2]
-        thickness: Of the sheet. [mm]
-        diameter: Of the tool. [mm]
-        height: Of the scallop. [mm]
-        angle: Wall angle against the sheet. [rad]
-
+    Strength is in N/mm^2, thickness, diameter of the tool and height of the scallop in mm, the wall's angle in rad.
     """
     size = 0.0716 * strength * thickness**1.57 * diameter**0.41 * np.asarray(height) ** 0.09
     return np.asarray(size * np.degrees(angle) * np.cos(angle))
 
 
 def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -> Array:
-    """Return radial over axial force where the contact's mean normal stands halfway between wall and scallop.
-
-    Args:
-        height: Of the scallop. [mm]
-        diameter: Of the tool. [mm]
-        angle: Wall angle against the sheet. [rad]
-
-    """
+    """Return radial over axial force where the contact's mean normal stands halfway between wall and scallop."""
     groove = np.arccos(np.clip(1.0 - 2.0 * np.asarray(height) / diameter, -1.0, 1.0))
     return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
 
 
 def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
-    """Return the wrench on the forming tool at every waypoint, path axes.
-
-    Args:
-        process: Parameters.
-        nominal: The toolpath.
-
-    Returns:
-        Shape (n, 6). [N, N m]
+    """Return the wrench on the forming tool at every waypoint, path axes. Shape (n, 6). [N, N m]
 
     Raises:
         InputError: If neither job nor path say step-down or wall angle.
-
     """
     depth = _sink(nominal)
     step, angle = find_contours(process, nominal)
@@ -199,7 +174,6 @@ def find_step_down(nominal: Toolpath) -> float:
 
     Raises:
         InputError: If the path does not go round.
-
     """
     rows = np.flatnonzero(~nominal.rapid)
     place, depth = nominal.position[rows], _sink(nominal)[rows]
@@ -227,7 +201,6 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
 
     Raises:
         InputError: If no contour has a next one.
-
     """
     depth, axis = _sink(nominal), nominal.axis[0]
     flat = nominal.position - (nominal.position @ axis)[:, None] * axis

@@ -49,20 +49,13 @@ class MillingProcess(PathForceTable):
 
 
 def milling_wrench(process: MillingProcess, feed: Array) -> Array:
-    """Return the mean wrench of one revolution of an end mill, path axes.
+    """Return the mean wrench of one revolution of an end mill at a feed [m/s], path axes. (n,) -> (n, 6) [N, N m]
 
     Valid for a spindle that turns clockwise seen from the spindle (M3) and many revolutions a waypoint. With the tooth
     at angle psi from the travel towards the left, chip thickness h = f cos(psi) (f: feed a tooth) and constant
     coefficients the force on the tool is F = N ap / (2 pi) * integral of h (kt z x r - kr r + ka z) over the
     engagement [Altintas2012], kt = kc, kr = radial_ratio kc, ka = axial_ratio kc (positive: towards the spindle).
-
-    Args:
-        process: Parameters; `material_side` right with M3 is climb milling.
-        feed: Feed. Shape (n,). [m/s]
-
-    Returns:
-        Shape (n, 6). [N, N m]
-
+    `material_side` right with M3 is climb milling.
     """
     radius = 0.5 * process.diameter_mm
     inner = float(np.arcsin(np.clip(process.width_mm / radius - 1.0, -1.0, 1.0)))

@@ -7,7 +7,7 @@ up and elbow down both reach a point, the stiffer posture counts and both are ke
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,11 +80,17 @@ def map_deflection(robot: Robot, reached: ReachedPlane, wrench: Array, reduced: 
     """
     chain = build_chain(robot)
     other = None if reduced is None else build_chain(reduced)
-    maps = {name: _map_elbow(chain, other, reached.q[:, :, k], wrench) for k, name in enumerate(ELBOWS)}
-    stacked = np.stack([np.where(m.reached, m.worst, np.inf) for m in maps.values()])
-    stacked[1:] *= 1 + TIE
-    chosen = np.where(np.isfinite(stacked).any(axis=0), stacked.argmin(axis=0), -1)
-    return DeflectionMap(reached.plane, reached.posture, wrench, maps, _select(list(maps.values()), chosen), chosen)
+    up, down = (_map_elbow(chain, other, reached.q[:, :, k], wrench) for k in range(len(ELBOWS)))
+    softness = [np.where(up.reached, up.worst, np.inf), np.where(down.reached, down.worst * (1 + TIE), np.inf)]
+    chosen = np.where(up.reached | down.reached, np.argmin(softness, axis=0), -1)
+
+    def pick(name: str) -> Array:
+        first, second = getattr(up, name), getattr(down, name)
+        which = chosen if first.ndim == 2 else chosen[..., None]
+        return np.asarray(np.select([which == 0, which == 1], [first, second], np.nan))
+
+    best = ElbowMap(*(pick(field.name) for field in fields(ElbowMap)))
+    return DeflectionMap(reached.plane, reached.posture, wrench, {"up": up, "down": down}, best, chosen)
 
 
 def deflection_under(chain: Chain, q: Array, wrench: Array) -> Array:
@@ -120,19 +126,3 @@ def _map_elbow(chain: Chain, other: Chain | None, candidates: Array, wrench: Arr
     q = np.where(np.isfinite(size)[:, None], q, np.nan)
     q, direction = q.reshape(*shape, nq), direction.reshape(*shape, 3)
     return ElbowMap(q, size.reshape(shape), direction, under.reshape(shape), gap.reshape(shape))
-
-
-def _select(maps: list[ElbowMap], chosen: NDArray[np.int_]) -> ElbowMap:
-    def pick(values: list[Array]) -> Array:
-        stack = np.stack(values)
-        index = np.maximum(chosen, 0)[(None, ..., *([None] * (stack.ndim - 3)))]
-        taken = np.take_along_axis(stack, index, axis=0)[0]
-        return np.where((chosen >= 0)[(..., *([None] * (stack.ndim - 3)))], taken, np.nan)
-
-    return ElbowMap(
-        pick([m.q for m in maps]),
-        pick([m.worst for m in maps]),
-        pick([m.force for m in maps]),
-        pick([m.under_wrench for m in maps]),
-        pick([m.reduced_gap for m in maps]),
-    )

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.io.palette import CATEGORIES, NEUTRAL
 from compplan.reporting.maps.maps import DeflectionMap
-from compplan.reporting.maps.reach import ELBOWS
-from compplan.reporting.style import CATEGORIES, INK, NEUTRAL, SEQUENTIAL
+from compplan.reporting.style import GRID, INK, SEQUENTIAL
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.quality import DexterityMap, Zone
 
 DPI = 150
+#: Units of the components of a wrench.
+WRENCH = {"fx": "N", "fy": "N", "fz": "N", "mx": "Nm", "my": "Nm", "mz": "Nm"}
 
 
 @dataclass(frozen=True)
@@ -39,46 +41,38 @@ class Panel:
 
 def deflection_panels(deflection: DeflectionMap, quality: Array | None = None) -> list[Panel]:
     """List the panels of a deflection map."""
-    force = float(np.linalg.norm(deflection.wrench[:3]))
-    panels = [
-        Panel("Worst unit force", deflection.best.worst * 1e6, "µm/N"),
-        Panel(f"Given wrench ({_describe_wrench(deflection.wrench)})", deflection.best.under_wrench * 1e3, "mm"),
-    ]
-    if np.isfinite(deflection.best.reduced_gap).any():
-        panels.append(Panel("Full minus reduced model", deflection.best.reduced_gap * 1e6, "µm/N"))
+    best, wrench = deflection.best, deflection.wrench
+    panels = [Panel("Worst unit force", best.worst * 1e6, "µm/N")]
+    if wrench.any():
+        parts = [f"{n} = {w:g} {unit}" for (n, unit), w in zip(WRENCH.items(), wrench, strict=True) if w]
+        panels.append(Panel(f"Given wrench ({', '.join(parts)})", best.under_wrench * 1e3, "mm"))
+    if np.isfinite(best.reduced_gap).any():
+        panels.append(Panel("Full minus reduced model", best.reduced_gap * 1e6, "µm/N"))
     if quality is not None and np.nanmax(quality, initial=0.0) > 1e-6:
         panels.append(Panel("Dexterity 1/κ (1 is best)", quality, "", high_is_good=True))
-    return panels if force > 0 or deflection.wrench[3:].any() else [panels[0], *panels[2:]]
+    return panels
 
 
 def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel], title: str) -> bytes:
-    """Draw a deflection map.
-
-    Args:
-        robot: The robot.
-        deflection: The map.
-        panels: What to show.
-        title: Title of the figure.
-
-    Returns:
-        A PNG picture.
-    """
+    """Draw panels of a deflection map under a title, as a PNG picture."""
     columns = {1: 1, 3: 3}.get(len(panels), 2)
-    rows = -(-len(panels) // columns)
     plane = deflection.plane
     aspect = min(max(float(np.ptp(plane.v) / np.ptp(plane.u)), 0.6), 1.8)
     width = 4.7 if aspect < 1.2 else 4.1
-    figure, axes = _figure(rows, columns, width=width, height=(width - 1.4) * aspect + 1.25)
+    figure, axes = _make_figure(-(-len(panels) // columns), columns, width=width, height=(width - 1.4) * aspect + 1.25)
     if title:
         figure.suptitle(title, fontsize=13, fontweight="bold", x=0.02, ha="left")
+    flat = plane.name == "horizontal"
     for axis, panel in zip(axes.flat, panels, strict=False):
         _draw_field(axis, plane.u, plane.v, panel)
-        _draw_elbow_border(axis, deflection)
+        if len(np.unique(deflection.chosen[deflection.chosen >= 0])) > 1:  # elbow up is the stiffer here, down there
+            share = np.where(deflection.chosen >= 0, deflection.chosen, np.nan)
+            axis.contour(plane.u, plane.v, share, levels=[0.5], colors=INK["light"], linewidths=1.0, linestyles=":")
         _draw_arm(axis, robot, deflection)
         axis.set_aspect("equal")
         _crop(axis, deflection)
-        axis.set_xlabel("x [m]" if plane.name == "horizontal" else "distance from axis 1 [m]")
-        axis.set_ylabel("y [m]" if plane.name == "horizontal" else "z [m]")
+        axis.set_xlabel("x [m]" if flat else "distance from axis 1 [m]")
+        axis.set_ylabel("y [m]" if flat else "z [m]")
     for axis in axes.flat[len(panels) :]:
         axis.axis("off")
     return _to_png(figure)
@@ -87,21 +81,18 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
 def draw_joint_map(
     quality: DexterityMap, zones: list[Zone], names: tuple[str, str], title: str, *, high_is_good: bool = True
 ) -> bytes:
-    """Draw a quantity over two joints, the inverse condition number or another, with zones.
+    """Draw a quantity over two joints, with zones outlined, as a PNG picture.
 
     Args:
-        quality: The map.
+        quality: The map of the inverse condition number, or of another quantity.
         zones: Boxes to outline.
         names: Names of the two joints.
         title: Title of the figure.
         high_is_good: Whether a high value is good.
-
-    Returns:
-        A PNG picture.
     """
     from matplotlib.patches import Rectangle
 
-    figure, axes = _figure(1, 1, width=5.6, height=4.6)
+    figure, axes = _make_figure(1, 1, width=5.6, height=4.6)
     axis = axes.flat[0]
     first, second = np.degrees(quality.first), np.degrees(quality.second)
     _draw_field(axis, first, second, Panel(title, quality.inverse_condition, "", high_is_good))
@@ -117,32 +108,18 @@ def draw_joint_map(
 
 
 def draw_lines(
-    title: str,
-    x_label: str,
-    y_label: str,
-    lines: list[tuple[str, Array, Array, str]],
+    title: str, x_label: str, y_label: str, lines: list[tuple[str, Array, Array, str]],
     finish: Callable[[Any], None] | None = None,
-) -> bytes:
-    """Draw lines: name, x, y and style ("-", "--", "o", ...) of each.
-
-    Args:
-        title: Title of the figure.
-        x_label: Label with unit.
-        y_label: Label with unit.
-        lines: The lines.
-        finish: Last touches on the axes.
-
-    Returns:
-        A PNG picture.
-    """
-    figure, axes = _figure(1, 1, width=6.2, height=3.8)
+) -> bytes:  # fmt: skip
+    """Draw lines as a PNG picture: name, x, y and style ("-", "--", "o", ...) of each; `finish` changes the axes."""
+    figure, axes = _make_figure(1, 1, width=6.2, height=3.8)
     axis = axes.flat[0]
     for count, (name, x, y, style) in enumerate(lines):
         axis.plot(x, y, style, label=name, color=CATEGORIES[count % len(CATEGORIES)], linewidth=1.8, markersize=5)
     axis.set_title(title, loc="left", fontsize=11)
     axis.set_xlabel(x_label)
     axis.set_ylabel(y_label)
-    axis.grid(True, color="#e4e7ea", linewidth=0.8)
+    axis.grid(True, color=GRID["light"], linewidth=0.8)
     axis.set_axisbelow(True)
     if sum(bool(name) and not name.startswith("_") for name, *_ in lines) > 1:
         axis.legend(frameon=False, fontsize=9, ncols=1 + (len(lines) > 5))
@@ -152,14 +129,7 @@ def draw_lines(
 
 
 def draw_shares(title: str, x_label: str, samples: dict[str, Array], what: str) -> bytes:
-    """Draw which share of samples lies below a value, one line a name, its mean as a dot; a PNG picture.
-
-    Args:
-        title: Title of the figure.
-        x_label: Label with unit.
-        samples: Values by name.
-        what: What is counted, such as "poses".
-    """
+    """Draw which share of samples, such as "poses", lies below a value, one line a name, its mean as a dot; a PNG."""
     lines = [(name, np.sort(values), 100 * np.arange(1, len(values) + 1) / len(values), "-")
              for name, values in samples.items()]  # fmt: skip
 
@@ -173,7 +143,7 @@ def draw_shares(title: str, x_label: str, samples: dict[str, Array], what: str) 
     return draw_lines(f"{title} (dots: means)", x_label, f"share of {what} below [%]", lines, mark_means)
 
 
-def _figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, NDArray[Any]]:
+def _make_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, NDArray[Any]]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -188,6 +158,7 @@ def _figure(rows: int, columns: int, *, width: float, height: float) -> tuple[An
 
 def _draw_field(axis: Any, u: Array, v: Array, panel: Panel) -> None:
     from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.ticker import MaxNLocator
 
     shades = list(SEQUENTIAL)
     if panel.high_is_good:
@@ -199,10 +170,9 @@ def _draw_field(axis: Any, u: Array, v: Array, panel: Panel) -> None:
         axis.text(0.5, 0.5, "not reached", transform=axis.transAxes, ha="center", color=NEUTRAL)
         return
     low, high = float(known.min()), float(known.max())
-    high = max(high, low + 1e-12)
-    shown = axis.pcolormesh(u, v, panel.values, cmap=colours, vmin=low, vmax=high, shading="nearest")
-    levels = _round_levels(low, high)
-    if len(levels):
+    shown = axis.pcolormesh(u, v, panel.values, cmap=colours, vmin=low, vmax=max(high, low + 1e-12), shading="nearest")
+    if high - low > 1e-9 * max(abs(high), 1e-30):
+        levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high)
         contour = axis.contour(u, v, panel.values, levels=levels, colors="white", linewidths=0.7, alpha=0.85)
         axis.clabel(contour, fontsize=7, fmt="%g")
     reached = np.isfinite(panel.values).astype(float)
@@ -221,60 +191,29 @@ def _draw_field(axis: Any, u: Array, v: Array, panel: Panel) -> None:
 def _crop(axis: Any, deflection: DeflectionMap) -> None:
     """Show what is reached, the base included."""
     plane, reached = deflection.plane, deflection.best.reached
-    if not reached.any():
-        return
     sides = (plane.u, reached.any(axis=0), axis.set_xlim), (plane.v, reached.any(axis=1), axis.set_ylim)
-    for values, hit, limit in sides:
+    for values, hit, limit in sides if reached.any() else ():
         low, high = min(float(values[hit].min()), 0.0), max(float(values[hit].max()), 0.0)
         margin = 0.04 * (high - low)
         limit(low - margin, high + margin)
 
 
-def _draw_elbow_border(axis: Any, deflection: DeflectionMap) -> None:
-    """Mark where the stiffer posture changes from elbow up to elbow down."""
-    both = all(deflection.elbows[name].reached.any() for name in ELBOWS)
-    if both and len(np.unique(deflection.chosen[deflection.chosen >= 0])) > 1:
-        share = np.where(deflection.chosen >= 0, deflection.chosen, np.nan)
-        plane = deflection.plane
-        axis.contour(plane.u, plane.v, share, levels=[0.5], colors=INK["light"], linewidths=1.0, linestyles=":")
-
-
 def _draw_arm(axis: Any, robot: Robot, deflection: DeflectionMap) -> None:
     """Draw the arm in the posture of the most yielding point, seen along the plane's normal."""
     flat = np.where(deflection.best.reached, deflection.best.worst, -np.inf)
-    row, column = np.unravel_index(int(flat.argmax()), flat.shape)
-    q = deflection.best.q[row, column]
+    q = deflection.best.q[np.unravel_index(int(flat.argmax()), flat.shape)]
     if not np.isfinite(q).all():
         return
-    chain = build_chain(robot)
+    chain, plane = build_chain(robot), deflection.plane
     frames = locate_frames(chain, q[None])
-    joints = frames.origin[0, chain.joint_elements]
-    points = np.vstack([np.zeros((1, 3)), joints, frames.tcp_position])
-    if deflection.plane.name == "horizontal":
+    points = np.vstack([np.zeros((1, 3)), frames.origin[0, chain.joint_elements], frames.tcp_position])
+    if plane.name == "horizontal":
         x, y = points[:, 0], points[:, 1]
     else:
-        direction = np.array([np.cos(deflection.plane.level), np.sin(deflection.plane.level), 0.0])
-        x, y = (points - deflection.plane.position[0, 0]) @ direction + deflection.plane.u[0], points[:, 2]
+        direction = np.array([np.cos(plane.level), np.sin(plane.level), 0.0])
+        x, y = (points - plane.position[0, 0]) @ direction + plane.u[0], points[:, 2]
     axis.plot(x, y, "-", color=INK["light"], linewidth=2.4, alpha=0.55, solid_capstyle="round")
     axis.plot(x[:-1], y[:-1], "o", color="white", markeredgecolor=INK["light"], markersize=4, alpha=0.8)
-
-
-def _round_levels(low: float, high: float) -> Array:
-    """Choose about six round contour levels."""
-    span = high - low
-    if span <= 1e-9 * max(abs(high), 1e-30):
-        return np.zeros(0)
-    raw = span / 6
-    power = 10.0 ** np.floor(np.log10(raw))
-    step = power * min((1, 2, 5, 10), key=lambda factor: abs(factor * power - raw))
-    return np.arange(np.ceil(low / step) + (low % step == 0), np.floor(high / step) + 1) * step
-
-
-def _describe_wrench(wrench: Array) -> str:
-    names = ("fx", "fy", "fz", "mx", "my", "mz")
-    units = ("N",) * 3 + ("Nm",) * 3
-    parts = [f"{n} = {w:g} {u}" for n, w, u in zip(names, wrench, units, strict=True) if w]
-    return ", ".join(parts) or "none"
 
 
 def _to_png(figure: Any) -> bytes:

@@ -16,6 +16,7 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
 from compplan.statics.ik import build_arm, middle_of_limits
 from compplan.statics.quality import DexterityMap, map_dexterity, natural_length, quality_of_poses
+from compplan.toolpath.toolpath import WRENCH_HEADERS
 
 REDUCTION = "400 random poses inside the limits, random forces of 1000 N with moments of 300 N m, 1 rad counts as 1 m"
 WRIST_FOR_QUALITY_DEG = 45.0
@@ -68,23 +69,16 @@ class RobotMaps:
 
     def summary(self) -> dict[str, Any]:
         """Sum the maps up, units in the keys."""
+        reach = zip(("radius_mm", "lowest_mm", "highest_mm"), self.reach, strict=True)
         return {
-            "schema": 1,
-            "robot": self.robot.name,
-            "grade": self.robot.grade,
-            "posture": self.settings.posture,
-            "wrench": dict(zip(WRENCH_KEYS, self.settings.wrench.tolist(), strict=True)),
-            "poses": int(sum(m.chosen.size for m in self.planes.values())),
-            "map_time_s": round(self.seconds, 3),
-            "reach": {
-                "radius_mm": round(self.reach[0] * 1e3, 1),
-                "lowest_mm": round(self.reach[1] * 1e3, 1),
-                "highest_mm": round(self.reach[2] * 1e3, 1),
-            },
+            "schema": 1, "robot": self.robot.name, "grade": self.robot.grade, "posture": self.settings.posture,
+            "wrench": dict(zip(WRENCH_HEADERS, self.settings.wrench.tolist(), strict=True)),
+            "poses": int(sum(m.chosen.size for m in self.planes.values())), "map_time_s": round(self.seconds, 3),
+            "reach": {name: round(value * 1e3, 1) for name, value in reach},
             "reduced_model": self.reduced_note or None,
             "characteristic_length_mm": round(self.dexterity.length * 1e3, 1),
             "planes": {name: _sum_up(m, self.quality[name]) for name, m in self.planes.items()},
-        }
+        }  # fmt: skip
 
     def lines(self) -> list[str]:
         """Say the summary in lines for people."""
@@ -96,9 +90,6 @@ class RobotMaps:
                 f"given wrench: mean {under['mean']:.2f}, max {under['max']:.2f} mm;  reached {plane['reached']:.0%}"
             )
         return lines
-
-
-WRENCH_KEYS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 def map_robot(robot: Robot, settings: MapSettings, reduced: Robot | None = None) -> RobotMaps:
@@ -136,8 +127,7 @@ def map_robot(robot: Robot, settings: MapSettings, reduced: Robot | None = None)
     length, dexterity = _map_joints(robot, chain, first, second)
     quality = {name: _quality_over(chain, plane, length) for name, plane in planes.items()}
     seconds = time.perf_counter() - start
-    reach = (radius, lowest, highest)
-    return RobotMaps(robot, settings, planes, quality, dexterity, reduced, note, reach, seconds)
+    return RobotMaps(robot, settings, planes, quality, dexterity, reduced, note, (radius, lowest, highest), seconds)
 
 
 def _choose_reduced(robot: Robot, reduced: Robot | None) -> tuple[Robot | None, str]:
@@ -175,13 +165,10 @@ def _quality_over(chain: Any, plane: DeflectionMap, length: float) -> Array:
 
 
 def _sum_up(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
-    table: dict[str, Any] = {"reached": round(float(plane.best.reached.mean()), 4)}
-    table["worst_unit_force_um_per_N"] = _statistics(plane.best.worst * 1e6)
-    table["under_wrench_mm"] = _statistics(plane.best.under_wrench * 1e3)
-    if np.isfinite(plane.best.reduced_gap).any():
-        table["full_minus_reduced_um_per_N"] = _statistics(plane.best.reduced_gap * 1e6)
-    table["inverse_condition"] = _statistics(quality)
-    table["elbows"] = {
+    best, table = plane.best, {}
+    if np.isfinite(best.reduced_gap).any():
+        table["full_minus_reduced_um_per_N"] = _statistics(best.reduced_gap * 1e6)
+    elbows = {
         name: {
             "reached": round(float(m.reached.mean()), 4),
             "stiffer_at": round(float((plane.chosen == ELBOWS.index(name)).mean()), 4),
@@ -189,7 +176,11 @@ def _sum_up(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
         }
         for name, m in plane.elbows.items()
     }
-    return table
+    return {
+        "reached": round(float(best.reached.mean()), 4), "worst_unit_force_um_per_N": _statistics(best.worst * 1e6),
+        "under_wrench_mm": _statistics(best.under_wrench * 1e3), **table, "inverse_condition": _statistics(quality),
+        "elbows": elbows,
+    }  # fmt: skip
 
 
 def _statistics(values: Array) -> dict[str, float | None]:
@@ -197,11 +188,3 @@ def _statistics(values: Array) -> dict[str, float | None]:
     if not known.size:
         return {"min": None, "mean": None, "max": None}
     return {key: float(f"{f(known):.5g}") for key, f in (("min", np.min), ("mean", np.mean), ("max", np.max))}
-
-
-ROWS = {
-    "worst_unit_force_um_per_N": "deflection under the worst unit force [µm/N]",
-    "under_wrench_mm": "deflection under the given wrench [mm]",
-    "full_minus_reduced_um_per_N": "full minus reduced model [µm/N]",
-    "inverse_condition": "dexterity 1/κ",
-}

@@ -44,35 +44,38 @@ class ViewCell:
     """What stands in the cell, and how the arm moves.
 
     Attributes:
-        robot: Name of the robot.
-        grade: How far its figures can be trusted.
-        base: Link that stands still.
-        tcp: Frame of the tool centre point.
         joints: From the base to the TCP.
         solids: Shapes.
-        facts: What else cell.json says.
+        facts: All that cell.json says.
     """
 
-    robot: str
-    grade: str
-    base: str
-    tcp: str
     joints: tuple[Joint, ...]
     solids: tuple[ViewSolid, ...]
     facts: Mapping[str, Any]
 
     @property
-    def actuated(self) -> tuple[Joint, ...]:
-        """Joints that are commanded, from the base; those that carry the part first, from the ground out."""
-        rank = {joint.child: k for k, joint in enumerate(self.joints)}
-        before = [joint for joint in self.joints[: rank.get(self.ground, -1) + 1] if joint.actuated]
-        rest = [joint for joint in self.joints[rank.get(self.ground, -1) + 1 :] if joint.actuated]
-        return (*before[::-1], *rest)
+    def base(self) -> str:
+        """Link that the arm stands on."""
+        return str(self.facts["base"])
+
+    @property
+    def tcp(self) -> str:
+        """Frame of the tool centre point."""
+        return str(self.facts["tcp"])
 
     @property
     def ground(self) -> str:
         """Link that stands still where a positioner carries the part and the base, else ""."""
         return str(self.facts.get("ground", ""))
+
+    @property
+    def actuated(self) -> tuple[Joint, ...]:
+        """Joints that are commanded, from the base; those that carry the part first, from the ground out."""
+        last = next((k for k, joint in enumerate(self.joints) if joint.child == self.ground), -1) + 1
+        before, rest = (
+            [joint for joint in part if joint.actuated] for part in (self.joints[:last], self.joints[last:])
+        )
+        return (*before[::-1], *rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +92,7 @@ class PlanRecording:
         wrench: Predicted wrench of the environment on the tool. Shape (n, 6). [N, N m]
         move: "cut", "rapid", "approach" or "retract". Shape (n,).
         deviation: Attained minus wanted tip by way, NaN where it is not known. Shape (n, 3) each. [m]
-        promise: Distance that holds the true tip with 95 %, NaN where nothing is promised. Shape (n,). [m]
+        promise: Distance that holds the true tip with 95 %, NaN where none is stated. Shape (n,). [m]
     """
 
     cell: ViewCell
@@ -164,17 +167,12 @@ def read_plan(folder: Path) -> PlanRecording:
         message = f"has {len(told.values['error_band'])} rows, joints.csv has {n}; plan again"
         raise InputError(message, file=folder / "deviation.csv")
     return PlanRecording(
-        cell=cell,
-        name=_read_name(folder / "plan.json"),
-        tolerance=1e-3 * float(cell.facts["tolerance_mm"]),
-        time=table.values["time"],
-        q=_joints_of(table, cell),
-        tip=_vectors(table, "{}"),
-        wrench=np.column_stack([table.values[name] for name in ("fx", "fy", "fz", "mx", "my", "mz")]),
-        move=np.asarray(table.text.get("move", np.full(n, "cut"))),
-        deviation={way: _fill(_vectors(told, way + "_{}")) for way in WAYS},
-        promise=told.values["error_band"],
-    )
+        cell, _read_name(folder / "plan.json"), 1e-3 * float(cell.facts["tolerance_mm"]), table.values["time"],
+        _joints_of(table, cell), _vectors(table, "{}"),
+        np.hstack([_vectors(table, "f{}"), _vectors(table, "m{}")]),
+        np.asarray(table.text.get("move", np.full(n, "cut"))),
+        {way: _fill(_vectors(told, way + "_{}")) for way in WAYS}, told.values["error_band"],
+    )  # fmt: skip
 
 
 def read_gap(folder: Path) -> GapRecording:
@@ -185,16 +183,11 @@ def read_gap(folder: Path) -> GapRecording:
     columns += [FileColumn(name, "length", True, missing=True) for name in names]
     columns += [FileColumn("explained_by", "text", True), FileColumn("explained_share", required=True)]
     table = read_table(folder / "gap.csv", columns)
+    gap = {"nominal model": _vectors(table, "gap_{}"), "updated model": _vectors(table, "left_{}")}
     return GapRecording(
-        cell=cell,
-        row=table.values["row"].astype(int),
-        run=np.asarray(table.text["run"]),
-        q=_joints_of(table, cell),
-        point=_vectors(table, "{}"),
-        gap={"nominal model": _vectors(table, "gap_{}"), "updated model": _vectors(table, "left_{}")},
-        cause=np.asarray(table.text["explained_by"]),
-        share=table.values["explained_share"],
-    )
+        cell, table.values["row"].astype(int), np.asarray(table.text["run"]), _joints_of(table, cell),
+        _vectors(table, "{}"), gap, np.asarray(table.text["explained_by"]), table.values["explained_share"],
+    )  # fmt: skip
 
 
 def read_cell(file: Path) -> ViewCell:
@@ -210,7 +203,7 @@ def read_cell(file: Path) -> ViewCell:
         links = {content["base"], "", *(joint.child for joint in joints)}
         if not {solid.link for solid in solids} <= links or content["tcp"] not in links:
             raise ValueError("a link that no joint moves")
-        return ViewCell(content["robot"], content["grade"], content["base"], content["tcp"], joints, solids, content)
+        return ViewCell(joints, solids, {"robot": "", "grade": "", **content})
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise InputError(f"is not what compplan writes ({error}); run the command again", file=file) from None
 
@@ -218,14 +211,10 @@ def read_cell(file: Path) -> ViewCell:
 def _read_joint(entry: Mapping[str, Any]) -> Joint:
     mimic = entry["mimic"]
     return Joint(
-        name=entry["name"],
-        kind=entry["kind"],
-        parent=entry["parent"],
-        child=entry["child"],
-        placement=np.array(entry["placement"], float).reshape(4, 4),
-        axis=np.array(entry["axis"], float).reshape(3),
+        name=entry["name"], kind=entry["kind"], parent=entry["parent"], child=entry["child"],
+        placement=np.array(entry["placement"], float).reshape(4, 4), axis=np.array(entry["axis"], float).reshape(3),
         mimic=None if mimic is None else Mimic(mimic["joint"], float(mimic["multiplier"]), float(mimic["offset"])),
-    )
+    )  # fmt: skip
 
 
 def _read_solid(entry: Mapping[str, Any]) -> ViewSolid:

@@ -1,7 +1,8 @@
-"""Show a scene in the browser with viser: solids, lines, sliders, clicks. What is shown is worked out in the scenes."""
+"""Show a scene in the browser with viser: solids, lines, sliders, clicks. What is shown is computed in the scenes."""
 
 from __future__ import annotations
 
+import html
 import socket
 import threading
 import time
@@ -14,19 +15,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
+from compplan.io.quantities import format_length, format_set_length
 from compplan.reporting.provenance import GRADE_MEANING
-from compplan.reporting.view.gap_scene import GapScene
-from compplan.reporting.view.paint import Lines
-from compplan.reporting.view.panel import draw_colour_bar, draw_curve
-from compplan.reporting.view.plan_scene import PROMISE, PlanScene
-from compplan.reporting.view.recording import GapRecording, ViewCell, ViewSolid, read_recording
+from compplan.reporting.style import SEQUENTIAL
+from compplan.reporting.view.recording import GapRecording, ViewCell, read_recording
+from compplan.reporting.view.scene import PROMISE, GapScene, Lines, PlanScene, pick_point
 from compplan.robot import Array
 
 HOST = "127.0.0.1"
-#: Distance from which everything is seen, in radii of the ball about it.
-FRAMED = 1.5
-#: How far the view is moved aside, for the panel covers its right, in the same radii.
-BESIDE_PANEL = 0.3
+#: Distance from which everything is seen, and how far the view is moved aside, for the panel covers its right; in radii
+#: of the ball about everything.
+FRAMED, BESIDE_PANEL = 1.5, 0.3
 #: Colour of the force arrow.
 DARK = np.full((1, 2, 3), 60, np.uint8)
 #: Half the width of the floor, the distance of its lines [m], and their grey.
@@ -51,20 +50,11 @@ def start_server(folder: Path, port: int) -> Any:
         raise InputError("the viewer needs viser, which is not installed; pip install 'compplan[view]'") from None
     recording = read_recording(folder)
     check_port(port)
-    with redirect_stdout(StringIO()):  # it greets, whatever it is told
+    with redirect_stdout(StringIO()):  # it greets
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if isinstance(recording, GapRecording):
         return GapViewer(server, GapScene(recording))
     return PlanViewer(server, PlanScene(recording))
-
-
-def draw_floor() -> Lines:
-    """Draw the floor as lines, 0.5 m apart: a floor that is worked out for each pixel costs more than the arm."""
-    place = np.arange(-FLOOR, FLOOR + 1e-9, CELL)
-    along = np.stack([np.full_like(place, -FLOOR), np.full_like(place, FLOOR)], axis=1)
-    across, level = np.stack([place, place], axis=1), np.zeros_like(along)
-    ends = np.concatenate([np.stack([along, across, level], axis=2), np.stack([across, along, level], axis=2)])
-    return Lines(ends.astype(np.float32), np.full(ends.shape, LIGHT, np.uint8))
 
 
 def check_port(port: int) -> None:
@@ -81,10 +71,27 @@ def check_port(port: int) -> None:
             raise InputError(f"port {port} on {HOST} is taken, name another with --port") from None
 
 
-def stop_server(server: Any) -> None:
-    """Close a server, without its words."""
-    with redirect_stdout(StringIO()):
-        server.stop()
+def draw_floor() -> Lines:
+    """Draw the floor as lines, 0.5 m apart: a floor that is worked out for each pixel costs more than the arm."""
+    place = np.arange(-FLOOR, FLOOR + 1e-9, CELL)
+    along = np.stack([np.full_like(place, -FLOOR), np.full_like(place, FLOOR)], axis=1)
+    across, level = np.stack([place, place], axis=1), np.zeros_like(along)
+    ends = np.concatenate([np.stack([along, across, level], axis=2), np.stack([across, along, level], axis=2)])
+    return Lines(ends.astype(np.float32), np.full(ends.shape, LIGHT, np.uint8))
+
+
+def draw_colour_bar(top: float, tolerance: float) -> str:
+    """Draw the colour bar as HTML: from no deviation to the one that has the last colour, both [m]."""
+    stops = ", ".join(f"{colour} {100 * stop:.0f}%" for stop, colour in SEQUENTIAL)
+    at = min(100.0 * tolerance / top, 100.0)
+    return (
+        '<div style="padding: 0 1em; font-size: 0.78em"><div>Colour: deviation of the tip</div>'
+        f'<div style="position: relative; height: 12px; background: linear-gradient(90deg, {stops})">'
+        f'<div style="position: absolute; left: {at:.1f}%; top: -2px; width: 2px; height: 16px; background: #1d2329">'
+        '</div></div><div style="display: flex; justify-content: space-between">'
+        f"<span>0</span><span>| tolerance {html.escape(format_set_length(tolerance))}</span>"
+        f"<span>{html.escape(format_length(top))}</span></div></div>"
+    )
 
 
 class Stage:
@@ -100,25 +107,24 @@ class Stage:
         links, add = {joint.child for joint in cell.joints} | {cell.base}, server.scene.add_frame
         self.frames = {link: add(f"{self.root}/arm/{link}", show_axes=False) for link in sorted(links)}
         for number, solid in enumerate(cell.solids):
-            self.add_solid(solid, number)
+            name = self.root + (f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}")
+            *shade, opacity = solid.colour
+            server.scene.add_mesh_simple(
+                name, solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), flat_shading=True,
+                color=tuple(round(255 * value) for value in shade), opacity=None if opacity > 0.99 else opacity,
+                side="double", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
 
-    def add_solid(self, solid: ViewSolid, number: int) -> None:
-        """Add a shape to the link that carries it."""
-        name = self.root + (f"/arm/{solid.link}/{number}" if solid.link else f"/cell/{solid.name}")
-        red, green, blue, opacity = solid.colour
-        shade = (round(255 * red), round(255 * green), round(255 * blue))
-        self.server.scene.add_mesh_simple(
-            name, solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), color=shade,
-            opacity=None if opacity > 0.99 else opacity, flat_shading=True, side="double",
-            cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-
-    def paint(self, name: str, solid: ViewSolid, colours: Any) -> None:
-        """Show a shape that stands still with a colour a corner."""
+    def light_part(self, scene: PlanScene, way: str) -> None:
+        """Colour the part by what the path beside it does."""
         import trimesh
 
-        mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=colours, process=False)
-        self.server.scene.add_mesh_trimesh(self.root + name, mesh, cast_shadow=False, receive_shadow=False)
+        for solid in self.cell.solids:
+            if solid.name == "part":
+                mesh = trimesh.Trimesh(solid.vertices, solid.faces, vertex_colors=scene.paint_solid(solid, way),
+                                       process=False)  # fmt: skip
+                name = f"{self.root}/cell/{solid.name}"
+                self.server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
 
     def move(self, poses: dict[str, Array]) -> None:
         """Move the links; where a positioner carries the part all of it, so that the ground stands still."""
@@ -140,21 +146,16 @@ class Stage:
         """Return points of the base frame as the ground sees them now. Shape (n, 3). [m]."""
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
-    def bound_arm(self, poses: dict[str, Array]) -> Array:
-        """Return the corners of the arm as it stands. Shape (k, 3). [m]."""
-        corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
-                   for solid in self.cell.solids if solid.link in poses]  # fmt: skip
-        return np.concatenate([*corners, np.zeros((1, 3))])
-
-    def look_at(self, points: Array, arm: Array) -> None:
+    def look_at(self, points: Array, poses: dict[str, Array]) -> None:
         """Frame the whole arm and the path, the path in front; offer to come nearer.
 
         Args:
             points: The path. Shape (n, 3). [m]
-            arm: Corners of the arm as it stands. Shape (k, 3). [m]
+            poses: Where the links are. Shape (4, 4) each. [m]
         """
-        points, arm = self.stand(points), self.stand(arm)
-        everything = np.concatenate([arm, points])
+        corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
+                   for solid in self.cell.solids if solid.link in poses]  # fmt: skip
+        points, everything = self.stand(points), self.stand(np.concatenate([*corners, np.zeros((1, 3)), points]))
         low, high = everything.min(axis=0), everything.max(axis=0)
         middle, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
         out = np.append(points.mean(axis=0)[:2] - middle[:2], 0.0)
@@ -164,32 +165,20 @@ class Stage:
         right = np.cross(-aside, [0.0, 0.0, 1.0])
         middle = middle + BESIDE_PANEL * radius * right / max(float(np.linalg.norm(right)), 1e-9)
         centre = points.mean(axis=0)
-        near = 1.5 * float(np.ptp(points, axis=0).max()) + 0.05
-        self.views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + near * aside)}
-        self.server.initial_camera.position = tuple(self.views["whole arm"][1])
-        self.server.initial_camera.look_at = tuple(middle)
-        buttons = self.server.gui.add_button_group("look at", list(self.views))
+        self.near = (1.5 * float(np.ptp(points, axis=0).max()) + 0.05) * aside
+        views = {"whole arm": (middle, middle + FRAMED * radius * aside), "path": (centre, centre + self.near)}
+        self.server.initial_camera.position, self.server.initial_camera.look_at = views["whole arm"][1], middle
+        buttons = self.server.gui.add_button_group("look at", list(views))
 
         @buttons.on_click
         def _(event: Any) -> None:
             if event.client is not None:
-                look, stand = self.views[buttons.value]
+                look, stand = views[buttons.value]
                 event.client.camera.position, event.client.camera.look_at = stand, look
 
     def come_near(self, client: Any, point: Array) -> None:
         """Bring the eyes of a client near to a point of the path."""
-        look, stand = self.views["path"]
-        client.camera.position, client.camera.look_at = self.stand(point) + 0.6 * (stand - look), self.stand(point)
-
-    def light_part(self, scene: PlanScene, way: str, under: str = "/cell") -> None:
-        """Colour the part by what the path beside it does."""
-        for solid in self.parts:
-            self.paint(f"{under}/{solid.name}", solid, scene.paint_solid(solid, way))
-
-    @property
-    def parts(self) -> list[ViewSolid]:
-        """What is cut."""
-        return [solid for solid in self.cell.solids if solid.name == "part"]
+        client.camera.position, client.camera.look_at = self.stand(point) + 0.6 * self.near, self.stand(point)
 
 
 class PlanViewer:
@@ -206,39 +195,32 @@ class PlanViewer:
         self.marker = server.scene.add_icosphere(f"{root}/tip", radius=size, color=(29, 35, 41))
         self.force = self.stage.draw("/force", Lines(np.zeros((1, 2, 3), np.float32), DARK), 3.0)
         self.stage.draw("/wanted", scene.draw_wanted(), 1.5)
-        standing, cut = scene.pose_links(scene.start, self.chosen, 0.0), tip[scene.recording.move == "cut"]
+        standing = scene.pose_links(scene.start, self.chosen, 0.0)
         self.stage.move(standing)
-        self.stage.look_at(cut, self.stage.bound_arm(standing))
-        above = np.array([*cut.mean(axis=0)[:2], cut[:, 2].max() + 0.6 * self.extent])
-        wide = 1e3 * float(np.ptp(cut, axis=0).max())
-        server.scene.add_label(f"{root}/size", f"cut, {wide:.3g} mm wide", position=above, anchor="bottom-center")
+        self.stage.look_at(tip[scene.recording.move == "cut"], standing)
         self.redraw()
-        self.show_row(self.row)
         server.scene.on_pointer_event("click")(self._click)
         threading.Thread(target=self._run, daemon=True).start()
 
     def _build_panel(self) -> None:
-        gui, scene = self.server.gui, self.scene
-        names = list(scene.ways.values())
-        gui.add_markdown(f"**{scene.recording.name}** \n\n{scene.recording.cell.robot}, robot model "
-                         f"{GRADE_MEANING[scene.recording.cell.grade]}")  # fmt: skip
+        gui, scene, facts = self.server.gui, self.scene, self.scene.recording.cell.facts
+        gui.add_markdown(
+            f"**{scene.recording.name}** \n\n{facts['robot']}, robot model {GRADE_MEANING[facts['grade']]}"
+        )
         shown = next(way for way in ("uncorrected", PROMISE, "planned", "softer") if way in scene.ways)
-        self.way = gui.add_dropdown("show the tip", names, initial_value=scene.ways[shown])
-        self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1,
-                                      initial_value=int(scene.magnification(shown)))  # fmt: skip
+        self.way = gui.add_dropdown("show the tip", list(scene.ways.values()), initial_value=scene.ways[shown])
+        first = int(scene.magnification(shown))
+        self.magnify = gui.add_slider("deviation times", min=1, max=500, step=1, initial_value=first)
         self.bar = gui.add_html("")
         self.play = gui.add_checkbox("play", initial_value=False)
         self.slider = gui.add_slider("waypoint", min=0, max=scene.count - 1, step=1, initial_value=self.row)
-        self.curve = gui.add_html("")
         self.speed = gui.add_slider("speed, times real", min=0.1, max=20.0, step=0.1, initial_value=1.0)
         with gui.add_folder("worst places, click to go there"):
             self.worst = [gui.add_button("-") for _ in range(WORST)]
-        self.beside = gui.add_checkbox("without correction beside it", initial_value=False)
         with gui.add_folder("this waypoint"):
             self.text = gui.add_markdown("")
         self.way.on_update(self._choose)
-        for control in (self.magnify, self.beside):
-            control.on_update(lambda _: self.redraw())
+        self.magnify.on_update(lambda _: self.redraw())
         self.slider.on_update(self._slide)
         for number, button in enumerate(self.worst):
             button.on_click(lambda event, number=number: self._go(event, number))
@@ -263,16 +245,15 @@ class PlanViewer:
         return next(way for way, name in self.scene.ways.items() if name == self.way.value)
 
     def redraw(self) -> None:
-        """Draw path, promise and part anew."""
+        """Draw path, band and part anew."""
         with self.lock, self.server.atomic():
             way, magnify = self.chosen, float(self.magnify.value)
             self.stage.draw("/path", self.scene.draw_path(way, magnify), 6.0)
-            shown = way == PROMISE
-            rings = self.stage.draw("/error_band", self.scene.draw_error_band(magnify), 1.5) if shown else None
-            if rings is None:
+            if way == PROMISE:
+                self.stage.draw("/error_band", self.scene.draw_error_band(magnify), 1.5)
+            else:
                 self.server.scene.remove_by_name(f"{self.stage.root}/error_band")
             self.stage.light_part(self.scene, way)
-            self._draw_beside(magnify)
             self.bar.content = draw_colour_bar(self.scene.top(way), self.scene.recording.tolerance)
             rows = self.scene.worst(way, WORST)
             for number, button in enumerate(self.worst):
@@ -280,22 +261,6 @@ class PlanViewer:
                 if number < len(rows):
                     button.label = self.scene.name_row(rows[number], way)
             self.show_row(self.row)
-
-    def _draw_beside(self, magnify: float) -> None:
-        """Draw path and part without the correction beside those that are shown, moved along y."""
-        scene = self.server.scene
-        scene.remove_by_name(f"{self.stage.root}/beside")
-        if not self.beside.value or "uncorrected" not in self.scene.ways:
-            return
-        tip = self.scene.recording.tip
-        across = np.concatenate([tip[:, 1], *(solid.vertices[:, 1] for solid in self.stage.parts)])
-        away = 1.1 * float(np.ptp(across)) + 0.05
-        scene.add_frame(f"{self.stage.root}/beside", show_axes=False, position=(0.0, away, 0.0))
-        self.stage.draw("/beside/wanted", self.scene.draw_wanted(), 1.5)
-        self.stage.draw("/beside/path", self.scene.draw_path("uncorrected", magnify), 4.0)
-        self.stage.light_part(self.scene, "uncorrected", "/beside")
-        top = np.array([*tip[:, :2].mean(axis=0), tip[:, 2].max() + 0.1 * self.extent])
-        scene.add_label(f"{self.stage.root}/beside/name", "without correction", position=top, anchor="bottom-center")
 
     def show_row(self, row: int) -> None:
         """Show the arm, the tip and the force at a row."""
@@ -306,23 +271,20 @@ class PlanViewer:
                 self.stage.move(self.scene.pose_links(row, way, magnify))
                 tip = self.scene.place(way, magnify, row)
                 self.marker.position = tip
-                arrow = (tip + self.scene.force_arrow(row, FORCE_LENGTH * max(self.extent, 1.0))).astype(np.float32)
-                self.force.points = arrow[None]
+                longest = FORCE_LENGTH * max(self.extent, 1.0) / max(self.scene.greatest_force, 1e-9)
+                force = longest * self.scene.recording.wrench[row, :3]
+                self.force.points = np.stack([tip, tip + force]).astype(np.float32)[None]
             if time.monotonic() - self.told > 1.0 / PANEL or not self.play.value:
                 self.told = time.monotonic()
                 self.text.content = self.scene.tell(row)
-                time_of = self.scene.recording.time
-                self.curve.content = draw_curve(time_of, self.scene.sizes[way], self.scene.recording.tolerance,
-                                                float(time_of[row]))  # fmt: skip
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # a person moved it
             self.show_row(int(self.slider.value))
 
     def _click(self, event: Any) -> None:
-        origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
-        turn, seen = self.stage.carried, (self.chosen, float(self.magnify.value))
-        self._stop_at(self.scene.pick((origin - turn[:3, 3]) @ turn[:3, :3], direction @ turn[:3, :3], *seen))
+        points = self.stage.stand(self.scene.place(self.chosen, float(self.magnify.value)))
+        self._stop_at(pick_point(points, np.array(event.ray_origin), np.array(event.ray_direction)))
 
     def _stop_at(self, row: int) -> None:
         """Stop the arm at a row."""
@@ -358,7 +320,7 @@ class GapViewer:
 
     def __init__(self, server: Any, scene: GapScene) -> None:
         self.server, self.scene, self.stage = server, scene, Stage(server, scene.recording.cell)
-        gui, self.pose = server.gui, 0
+        gui = server.gui
         self.way = gui.add_dropdown("gap to the", list(scene.ways.values()))
         most = max(10.0, 4.0 * scene.magnification)
         first = min(scene.magnification, most)
@@ -371,7 +333,7 @@ class GapViewer:
             control.on_update(lambda _: self.redraw())
         self.slider.on_update(lambda _: self.show_pose(min(int(self.slider.value), scene.count - 1)))
         points = scene.recording.point[np.isfinite(scene.recording.point).all(axis=1)]
-        self.stage.look_at(points, self.stage.bound_arm(scene.pose_links(0)))
+        self.stage.look_at(points, scene.pose_links(0))
         self.marker = server.scene.add_icosphere("/pose", radius=0.012, color=(29, 35, 41))
         self.redraw()
         self.show_pose(0)
@@ -384,17 +346,22 @@ class GapViewer:
 
     def show_pose(self, pose: int) -> None:
         """Show the arm at a pose, and what is known of it."""
-        self.pose = pose
         with self.server.atomic():
             self.stage.move(self.scene.pose_links(pose))
             self.marker.position = np.nan_to_num(self.scene.recording.point[pose])
         self.text.content = self.scene.tell(pose)
 
     def _click(self, event: Any) -> None:
-        pose = self.scene.pick(np.array(event.ray_origin, float), np.array(event.ray_direction, float))
+        pose = pick_point(self.scene.recording.point, np.array(event.ray_origin), np.array(event.ray_direction))
         self.slider.value = pose
         self.show_pose(pose)
 
     def stop(self) -> None:
         """Close the server."""
         stop_server(self.server)
+
+
+def stop_server(server: Any) -> None:
+    """Close a server, without its words."""
+    with redirect_stdout(StringIO()):
+        server.stop()

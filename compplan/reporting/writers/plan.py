@@ -1,4 +1,4 @@
-"""Write what was planned: plan.json, joints.csv, native programs, the page; compare.json. All files, or none.
+"""Write what was planned: plan.json, joints.csv, native programs, the page. All files, or none.
 
 A fault in any of the files leaves nothing behind (`compplan.io.transaction`).
 """
@@ -22,7 +22,6 @@ from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
 from compplan.job.job import Job
-from compplan.planning.compare import Comparison, summarise_comparison
 from compplan.planning.executed import bound_zones, describe_unfollowed
 from compplan.planning.result import Plan, replace_said, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
@@ -36,16 +35,10 @@ from compplan.toolpath.toolpath import WRENCH_HEADERS
 def write_plan(plan: Plan, folder: str | Path) -> list[Path]:
     """Write a plan: plan.json, joints.csv, report.html, what `compplan view` needs, the native programs of its job.
 
-    Args:
-        plan: The plan.
-        folder: Folder to write to; made if needed.
-
-    Returns:
-        The files written.
+    Returns the files written.
 
     Raises:
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
-
     """
     return deliver_plan(plan, folder)[1]
 
@@ -62,9 +55,7 @@ def deliver_plan(plan: Plan, folder: str | Path) -> tuple[Plan, list[Path]]:
 def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
     """Write programs and joints.csv of a plan into a folder that is there, and read them back.
 
-    Returns:
-        The plan with what its files say, and the programs.
-
+    Returns the plan with what its files say, and the programs.
     """
     programs = write_programs(plan, part)
     write_joints(plan, part / "joints.csv")
@@ -80,10 +71,9 @@ def write_moves(plan: Plan, part: Path) -> tuple[Plan, list[Path]]:
 def write_beside(plan: Plan, part: Path) -> None:
     """Write what stands beside the moves of a plan: the page, what `compplan view` needs, plan.json."""
     from compplan.reporting.plan_page import write_plan_page
-    from compplan.reporting.posture_map import extra_axis_sections
 
     write_plan_cell(plan, part, choose_rows(plan))
-    write_plan_page(plan, part / "report.html", extra_axis_sections(plan))
+    write_plan_page(plan, part / "report.html")
     write_json(part / "plan.json", summarise_plan(plan), indent=2)
 
 
@@ -119,23 +109,9 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q,
-        time,
-        tip,
-        rows,
-        (first, last),
-        feed,
-        stands,
-        may_stop,
-        free,
-        table,
-        coarser,
-        sent,
-        asked,
-        beside,
-        corner,
+        q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
-    )
+    )  # fmt: skip
 
     def arm_with(tool: Mapping[str, Any] | None) -> StiffArm:
         judge = read_exact_robot(Path(robot), tool, geometry="controller.urdf")
@@ -157,7 +133,6 @@ def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
         plan: The plan.
         before: Rows of the approach.
         after: Rows of the retract.
-
     """
     n = len(plan.task)
     stands = np.zeros(before + n + after, bool)
@@ -191,29 +166,6 @@ def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
             parts.append((np.zeros((0, 3)), np.zeros((0, 3))))
     position = np.vstack([parts[0][0], task.position if wanted is None else wanted, parts[1][0]])
     return position, np.vstack([parts[0][1], task.nominal.axis, parts[1][1]])
-
-
-def write_comparison(comparison: Comparison, folder: str | Path) -> list[Path]:
-    """Write a comparison: compare.json and report.html.
-
-    Args:
-        comparison: The comparison.
-        folder: Folder to write to; made if needed.
-
-    Returns:
-        The files written.
-
-    Raises:
-        InputError: If the folder cannot be written; nothing is written then.
-
-    """
-    from compplan.reporting.compare_page import write_compare_page
-
-    with replace_folder(folder, "compare") as part:
-        write_compare_page(comparison, part / "report.html")
-        write_json(part / "compare.json", summarise_comparison(comparison), indent=2)
-        names = list_files(part)
-    return [Path(folder) / name for name in names]
 
 
 def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
@@ -351,18 +303,12 @@ def make_program(plan: Plan) -> Program:
     up = start + plan.timing.time[-1] + np.cumsum(plan.retract.key_gap)
     time = np.r_[down, start + plan.timing.time, up]
     program = build_program(
-        plan.robot,
-        np.vstack([above, plan.sent, below]),
-        feed,
-        rapid,
+        plan.robot, np.vstack([above, plan.sent, below]), feed, rapid, time=time, comments=_head(plan), exact=exact,
         name=plan.name if plan.job is None else "_".join(filter(None, [plan.job.file.stem, plan.job.label])),
-        time=time,
-        comments=_head(plan),
         part=None if plan.job is None else plan.job.T_base_part,
-        exact=exact,
         events=place_events(plan.task.nominal.events, before, len(plan.task), after),
         wiring=None if plan.job is None else plan.job.output.io.wiring,
-    )
+    )  # fmt: skip
     if plan.job is None:
         return program
     output, motion = plan.job.output, load_motion(plan.robot)[0]
@@ -381,9 +327,8 @@ def make_program(plan: Plan) -> Program:
     zones["corner"] = np.r_[np.ones(before), zones["corner"], np.ones(after)]
     asked = np.r_[np.zeros(before), 1e3 * path.feed, np.zeros(after)]
     return replace(
-        program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser,
-corner_shift=shift, asked=asked, cycle=motion.cycle, free=free,
-        form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
+        program, tolerance=output.bound_fit(plan.task.tolerance), coarser=coarser, corner_shift=shift, asked=asked,
+        cycle=motion.cycle, free=free, form=output.form, arc_of=drawn, line_of=lines, splines=output.splines,
         pieces=_shift_pieces(plan, before, after), **zones,
     )  # fmt: skip
 
@@ -407,7 +352,6 @@ def place_events(events: Sequence[Event], before: int, count: int, after: int) -
         before: Rows of the approach.
         count: Rows of the path. What ends something at the last of them waits until the tool is retracted.
         after: Rows of the retract.
-
     """
     rows = [
         -1 if event.place < 0 else event.place + before + after * (event.place == count - 1 and event.kind in ENDING)

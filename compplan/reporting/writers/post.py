@@ -15,7 +15,7 @@ from compplan.job.profile import read_profile
 from compplan.planning.operations import worst_status
 from compplan.planning.plan import plan_job
 from compplan.planning.result import Plan
-from compplan.reporting.writers.operations import deliver_operations
+from compplan.reporting.operations import deliver_operations
 from compplan.reporting.writers.plan import deliver_plan, note_programs
 from compplan.robot.folder import find_robot_folder
 
@@ -33,7 +33,6 @@ class Posted:
         plans: One plan an operation (a tool); one in all where the file calls one tool.
         folder: Where everything was written.
         files: The files written.
-
     """
 
     plans: tuple[Plan, ...]
@@ -59,9 +58,8 @@ def post(
 ) -> Posted:  # fmt: skip
     """Read a CAM file, plan it and write its programs: one plan and program for each tool that it calls.
 
-    Example:
-        >>> done = post("part.nc", robot="kuka_kr240", part=[1800, 0, 700], program="krl",
-        ...             tool={"frame": "pendant", "position_mm": [0, 0, 250]})  # doctest: +SKIP
+        done = cp.post("part.nc", robot="kuka_kr240", part=[1800, 0, 700], program="krl",
+                       tool={"frame": "pendant", "position_mm": [0, 0, 250]})
 
     Args:
         camfile: The CAM file.
@@ -79,15 +77,13 @@ def post(
 
     Raises:
         InputError: If something is not what it has to be; nothing is written then.
-
     """
     folder = Path("out" if out is None else out)
     job = make_post_job(
-        camfile, robot=robot, part=part, program=program, profile=profile, tool=tool, tools=tools, process=process,
+        camfile, robot=robot, part=part, program=program, profile=profile, tools=tools, tool=tool, process=process,
         cam=cam, plan=plan, output=output, stands_in=folder.absolute() / f"{Path(camfile).stem}.toml",
     )  # fmt: skip
-    jobs = split_job(job)
-    plans = tuple(note_programs(plan_job(one)) for one in jobs)
+    plans = tuple(note_programs(plan_job(one)) for one in split_job(job))
     if len(plans) == 1:
         done, files = deliver_plan(plans[0], folder)
         return Posted((done,), folder, tuple(files))
@@ -97,38 +93,21 @@ def post(
 
 def make_post_job(
     camfile: str | Path, *, robot: str | Path | None, part: Table | Sequence[float] | None,
-    program: str | Sequence[str], profile: str | Path | None, tool: Table | None,
-    tools: Table | Sequence[Mapping[str, Any]] | None, process: Table | None, cam: Table | None,
-    plan: Table | None, output: Table | None, stands_in: Path,
+    program: str | Sequence[str], profile: str | Path | None, tools: Table | Sequence[Mapping[str, Any]] | None,
+    stands_in: Path, **tables: Table | None,
 ) -> Job:  # fmt: skip
-    """Make the job that a call of `post` stands for; arguments as there.
+    """Make the job that a call of `post` stands for; arguments as there, `tables` by their names in a job.
 
-    Args:
-        camfile: The CAM file.
-        robot: The robot.
-        part: The part frame.
-        program: Languages.
-        profile: Shop profile.
-        tool: [tool].
-        tools: Several tools.
-        process: [process].
-        cam: [cam].
-        plan: [plan].
-        output: [output].
-        stands_in: The job file that nobody wrote; paths count from its folder.
+    `stands_in` is the job file that nobody wrote; paths count from its folder.
 
     Raises:
         InputError: If a table is not what it has to be.
-
     """
     languages = [program] if isinstance(program, str) else list(program)
-    data: dict[str, Any] = {
-        "schema": 1, "name": Path(camfile).stem, "toolpath": str(Path(camfile).absolute()), "process": dict(NO_FORCE)
-    }  # fmt: skip
     under = {} if profile is None else read_profile(Path(profile))
-    if profile is not None:
-        data["profile"] = str(Path(profile).absolute())
-        data = {key: value for key, value in data.items() if key != "process" or key not in under}
+    data: dict[str, Any] = {"schema": 1, "name": Path(camfile).stem, "toolpath": str(Path(camfile).absolute())}
+    data |= {} if "process" in under else {"process": dict(NO_FORCE)}
+    data |= {} if profile is None else {"profile": str(Path(profile).absolute())}
     stated = {"robot": robot, "part": part, "program": program or under.get("output", {}).get("programs")}
     for option, value in stated.items():
         if not value and option not in under:
@@ -138,9 +117,7 @@ def make_post_job(
         data["robot"] = str(Path(robot).absolute()) if Path(robot).is_dir() else str(robot)
     if part is not None:
         data["part"] = read_part(part)
-    for name, table in (("tool", tool), ("process", process), ("cam", cam), ("plan", plan), ("output", output)):
-        if table is not None:
-            data[name] = read_table_of_job(name, table)
+    data |= {name: read_table_of_job(name, table) for name, table in tables.items() if table is not None}
     if languages:
         data["output"] = {**data.get("output", {}), "programs": [language.lower() for language in languages]}
     if tools is not None:
@@ -154,7 +131,6 @@ def read_part(part: Table | Sequence[float]) -> dict[str, Any]:
 
     Raises:
         InputError: If it is none of them.
-
     """
     if isinstance(part, Mapping | str | Path):
         return read_table_of_job("part", part)
@@ -169,7 +145,6 @@ def read_tools(tools: Table | Sequence[Mapping[str, Any]]) -> tuple[str, Any]:
 
     Raises:
         InputError: If a TOML file has neither.
-
     """
     if isinstance(tools, Mapping):
         return "tools", dict(tools)
@@ -191,7 +166,6 @@ def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
 
     Raises:
         InputError: If the file is not what it has to be.
-
     """
     if isinstance(table, Mapping):
         return dict(table)
@@ -200,9 +174,8 @@ def read_table_of_job(name: str, table: Table) -> dict[str, Any]:
         found = {**found, "file": str((Path(table).parent / str(found["file"])).absolute())}
     for key in ("header", "footer"):
         if name == "output" and isinstance(found.get(key), dict):
-            lines = {
-                language: str((Path(table).parent / file).resolve()) if isinstance(file, str) else file
-                for language, file in found[key].items()
-            }
+            near = Path(table).parent
+            lines = {word: str((near / file).resolve()) if isinstance(file, str) else file
+                     for word, file in found[key].items()}  # fmt: skip
             found = {**found, key: lines}
     return found

@@ -16,6 +16,7 @@ on a softer robot, and the distance that holds the true tip with 95 %. gap.csv h
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -24,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import write_json, write_table
-from compplan.reporting.robot_scene import FINEST, MESH_COLOURS, locate_links, place_shapes
+from compplan.reporting.scenes import MESH_COLOURS, locate_links, place_shapes, simplify_mesh
 from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool
 from compplan.robot.solids import triangulate_box, triangulate_rod
@@ -61,19 +62,11 @@ def write_plan_cell(plan: Plan, folder: Path, kept: NDArray[np.bool_]) -> None:
 def summarise_cell(robot: Robot, around: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Return what cell.json holds: how the arm moves, and what stands there."""
     joints = [
-        {
-            "name": joint.name,
-            "kind": joint.kind,
-            "parent": joint.parent,
-            "child": joint.child,
-            "placement": joint.placement.round(9),
-            "axis": joint.axis,
-            "mimic": None
-            if joint.mimic is None
-            else {"joint": joint.mimic.joint, "multiplier": joint.mimic.multiplier, "offset": joint.mimic.offset},
-        }
+        {"name": joint.name, "kind": joint.kind, "parent": joint.parent, "child": joint.child,
+         "placement": joint.placement.round(9), "axis": joint.axis,
+         "mimic": None if joint.mimic is None else asdict(joint.mimic)}
         for joint in robot.joints
-    ]
+    ]  # fmt: skip
     names = {"robot": robot.name, "grade": robot.grade, "base": robot.base, "tcp": robot.tcp, "ground": robot.ground}
     return {"schema": 1, **names, "joints": joints, "shapes": [*_describe_arm(robot), *around]}
 
@@ -147,8 +140,7 @@ def _describe_arm(robot: Robot) -> list[dict[str, Any]]:
 
 
 def _describe_mesh(name: str, link: str, mesh: Any) -> dict[str, Any]:
-    plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
-    return _describe_shape(name, link, MESH_COLOURS[name], np.asarray(plain.vertices, float), plain.faces)
+    return _describe_shape(name, link, MESH_COLOURS[name], *simplify_mesh(mesh))
 
 
 def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
@@ -161,9 +153,7 @@ def _describe_stock(plan: Plan) -> list[dict[str, Any]]:
     else:
         from compplan.io.meshes import load_mesh
 
-        mesh = load_mesh(plan.job.folder / stock.mesh, stock.unit)
-        plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
-        corners, faces = np.asarray(plain.vertices, float), plain.faces
+        corners, faces = simplify_mesh(load_mesh(plan.job.folder / stock.mesh, stock.unit))
     pose = plan.job.T_base_part
     return [_describe_shape("stock", "", STOCK_COLOUR, corners @ pose[:3, :3].T + pose[:3, 3], faces)]
 
@@ -199,13 +189,9 @@ def _describe_block(plan: Plan) -> list[dict[str, Any]]:
 
 
 def _describe_shape(name: str, link: str, colour: Sequence[float], vertices: Array, faces: Any) -> dict[str, Any]:
-    return {
-        "name": name,
-        "link": link,
-        "colour": [round(float(value), 3) for value in colour],
-        "vertices_mm": (1e3 * vertices).round(2),
-        "faces": np.asarray(faces, int),
-    }
+    shown = [round(float(value), 3) for value in colour]
+    corners = (1e3 * vertices).round(2)
+    return {"name": name, "link": link, "colour": shown, "vertices_mm": corners, "faces": np.asarray(faces, int)}
 
 
 def _pad(values: Array, before: int, after: int) -> Array:

@@ -1,0 +1,133 @@
+"""Options that commands share: results, whose places are checked at once, robots, and what a CAM file leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from click.shell_completion import CompletionItem
+
+from compplan.errors import InputError
+from compplan.io.transaction import check_file, check_results
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+#: Results whose names are known before anything is computed, by command; programs are named after the job.
+RESULTS = {
+    "plan": ("plan.json", "joints.csv", "report.html", "cell.json", "deviation.csv"),
+    "compare": ("compare.json", "report.html"),
+    "montecarlo": ("montecarlo.json", "report.html"),
+    "map": ("map.json", "map_horizontal.png", "map_vertical.png"),
+    "identify": ("identify.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
+    "diagnose": ("diagnosis.json", "report.html", "gap.csv", "robot/robot.urdf", "robot_causes/robot.urdf"),
+    "campaign": ("campaign.json", "campaign.csv", "report.html"),
+    "learn": ("learn.json", "plan.json", "joints.csv", "plan.html", "report.html", "robot/robot.urdf"),
+    "reproduce": ("reproduction.json", "report.html"),
+    "place": ("place.json", "report.html"),
+    "convert": ("report.html",),
+    "forces": ("forces.json", "forces.csv", "report.html"),
+    "trace": ("trace.json", "report.html", "robot/robot.urdf", "robot/elasticity.toml"),
+    "post": ("plan.json", "joints.csv", "report.html"),
+}
+
+
+class ResultPath(click.Path):
+    """Place of a result, checked when the command line is read: a folder, or a file that ends as stated."""
+
+    def __init__(self, suffix: str | None = None) -> None:
+        super().__init__(path_type=Path)
+        self.suffix = suffix
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Return the path.
+
+        Raises:
+            InputError: If nothing can be written there.
+        """
+        path = Path(str(super().convert(value, param, ctx)))  # type: ignore[arg-type]
+        if self.suffix is None:
+            check_results(path, RESULTS.get("" if ctx is None else str(ctx.info_name), ()))
+        else:
+            check_file(path)
+            if path.exists() and path.suffix != self.suffix:
+                raise InputError(f"is there and no {self.suffix} file, name another one to write", file=path)
+        return path
+
+
+FOLDER, TABLE, INPUT = ResultPath(), ResultPath(".csv"), click.Path(path_type=Path)
+out_folder = click.option("--out", "folder", type=FOLDER, default="out", show_default=True, help="Folder to write to.")
+out_table = click.option("--out", required=True, type=TABLE, help="CSV file to write.")
+json_summary = click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+assume_ok = click.option("--assume-ok", is_flag=True, help="Go on where the data raise a question.")
+
+
+def complete_robots(context: click.Context, option: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Complete the name of a shipped robot, or a folder."""
+    from compplan.robot.folder import robot_folders
+
+    names = [CompletionItem(name) for name in sorted(robot_folders()) if name.startswith(begun)]
+    return [*names, CompletionItem(begun, type="dir")]
+
+
+def robot_option(help: str = "Robot folder, or name of a shipped robot.", *, required: bool = True) -> Any:
+    """Return the option --robot, which completes the names of shipped robots."""
+    return click.option("--robot", "robot_name", required=required, shell_complete=complete_robots, help=help)
+
+
+#: Plan with another robot than the job's.
+robot_instead = robot_option(
+    "Robot folder in place of the job's, as diagnose, identify or learn wrote it.", required=False
+)
+#: Whose posture is kept.
+posture_kept = click.option(
+    "--keep", "keep", metavar="WHAT",
+    help="Posture to keep: robot (with --robot that which the job's own robot chooses), nothing, or joints.csv of an "
+    "earlier plan.  [default: as the job says]",
+)  # fmt: skip
+
+
+def read_place(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
+    """Read X,Y,Z in mm.
+
+    Raises:
+        InputError: If the text is no three numbers.
+    """
+    if text is None:
+        return None
+    try:
+        place = [float(word) for word in text.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != 3:
+        raise InputError(f"{option.opts[0]} is {text!r}, expected X,Y,Z in mm")
+    return place
+
+
+def take_cam_options(command: Command) -> Command:
+    """Give a command the options of what a CAM file does not say by itself."""
+    from compplan.toolpath.readers.machines import list_machines
+
+    machines = ", ".join(list_machines())
+    options = (
+        click.option("--unit", type=click.Choice(["mm", "inch"]), help="Unit of a file that does not state one."),
+        click.option("--from", "from_mm", metavar="X,Y,Z", callback=read_place,
+                     help="Where cuts begin whose start a file leaves open: mm, part frame."),
+        click.option("--feed", "feed_mm_s", type=float, metavar="MM_S",
+                     help="Feed of cutting moves for which the file states none."),
+        click.option("--machine", metavar="NAME",
+                     help=f"The machine that the file is made for: NAME.toml beside it, or {machines}."),
+        click.option("--rotary", type=click.Choice(["head", "table", "head_table", "ignore"]),
+                     help="What A B C words turn."),
+        click.option("--wcs", metavar="G54", help="The work offset that is the part frame, if a file cuts in several."),
+        click.option("--compensation", type=click.Choice(["centre_line"]),
+                     help="What a file holds where the control compensates (G41)."),
+    )  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def keep_stated(**options: Any) -> dict[str, Any]:
+    """Return the options that were given, by their keys in [cam]."""
+    return {key: value for key, value in options.items() if value is not None}

@@ -1,0 +1,295 @@
+"""What `compplan campaign` writes: campaign.csv to fill in, programs to the poses, campaign.json, report.html."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.controllers.writers import build_program, write_program
+from compplan.io.display import Curve, Curves
+from compplan.io.palette import CATEGORIES
+from compplan.io.provenance import describe_origin
+from compplan.io.quantities import format_length, format_mm, format_percent
+from compplan.io.tables import write_json, write_table, write_text
+from compplan.io.transaction import list_files, replace_folder
+from compplan.learning.campaign import PoseCampaign
+from compplan.measurement.observations import DISTANCE, READING, Observations
+from compplan.reporting import page
+from compplan.reporting.charts import draw_curves
+from compplan.reporting.provenance import describe_robot
+from compplan.reporting.scenes import draw_cell
+from compplan.robot import Array
+from compplan.toolpath.toolpath import WRENCH_HEADERS
+
+
+def write_campaign(campaign: PoseCampaign, folder: Path) -> dict[str, Any]:
+    """Write a designed campaign and return what campaign.json holds.
+
+    Raises:
+        InputError: If the folder cannot be written; nothing is written then.
+    """
+    with replace_folder(folder, "campaign") as part:
+        write_log(campaign, part / "campaign.csv")
+        if campaign.poses.sights is not None:
+            text = describe_instrument(campaign.poses.sights, campaign.equipment.sigma)
+            write_text(part / "instrument.toml", "".join(f"# {stand.says}\n" for stand in campaign.stands) + text)
+        write_moves(campaign, part)
+        write_text(part / "report.html", _render(campaign))
+        summary = {**summarise_campaign(campaign), "files": [*map(str, list_files(part)), "campaign.json"]}
+        write_json(part / "campaign.json", summary, indent=2)
+    return summary
+
+
+def write_log(campaign: PoseCampaign, file: Path) -> None:
+    """Write the empty log, two rows a pose: where its approach begins, which stays empty, and the pose to measure.
+
+    The first of them tells later readers from which side the joints came.
+    """
+    poses, n = campaign.poses, len(campaign.poses)
+    columns: dict[str, object] = {"run": np.array(["static1"] * 2 * n)}
+    columns |= campaign.plan.robot.joint_columns(poses.log.q)
+    columns |= {header: poses.log.wrench[:, k] for k, header in enumerate(WRENCH_HEADERS)}
+    columns |= sight_columns(poses.sights, n)
+    columns["sigma_mm"] = np.full(2 * n, campaign.equipment.sigma * 1e3)
+    write_table(file, columns, decimals=7)
+    task = describe_task(campaign.equipment.instrument)
+    todo = f"approach from the next row (it stays without a measurement), then {task}"
+    head, *rows = file.read_text(encoding="utf-8").splitlines()
+    lines = [head]
+    for k in range(n):
+        load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "no weight"
+        x, y = poses.wrench[k, :2]
+        pull = f", pull {x:g}, {y:g}, 0 N" if x or y else ""
+        worth = f"{campaign.worth[k]} in worth" if k < n - 1 else "the first once more"
+        lines += [f"# pose {k + 1} ({worth}): {load}{pull}; {todo}"]
+        lines += rows[2 * k : 2 * k + 2]
+    write_text(file, "\n".join(lines) + "\n")
+
+
+def sight_columns(sights: Observations | None, poses: int) -> dict[str, object]:
+    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose.
+
+    Args:
+        sights: What the instrument sees; None: positions.
+        poses: How many poses.
+    """
+    empty = np.full(2 * poses, np.nan)
+    if sights is None:
+        return {f"{axis}_mm": empty for axis in "xyz"}
+
+    def second(values: Array) -> Array:
+        return np.stack([np.full((poses, 3), np.nan), values], axis=1).reshape(-1, 3)
+
+    columns: dict[str, object] = {}
+    if sights.names:
+        columns["contact"] = np.array([["", sights.names[one]] for one in sights.contact]).reshape(-1)
+    else:
+        columns |= {f"{axis}_mm": 1e3 * second(sights.origin)[:, k] for k, axis in enumerate("xyz")}
+    if (sights.kind == READING).any():
+        columns |= {f"dir_{axis}": second(sights.direction)[:, k] for k, axis in enumerate("ijk")}
+        columns["reading_mm"] = empty
+    if (sights.kind == DISTANCE).any():
+        columns["distance_mm"] = empty
+    return columns
+
+
+#: What is to be done at a pose with another instrument than a tracker.
+TASKS = {
+    "sockets": "let the ball sit in the socket of the row and write the joints down as they are",
+    "gauge": "write the reading of the row's gauge down, which grows along dir",
+    "ball_bar": "hang the bar on the row's ball and write the distance of both balls' centres down",
+}
+
+
+def describe_task(instrument: str) -> str:
+    """Say what is to be done at a pose."""
+    return TASKS.get(instrument, "measure")
+
+
+def describe_instrument(sights: Observations, sigma: float) -> str:
+    """Return the text of instrument.toml for a campaign that is filled in. sigma: [m]"""
+    lines = ["schema = 1", "[instrument]", f"sigma_mm = {1e3 * sigma:g}"]
+    known = sights.known
+    for pair, length, own in zip(known.between.tolist(), known.length, known.sigma, strict=True):
+        between = ", ".join(f'"{sights.names[one]}"' for one in pair)
+        lines += ["[[distance]]  # measure it: the plate's own, not the asked one", f"between = [{between}]",
+                  f"mm = {1e3 * length:g}", f"sigma_mm = {1e3 * own:g}"]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def write_moves(campaign: PoseCampaign, folder: Path) -> list[Path]:
+    """Write programs of joint moves: to where each approach begins, then to the pose, stopping at every point."""
+    plan = campaign.plan
+    if plan.job is None or not plan.job.output.programs:
+        return []
+    n = len(campaign.poses)
+    comments = [
+        f"compplan: {n} poses to measure for {plan.name}",
+        "every second point is a pose: stop there, let it settle, measure",
+        "loads change between poses as campaign.csv says",
+    ]
+    moves = np.ones(2 * n, bool)
+    program = build_program(
+        plan.robot, campaign.poses.log.q, np.zeros(2 * n), moves,
+        name=f"{plan.job.file.stem}_poses", comments=comments, exact=moves,
+    )  # fmt: skip
+    files: list[Path] = []
+    for language in plan.job.output.programs:
+        files += write_program(program, language, folder, any_brand=plan.job.output.any_brand)
+    return files
+
+
+def summarise_campaign(campaign: PoseCampaign) -> dict[str, Any]:
+    """Return the content of campaign.json."""
+    choice, design, equipment = campaign.choice, campaign.design, campaign.equipment
+    return {
+        "schema": 1, "name": campaign.plan.name, "purpose": equipment.purpose, "robot": campaign.plan.robot.name,
+        "poses": len(choice.rows), "rows_of_log": campaign.log,
+        "error_band_mm": {
+            "p95_max_now": choice.greatest[0] * 1e3, "p95_max_after": choice.greatest[-1] * 1e3,
+            "p95_max_after_each": (choice.greatest * 1e3).tolist(),
+            "p95_rms_after_each": (choice.rms * 1e3).tolist(), "p95_max_floor": float(design.floor.max()) * 1e3,
+        },
+        "parameters_alone_p95_rms_mm": {
+            "now": campaign.model_part(campaign.start) * 1e3,
+            "designed": campaign.model_part(choice.covariance) * 1e3,
+        },
+        "stop_after": choice.enough, "says": describe_campaign(campaign).replace("\u00a0", " "),
+        "remaining": [{"unknown": name, "share_of_variance": share} for name, share in campaign.rest],
+        "ways_that_touch": [int(k) + 1 for k in campaign.touching], "instrument": equipment.instrument,
+        "stands": [
+            {"label": stand.label, "position_mm": (1e3 * stand.place).round(1).tolist(), "says": stand.says}
+            for stand in campaign.stands
+        ],
+        "instrument_sigma_mm": equipment.sigma * 1e3, "weights_kg": list(equipment.weights),
+        "pull_N": equipment.pull, "register": list(equipment.frames), "notes": list(campaign.notes),
+        "made_by": describe_origin(),
+    }  # fmt: skip
+
+
+def describe_campaign(campaign: PoseCampaign) -> str:
+    """Say in a few sentences what the campaign brings and when to stop."""
+    choice = campaign.choice
+    text = (
+        f"{len(choice.rows)} poses narrow the 95 % band {campaign.equipment.place} from "
+        f"{format_length(choice.greatest[0])} to {format_length(choice.greatest[-1])} at its widest point, "
+        "if the robot is as uncertain as stated."
+    )
+    if campaign.log:
+        text += f" {campaign.log} rows of the log count already."
+    enough = choice.enough
+    if enough == 0:
+        return f"{text} No further pose is worth measuring: stop here."
+    if enough is not None:
+        return f"{text} Stop after the {enough} most useful ones: the others narrow it by less than 0.5 % each."
+    return f"{text} The last one is still worth it: more poses would narrow it further."
+
+
+def _render(campaign: PoseCampaign) -> str:
+    """Return the page: which poses, what they will bring, when to stop."""
+    plan, place = campaign.plan, campaign.equipment.place
+    rest: list[page.Row] = [[name, format_percent(share)] for name, share in campaign.rest]
+    heads = ["if this were known exactly", "the variance of the tip would shrink by"]
+    sections = [
+        page.Section("What it brings", [_compare(campaign)], f"The 95 % band of the true tip {place}."),
+        page.Section("Poses", [_draw_poses(campaign), _list_poses(campaign)],
+                     "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
+        page.Section("What remains", [page.Table(heads, rest or [["nothing stands out", None]])],
+                     "What would narrow the band most afterwards."),
+    ]  # fmt: skip
+    if campaign.stands:
+        stands: list[page.Row]
+        stands = [[stand.label, *(float(v) for v in 1e3 * stand.place), stand.says] for stand in campaign.stands]
+        columns = ["label", *(f"{name} [mm, 4]" for name in "xyz"), "put up"]
+        about = "In the robot's base frame; within centimetres is enough where nothing else is said."
+        sections.insert(2, page.Section("Where it stands", [page.Table(columns, stands)], about))
+    warning = ""
+    if len(campaign.touching):
+        numbers = ", ".join(str(k + 1) for k in campaign.touching)
+        warning = f"On the straight joint move to pose {numbers} the arm touches something: go around by hand."
+    return page.render_page(
+        f"{plan.name}: {len(campaign.poses) - 1} poses to measure", describe_campaign(campaign), sections,
+        kind=f"Campaign, {plan.robot.name}", opening=_open(campaign), warning=warning, notes=campaign.notes,
+        provenance=describe_robot(plan.robot, [("known from", campaign.design.known.source)]),
+    )  # fmt: skip
+
+
+def _open(campaign: PoseCampaign) -> page.Summary:
+    """Return the first screen: what the poses bring."""
+    choice, place = campaign.choice, campaign.equipment.place
+    now, then = float(choice.greatest[0]), float(choice.greatest[-1])
+    useful = len(choice.rows) if choice.enough is None else choice.enough
+    verdict = f"{useful} poses are enough: they narrow the 95 % band {place} from {format_mm(now)} to "
+    verdict += f"{format_mm(float(choice.greatest[useful]))}."
+    tone = "good" if then < 0.8 * now else "unsure"
+    if useful == 0:
+        verdict, tone = f"No further pose is worth measuring: none narrows the band {place}.", "good"
+    figures = [
+        page.KeyFigure(format_mm(now), "95 % band at its widest point, now"),
+        page.KeyFigure(format_mm(then), f"expected after all {len(choice.rows)} poses", tone),
+        page.KeyFigure(str(useful), "poses that are worth measuring; each further one brings less than 0.5 %"),
+    ]
+    count, floor = np.arange(float(len(choice.rms))), float(campaign.design.floor.max())
+    lines = (Curve("at its widest point", count, 1e3 * choice.greatest, "after", "lines+markers"),
+             Curve("rms", count, 1e3 * choice.rms, 3, "lines+markers"))  # fmt: skip
+    level = (1e3 * floor, "no pose lowers it below")
+    chart = draw_curves(Curves("", "poses measured", "95 % band [mm]", lines, level))
+    caption = (
+        f"Dashed: {format_length(floor)} are left by the force, repeatability and what no parameter explains. Cut and"
+        " measure a part for those (compplan learn)."
+    )
+    todo = "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose campaign.csv "
+    todo += "--robot ROBOT --out updated."
+    return page.Summary(verdict, tone, figures, page.Chart(chart, caption, 340), todo)
+
+
+def _compare(campaign: PoseCampaign) -> page.Table:
+    count, designed = len(campaign.choice.rows), 1e3 * campaign.model_part(campaign.choice.covariance)
+    rows: list[page.Row] = [
+        ["now", 1e3 * campaign.model_part(campaign.start)],
+        [f"{count} designed poses", page.Cell(designed, "strong")],
+    ]
+    sigma = f"{1e3 * campaign.design.sigma:g} mm per axis"
+    caption = f"Instrument {sigma}."
+    return page.Table(["after", "band of the parameters alone, rms [mm]"], rows, caption)
+
+
+def _draw_poses(campaign: PoseCampaign) -> page.Chart:
+    plan, tip = campaign.plan, 1e3 * campaign.poses.tip[:-1]
+    figure = draw_cell(plan.robot, plan.q, plan.task.position)
+    figure.add(
+        "scatter3d", x=tip[:, 0], y=tip[:, 1], z=tip[:, 2], mode="markers+text", name="poses",
+        text=[str(k + 1) for k in range(len(tip))], marker={"size": 5, "color": CATEGORIES[1]},
+    )  # fmt: skip
+    return page.Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
+
+
+def _list_poses(campaign: PoseCampaign) -> page.Table:
+    robot, poses = campaign.plan.robot, campaign.poses
+    scale = np.where(robot.prismatic, 1e3, 180 / np.pi)
+    rows: list[page.Row] = []
+    for k in range(len(poses)):
+        again = k == len(poses) - 1
+        side = "rising" if poses.rising[k] else "falling"
+        load = f"{poses.weight[k]:g} kg" if poses.weight[k] else "none"
+        rows.append(
+            [page.Cell("1 again", "muted") if again else k + 1, None if again else int(campaign.worth[k]),
+             *(float(v) for v in poses.q[k] * scale), side, load, _describe_pull(poses.wrench[k, :2]),
+             *(float(v) for v in 1e3 * poses.tip[k])]
+        )  # fmt: skip
+    units = ["mm" if slides else "deg" for slides in robot.prismatic]
+    joints = [f"q{k + 1} [{unit}, 5]" for k, unit in enumerate(units)]
+    tip = [f"{name} [mm, 5]" for name in "xyz"]
+    columns = ["pose", "worth", *joints, "joints come", "weight", "pull [base axes]", *tip]
+    caption = "Worth: 1 brings the most. The tip's place is that of the loaded tip."
+    return page.Table(columns, rows, caption, scroll=24)
+
+
+def _describe_pull(pull: Array) -> str:
+    """Say a pull along one axis, such as 400 N along -y."""
+    axis = int(np.abs(pull).argmax())
+    if not pull.any():
+        return "none"
+    return f"{abs(pull[axis]):.0f}\u00a0N\u00a0along\u00a0{'-' if pull[axis] < 0 else '+'}{'xyz'[axis]}"

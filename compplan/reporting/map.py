@@ -1,0 +1,142 @@
+"""What `compplan map` writes: map.json, the pictures and report.html."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compplan.io.provenance import describe_origin
+from compplan.io.tables import write_json, write_text
+from compplan.io.transaction import replace_folder
+from compplan.reporting import page
+from compplan.reporting.maps.maps import DeflectionMap
+from compplan.reporting.maps.pictures import Panel, deflection_panels, draw_deflection, draw_joint_map
+from compplan.reporting.maps.reach import ELBOWS
+from compplan.reporting.maps.survey import WRIST_FOR_QUALITY_DEG, RobotMaps
+from compplan.reporting.provenance import describe_robot
+from compplan.robot import Array
+
+#: Quantities of a plane, by their keys in map.json.
+ROWS = {
+    "worst_unit_force_um_per_N": "deflection under the worst unit force [µm/N]",
+    "under_wrench_mm": "deflection under the given wrench [mm]",
+    "full_minus_reduced_um_per_N": "full minus reduced model [µm/N]",
+    "inverse_condition": "dexterity 1/κ",
+}
+#: What the lines of a map mean.
+LINES = (
+    "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer posture "
+    "changes from elbow up to elbow down. Cross: maximum. The arm stands where the worst unit force has its maximum."
+)
+
+
+def write_map(result: RobotMaps, folder: Path) -> None:
+    """Write map.json, the pictures and report.html into a folder."""
+    table = result.summary()
+    for name, plane in result.planes.items():
+        table["planes"][name] |= _list_values(plane, result.quality[name])
+    joints = result.dexterity
+    table["dexterity_over_joints"] = {
+        "joints": [result.robot.joint_names[j] for j in joints.joints],
+        "first_deg": _round(np.degrees(joints.first)), "second_deg": _round(np.degrees(joints.second)),
+        "inverse_condition": _round(joints.inverse_condition),
+    }  # fmt: skip
+    table["made_by"] = describe_origin()
+    pictures = draw_maps(result)
+    with replace_folder(folder, "map") as part:
+        for file, picture in pictures.items():
+            (part / file).write_bytes(picture.png)
+        write_json(part / "map.json", table, indent=None)
+        write_text(part / "report.html", _render(result, pictures))
+
+
+def draw_maps(result: RobotMaps) -> dict[str, page.Picture]:
+    """Draw the pictures, by the names of their files."""
+    settings, joints = result.settings, result.dexterity
+    posture = {"straight": "wrist straight", "down": "tool down", "outward": "tool outward"}[settings.posture]
+    where = {
+        "horizontal": f"z = {settings.height * 1e3:.0f} mm",
+        "vertical": f"azimuth {np.degrees(settings.azimuth):.0f} deg",
+    }
+    pictures = {}
+    for name, plane in result.planes.items():
+        title = f"{result.robot.name}: {name} plane, {where[name]}, {posture}"
+        panels = deflection_panels(plane, result.quality[name])
+        pictures[f"map_{name}.png"] = page.Picture(draw_deflection(result.robot, plane, panels, title), LINES, title)
+    first, second = (result.robot.joint_names[j] for j in joints.joints)
+    caption = (
+        f"Inverse condition number of the Jacobian over the characteristic length of {joints.length * 1e3:.0f} mm. "
+        f"Wrist joints stand at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first joint in the middle of its limits."
+    )
+    png = draw_joint_map(joints, [], (first, second), "Dexterity 1/κ (1 is best)")
+    return {**pictures, "dexterity.png": page.Picture(png, caption)}
+
+
+def _list_values(plane: DeflectionMap, quality: Array) -> dict[str, Any]:
+    flat, level = plane.plane.name == "horizontal", plane.plane.level
+    table = {
+        "u_mm": _round(plane.plane.u * 1e3), "v_mm": _round(plane.plane.v * 1e3),
+        "level_mm" if flat else "level_deg": level * 1e3 if flat else float(np.degrees(level)),
+        "worst_unit_force_map_um_per_N": _round(plane.best.worst * 1e6),
+        "under_wrench_map_mm": _round(plane.best.under_wrench * 1e3),
+        "inverse_condition_map": _round(quality),
+        "elbow_map": [[None if k < 0 else ELBOWS[k] for k in row] for row in plane.chosen],
+    }  # fmt: skip
+    if np.isfinite(plane.best.reduced_gap).any():
+        table["full_minus_reduced_map_um_per_N"] = _round(plane.best.reduced_gap * 1e6)
+    return table
+
+
+def _round(values: Array) -> Any:
+    """Turn an array into nested lists of five significant digits, NaN into null."""
+    if values.ndim > 1:
+        return [_round(row) for row in values]
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
+
+
+def _render(result: RobotMaps, pictures: dict[str, page.Picture]) -> str:
+    summary = result.summary()
+    worst = {name: plane["worst_unit_force_um_per_N"] for name, plane in summary["planes"].items()}
+    lede = (
+        f"Under the worst unit force the tool of {result.robot.name} yields {worst['horizontal']['mean']:.2f} µm/N on "
+        f"average over the horizontal plane and at most {worst['horizontal']['max']:.2f} µm/N; over the vertical plane "
+        f"{worst['vertical']['mean']:.2f} and {worst['vertical']['max']:.2f} µm/N."
+    )
+    rows: list[page.Row] = [
+        [name, title, *(plane[key][k] for k in ("min", "mean", "max"))]
+        for name, plane in summary["planes"].items() for key, title in ROWS.items() if key in plane
+    ]  # fmt: skip
+    caption = "Over the reached points, in the stiffer elbow configuration."
+    sections = [
+        page.Section("Figures", [page.Table(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
+        *(page.Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
+        page.Section("Dexterity over the second and third joint", [page.Columns([[pictures["dexterity.png"]], []])]),
+    ]
+    assumptions = ["tool axis and roll of the tool on the grid are those of the chosen posture, not of a job"]
+    assumptions += [f"reduced model: {result.reduced_note}"] if result.reduced_note else []
+    facts = [("poses", str(summary["poses"])), ("time for the maps", f"{result.seconds:.2f} s")]
+    return page.render_page(
+        f"Deflection maps of {result.robot.name}", lede, sections, kind="Map",
+        opening=_open(result, worst["horizontal"]), provenance=describe_robot(result.robot, facts, assumptions),
+    )  # fmt: skip
+
+
+def _open(result: RobotMaps, flat: dict[str, Any]) -> page.Summary:
+    """Return the first screen: how soft the arm is where it works, and where it is stiffest."""
+    verdict = (
+        f"Under 1000 N the tool of {result.robot.name} gives way by {flat['mean']:.2f} mm on average, by "
+        f"{flat['min']:.2f} mm where the arm is stiffest."
+    )
+    figures = [
+        page.KeyFigure(f"{flat['min']:.2f} mm", "under 1000 N in the worst direction, where the arm is stiffest"),
+        page.KeyFigure(f"{flat['mean']:.2f} mm", "mean over the horizontal plane"),
+        page.KeyFigure(f"{flat['max']:.2f} mm", "where it is softest"),
+    ]
+    plane = result.planes["horizontal"]
+    panel = Panel("Under 1000 N in the worst direction", plane.best.worst * 1e6, "mm")
+    caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
+    picture = page.Picture(draw_deflection(result.robot, plane, [panel], result.robot.name), caption)
+    todo = "Put the part where the map is low: compplan place JOB looks for the place."
+    return page.Summary(verdict, "", figures, picture, todo)

@@ -1,0 +1,181 @@
+"""Write the plans of a job of several tools: the programs together, a folder for each tool, one plan.json and page.
+
+OUT/plan.json, OUT/report.html     the whole, and a line for each tool
+OUT/joints.csv                     all rows in order, with a column tool
+OUT/JOB_T1.., OUT/JOB_T2..         programs, to be run in this order; each begins with its tool change
+OUT/JOB_ALL..                      main programs that call them in order, in languages with calls
+OUT/T1/, OUT/T2/                   all else that `compplan plan` writes for one tool
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from compplan.controllers.writers.sequence import WHOLE
+from compplan.io.notes import list_remarks, list_stops
+from compplan.io.palette import BAND, BEFORE
+from compplan.io.quantities import format_length, format_mm, format_mm_change
+from compplan.io.tables import read_text, write_json, write_text
+from compplan.io.transaction import list_files, replace_folder
+from compplan.planning.operations import summarise_operations
+from compplan.planning.result import Plan
+from compplan.reporting import page
+from compplan.reporting.charts import Bars, draw_bars
+from compplan.reporting.plan_summary import TONES
+from compplan.reporting.writers.plan import head_of_status, make_program, write_beside, write_moves
+
+#: Time between the last row of a tool and the first of the next in joints.csv: the change is not timed. [s]
+CHANGE = 1.0
+
+
+def write_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> list[Path]:
+    """Write the plans of all operations of a job, all files or none, and return the files.
+
+    Args:
+        plans: One an operation, in order.
+        folder: Folder to write to; made if needed.
+        name: Name of the job.
+
+    Raises:
+        InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
+    """
+    return deliver_operations(plans, folder, name)[1]
+
+
+def deliver_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> tuple[list[Plan], list[Path]]:
+    """Write plans as `write_operations` does, read back what was written, and return them with what that says."""
+    read: list[Plan] = []
+    with replace_folder(folder, "plan") as part:
+        programs: dict[str, list[str]] = {}
+        written: list[list[Path]] = []
+        for plan in plans:
+            label = "" if plan.job is None else plan.job.label
+            place = part / label
+            place.mkdir()
+            plan, files = write_moves(plan, place)
+            programs[label] = [str(file.relative_to(place)) for file in files]
+            for own in dict.fromkeys(Path(file).parts[0] for file in programs[label]):
+                (place / own).rename(part / own)
+            written.append([part / file for file in programs[label]])
+            write_beside(plan, place)
+            read.append(plan)
+        _join_joints([part / label / "joints.csv" for label in programs], list(programs), part / "joints.csv")
+        mains = _write_mains(read, written, part, name)
+        summary = summarise_operations(read, name)
+        summary["main_programs"] = [file.name for file in mains]
+        for entry in summary["tools"]:
+            entry["programs"] = programs[entry["label"]]
+        write_text(part / "report.html", _render(summary))
+        write_json(part / "plan.json", summary, indent=2)
+        names = list_files(part)
+    return read, [Path(folder) / name for name in names]
+
+
+def _write_mains(plans: Sequence[Plan], written: Sequence[Sequence[Path]], folder: Path, name: str) -> list[Path]:
+    """Write the programs that call those of all tools, in the languages that have calls."""
+    from compplan.controllers.writers.sequence import write_sequence
+
+    job = plans[0].job
+    if job is None or not job.output.programs:
+        return []
+    said = [f"{plan.job.label if plan.job else ''}: {line}" for plan in plans for line in head_of_status(plan)]
+    head = (f"compplan: {name}, the programs of all tools in order", *said)
+    first = replace(make_program(plans[0]), name=f"{name}, all tools; the first", comments=head)
+    return [
+        file for language in job.output.programs
+        for file in write_sequence(first, language, job.file.stem, written, folder)
+    ]  # fmt: skip
+
+
+def _join_joints(files: Sequence[Path], labels: Sequence[str], whole: Path) -> None:
+    """Write joints.csv of all operations: their rows in order, times going on, and a column that names the tool."""
+    lines: list[str] = []
+    offset = 0.0
+    for file, label in zip(files, labels, strict=True):
+        head, *rows = read_text(file).splitlines()
+        assert head.startswith("time_s,")
+        lines = lines or [f"{head},tool"]
+        last = offset
+        for row in rows:
+            time, _, rest = row.partition(",")
+            last = offset + float(time)
+            lines.append(f"{last:.10g},{rest},{label}")
+        offset = last + CHANGE
+    write_text(whole, "\n".join([*lines, ""]))
+
+
+def describe_order(summary: dict[str, Any], files: Sequence[Path]) -> str:
+    """Say in which order the programs run, and which main programs among the files do it."""
+    labels = [entry["label"] for entry in summary["tools"]]
+    order = f"run the programs of {', then those of '.join(labels)} (so their names end); each begins with its change"
+    mains = [file.name for file in files if WHOLE.search(file.stem)]
+    return f"{order}; {' and '.join(mains)} {'calls' if len(mains) == 1 else 'call'} them in order" if mains else order
+
+
+def describe_operations(summary: Mapping[str, Any]) -> str:
+    """Say in two sentences what the tools together come to."""
+    tools, tolerance = summary["tools"], summary["verdict"]["tolerance_mm"]
+    before, after = (format_length(1e-3 * summary[key]["max"]) for key in ("error_before_mm", "error_after_mm"))
+    verdict = summary["verdict"]["word"].replace("_", " ")
+    names = ", ".join(tool["label"] for tool in tools)
+    return (
+        f"{len(tools)} operations ({names}), {summary['status'].replace('_', ' ')}: greatest deviation {before} "
+        f"uncorrected, {after} planned, {summary['duration_s']:.0f} s without the tool changes. Verdict: {verdict} "
+        f"{tolerance:g} mm."
+    )
+
+
+def _render(summary: Mapping[str, Any]) -> str:
+    """Return the page: the whole in a sentence, one line a tool, and the way to each tool's own page."""
+    tools, mains = summary["tools"], summary.get("main_programs", [])
+    rows: list[page.Row] = [
+        [page.Cell(tool["label"], "strong", f"./{quote(tool['folder'])}/report.html"), tool["length_mm"],
+         page.Cell(tool["status"], "good" if tool["status"] == "solved" else "bad"),
+         tool["verdict"]["word"].replace("_", " "), format_mm(1e-3 * tool["error_before_mm"]["max"]),
+         format_mm(1e-3 * tool["error_after_mm"]["max"]), tool["verdict"]["band_mm"], tool["waypoints"],
+         tool["duration_s"]]
+        for tool in tools
+    ]  # fmt: skip
+    columns = [
+        "tool", "flange to tip [mm, 5]", "status", "verdict", "uncorrected, max", "planned, max",
+        "95 % band [mm]", "waypoints", "time [s]",
+    ]  # fmt: skip
+    files = [[tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools]
+    files += [["all, in order", ", ".join(mains)]] if mains else []
+    sections = [
+        page.Section("Tools", [page.Table(columns, rows)], "One plan a tool; its name opens its page.", True),
+        page.Section("Programs", [page.Table(["tool", "files"], files)],
+                     "In this order; each begins with its tool change.", True),
+    ]  # fmt: skip
+    return page.render_page(
+        summary["name"], describe_operations(summary), sections, kind="Plan", opening=_open(summary),
+        notes=list_remarks(summary["notes"]), provenance=page.Provenance([("robot", summary["robot"])]),
+    )  # fmt: skip
+
+
+def _open(summary: Mapping[str, Any]) -> page.Summary:
+    """Return the first screen: the verdict of the whole, and what stops the machine."""
+    tools, verdict = summary["tools"], summary["verdict"]
+    bands = [tool["verdict"]["band_mm"] for tool in tools]
+    change = format_mm_change(*(1e-3 * summary[key]["max"] for key in ("error_before_mm", "error_after_mm")))
+    words = {"keeps": "All operations keep", "may_not_keep": "Not all operations keep",
+             "not_known": "It is not known whether all operations keep"}[verdict["word"]]  # fmt: skip
+    band, tone = "not known" if None in bands else format_mm(1e-3 * max(bands)), TONES[verdict["word"]]
+    figures = [
+        page.KeyFigure(band, "95 % band, the widest of all operations", tone),
+        page.KeyFigure(change, "greatest deviation without and with correction, if the robot is as modelled"),
+        page.KeyFigure(f"{summary['duration_s']:.0f}\u00a0s", f"for {len(tools)} operations, without the tool changes"),
+    ]
+    series = {"without correction": Bars([tool["error_before_mm"]["max"] for tool in tools], BEFORE),
+              "95 % band": Bars(bands, BAND)}  # fmt: skip
+    chart = draw_bars(
+        [tool["label"] for tool in tools], series, "greatest deviation of the tip, mm", level=verdict["tolerance_mm"]
+    )
+    caption = "Each operation; dashed: the tolerance. The 95 % band has to stay below it."
+    picture, stops = page.Chart(chart, caption, 120 + 70 * len(tools)), list_stops(summary["notes"])
+    todo = "Open the page of each operation below; run the programs in the order below."
+    return page.Summary(f"{words} {verdict['tolerance_mm']:g} mm.", tone, figures, picture, todo, stops)

@@ -1,0 +1,413 @@
+"""Scenes in space: a robot from the shapes of its URDF, paths by kind of move, deviations as colour and shape.
+
+`place_shapes` gives triangles in the robot base frame: boxes, cylinders, spheres, and meshes where their files are at
+hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.errors import ShapeError
+from compplan.io.palette import AFTER, BEFORE, NEUTRAL
+from compplan.io.quantities import format_length
+from compplan.reporting.along_path import FLOOR
+from compplan.reporting.charts import Figure
+from compplan.reporting.style import SEQUENTIAL, mark_decades
+from compplan.reporting.thinning import thin_path
+from compplan.robot import Array, Joint, Robot
+from compplan.robot.description import find_mesh
+from compplan.robot.pose import move_joint
+from compplan.robot.shapes import read_form, read_origin
+from compplan.robot.solids import as_mesh, read_colour, triangulate_box, triangulate_rod
+
+#: Colours of part, fixture and tool, and the most triangles of one of them that are drawn as they are.
+MESH_COLOURS = {
+    "part": (0.80, 0.68, 0.45, 0.7), "fixture": (0.45, 0.55, 0.62, 0.7), "tool": (0.55, 0.55, 0.60, 1.0),
+}  # fmt: skip
+FINEST = 20_000
+UNPAINTED = (0.62, 0.65, 0.68, 1.0)
+#: Least distance from flange to TCP that is drawn as a rod where the URDF shows no tool. [m]
+SHORTEST_ROD = 0.01
+#: Its colour, and length and radius of its thin end, of no cutter in particular. [m]
+ROD, CUTTER = (0.55, 0.57, 0.6, 1.0), (0.04, 0.003)
+#: Where the light comes from, base axes, and the share of light without a direction.
+LIGHT = np.array([0.35, -0.5, 0.79])
+AMBIENT = 0.45
+#: Where a scene is looked at from, base axes.
+EYE = np.array([1.16, -1.40, 0.84])
+#: About how many points of a path are drawn in a scene.
+POINTS = 3500
+#: The largest deviation is drawn about this long, as a share of the extent of the path.
+DRAWN_SHARE = 0.09
+#: What a move can be, with its colour and the width it is drawn in.
+KINDS = (("cut with force", AFTER, 7), ("cut without force", BEFORE, 5), ("rapid", NEUTRAL, 2))
+#: Decades of deviation that the colours span at most.
+DECADES = 5.0
+Colour = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Triangles of one visual in the robot base frame.
+
+    Attributes:
+        link: Link that it belongs to.
+        vertices: Shape (v, 3). [m]
+        faces: Corners of each triangle. Shape (f, 3).
+        colour: Red, green, blue, opacity, each from 0 to 1.
+    """
+
+    link: str
+    vertices: Array
+    faces: NDArray[np.int_]
+    colour: Colour
+
+
+def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
+    """Locate every link of the URDF at a pose; joints beside the chain stand at zero.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+
+    Returns:
+        Pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the part, in
+        the frame of the ground. Shape (4, 4) each. [m]
+
+    Raises:
+        ShapeError: If q does not have the shape above.
+    """
+    q = np.asarray(q, float)
+    if q.shape != (robot.nq,):
+        raise ShapeError(f"q has shape {q.shape}, expected ({robot.nq},)")
+    poses = follow_joints(robot.base, robot.joints, dict(zip(robot.joint_names, q, strict=True)))
+    _locate_beside(robot, poses)
+    back = np.linalg.inv(poses[robot.ground or robot.base])
+    return {link: back @ pose for link, pose in poses.items()} if robot.ground else poses
+
+
+def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]) -> dict[str, Array]:
+    """Locate the links of a chain; shape (4, 4) each [m].
+
+    Args:
+        base: Link that stands still.
+        joints: Joints from there, each after the one that carries it.
+        value: Positions of the actuated ones, by name. [rad or m]
+    """
+    poses = {base: np.eye(4)}
+    for joint in joints:
+        position = value.get(joint.name, 0.0)
+        if joint.mimic is not None:
+            position = joint.mimic.multiplier * value[joint.mimic.joint] + joint.mimic.offset
+        poses[joint.child] = poses[joint.parent] @ joint.placement @ move_joint(joint, position)
+    return poses
+
+
+def place_shapes(robot: Robot, q: Array) -> list[Shape]:
+    """Build the triangles of a robot at a pose, one entry a visual; meshes whose file is missing are left out.
+
+    A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out,
+    and a rod from flange to tool centre point is drawn.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+
+    Raises:
+        ShapeError: If q does not have the shape above.
+    """
+    root = ElementTree.fromstring(robot.urdf)
+    paints = {
+        element.attrib["name"]: _read_paint(element) for element in root.findall("material") if "name" in element.attrib
+    }
+    poses = locate_links(robot, q)
+    shapes = []
+    for link in root.findall("link"):
+        name = link.attrib["name"]
+        for visual in link.findall("visual") if name in poses else ():
+            triangles = _triangulate(visual.find("geometry"), robot.folder)
+            if triangles is None:
+                continue
+            pose = poses[name] @ read_origin(visual.find("origin"))
+            vertices = triangles[0] @ pose[:3, :3].T + pose[:3, 3]
+            shapes.append(Shape(name, vertices, triangles[1], _find_paint(visual.find("material"), paints)))
+    rod = _rod(robot, poses, {shape.link for shape in shapes})
+    return shapes if rod is None else [*shapes, rod]
+
+
+def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:
+    """Put meshes of a cell where they stand at a pose of the arm.
+
+    Args:
+        robot: The robot.
+        q: Joint positions. Shape (nq,). [rad or m]
+        meshes: Name, link that carries it or "", mesh in that link's frame or in the base frame [m].
+    """
+    poses, shapes = locate_links(robot, q), []
+    for name, link, mesh in meshes:
+        pose, (corners, faces) = poses[link or robot.base], simplify_mesh(mesh)
+        shapes.append(Shape(name, corners @ pose[:3, :3].T + pose[:3, 3], faces, MESH_COLOURS[name]))
+    return shapes
+
+
+def simplify_mesh(mesh: Any) -> tuple[Array, NDArray[np.int_]]:
+    """Return corners and triangles of a mesh as it is drawn: those of its convex hull if it is finer than `FINEST`."""
+    plain = mesh if len(mesh.faces) <= FINEST else mesh.convex_hull
+    return np.asarray(plain.vertices, float), np.asarray(plain.faces, int)
+
+
+def add_shapes(figure: Figure, shapes: Sequence[Shape], name: str, opacity: float, panel: int = 0) -> None:
+    """Add shapes to a scene as one trace, in millimetres."""
+    if not shapes:
+        return
+    starts = np.cumsum([0, *(len(shape.vertices) for shape in shapes[:-1])])
+    x, y, z = 1e3 * np.vstack([shape.vertices for shape in shapes]).T
+    i, j, k = np.vstack([shape.faces + start for shape, start in zip(shapes, starts, strict=True)]).T
+    paint = np.round(255 * shade_faces(shapes)).astype(int)
+    figure.add(
+        "mesh3d", panel, x=x, y=y, z=z, i=i, j=j, k=k, opacity=opacity, name=name, hoverinfo="name",
+        facecolor=[f"rgb({red},{green},{blue})" for red, green, blue in paint],
+        lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
+    )  # fmt: skip
+
+
+def shade_faces(shapes: Sequence[Shape]) -> Array:
+    """Shade the faces of shapes as a light from above, front and left does. Shape (f, 3), from 0 to 1."""
+    colours = []
+    for shape in shapes:
+        corner = shape.vertices[shape.faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        light = AMBIENT + (1 - AMBIENT) * (0.5 + 0.5 * normal @ LIGHT)
+        colours.append(np.clip(np.asarray(shape.colour[:3]) * light[:, None] + 0.06 * light[:, None], 0, 1))
+    return np.vstack(colours)
+
+
+def frame_scenes(figure: Figure, points: Array, *, margin: float = 0.03, size: float = 2.1, top: float = 0.0) -> None:
+    """Show points with one scale on all axes, in every scene of a figure.
+
+    Args:
+        figure: The figure.
+        points: What has to be seen. Shape (n, 3). [mm]
+        margin: Free room around it, as a share of its largest extent.
+        size: How large the scene is drawn, whatever its proportions.
+        top: Room above the scenes. [px]
+    """
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    room = margin * max(float((high - low).max()), 1e-6)
+    extent = high - low + 2 * room
+    ratio = size * extent / float(np.linalg.norm(extent))
+    scene: dict[str, Any] = {
+        f"{axis}axis": {
+            "title": {"text": f"{axis}, mm"}, "range": [float(low[k] - room), float(high[k] + room)],
+            "nticks": max(2, round(6 * float(ratio[k] / ratio.max()))),
+        }
+        for k, axis in enumerate("xyz")
+    }  # fmt: skip
+    scene["aspectmode"], scene["aspectratio"] = "manual", dict(zip("xyz", ratio.tolist(), strict=True))
+    eye = dict(zip("xyz", EYE.tolist(), strict=True))
+    scene["camera"] = {"eye": eye, "projection": {"type": "orthographic"}}
+    for key in [key for key in figure.layout if key.startswith("scene")]:
+        figure.layout[key] |= scene
+    figure.layout["margin"] = {"l": 0, "r": 0, "t": top, "b": 0}
+
+
+def add_path(
+    figure: Figure, points: Array, name: str, colour: str | Array, width: float, *, panel: int = 0, custom: Any = None,
+    hover: str | None = None, **line: Any,
+) -> None:  # fmt: skip
+    """Add a line in space to a scene.
+
+    Args:
+        figure: The figure.
+        points: NaN leaves a gap. Shape (n, 3). [mm]
+        name: What it is.
+        colour: Of the line, or a value at each point.
+        width: Width. [px]
+        panel: Number of the scene.
+        custom: Data of each point for hovering.
+        hover: Words on hovering; None: nothing is shown.
+        line: Further keys of the line.
+    """
+    told = {"hoverinfo": "skip"} if hover is None else {"hovertemplate": hover}
+    figure.add(
+        "scatter3d", panel, **dict(zip("xyz", points.astype(np.float32).T, strict=True)), mode="lines", name=name,
+        line={"color": colour, "width": width, **line}, customdata=custom, **told,
+    )  # fmt: skip
+
+
+def add_moves(
+    figure: Figure, position: Array, kind: NDArray[np.int_], styles: Sequence[tuple[str, str, float]],
+    limit: int = POINTS, hover: str | None = None,
+) -> Array:  # fmt: skip
+    """Add a path by kinds of moves, one line a kind, and return the points drawn [mm].
+
+    Args:
+        figure: The figure.
+        position: The path. Shape (n, 3). [m]
+        kind: Kind of the move to each waypoint: a number of `styles`. Shape (n,).
+        styles: Name, colour and width of each kind.
+        limit: About how many points are drawn.
+        hover: Words on hovering; None: the waypoint is known and nothing is shown.
+    """
+    rows = thin_path(position, np.column_stack([position, 1e-3 * kind]), limit)
+    points, waypoint = 1e3 * position[rows], rows[:, None].astype(np.float32)
+    for number, (name, colour, width) in enumerate(styles):
+        if (kind[1:] == number).any():
+            mine = kind[rows] == number
+            mine[0] = False
+            mine |= np.r_[mine[1:], False]  # a move begins at the waypoint before
+            shown = np.where(mine[:, None], points, np.nan)
+            add_path(figure, shown, name, colour, width, custom=waypoint, hover=hover)
+    figure.layout["legend"] = {"x": 0.01, "y": 0.01, "xanchor": "left", "yanchor": "bottom"}
+    return points
+
+
+def draw_cell(
+    robot: Robot, q: Array, path: Array, *, start: int = 0, around: Sequence[Shape] = (),
+    kinds: NDArray[np.int_] | None = None,
+) -> Figure:  # fmt: skip
+    """Draw the robot at one waypoint, and its path.
+
+    Args:
+        robot: The robot.
+        q: Commanded joint positions. Shape (n, nq). [rad or m]
+        path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
+        start: The waypoint that the robot is drawn at.
+        around: What else stands there: part, fixture, tool.
+        kinds: What the tool does in the move to each waypoint, as numbers of `KINDS`; not told if left out. Shape (n,).
+    """
+    figure, own = Figure(scenes=True), place_shapes(robot, q[start])
+    add_shapes(figure, own, robot.name, 1.0)
+    for shape in around:
+        add_shapes(figure, [shape], shape.link, shape.colour[3])
+    carried = locate_links(robot, q[start])[robot.base]
+    seen = path @ carried[:3, :3].T + carried[:3, 3] if robot.ground else path
+    points = add_moves(figure, seen, np.zeros(len(path), int) if kinds is None else kinds, KINDS)
+    frame_scenes(figure, np.vstack([points, *(1e3 * shape.vertices for shape in (*own, *around))]))
+    figure.layout["showlegend"] = kinds is not None
+    return figure
+
+
+def draw_deviation_paths(
+    path: Array, before: Array, after: Array, *, names: tuple[str, str] = ("before", "after")
+) -> Figure:
+    """Draw the path twice, with the deviation before and after as colour and, magnified, as shape.
+
+    Args:
+        path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
+        before: Deviation (attained - nominal) without correction. Shape (n, 3). [m]
+        after: Deviation with correction. Shape (n, 3). [m]
+        names: What the two are called.
+    """
+    sizes = [np.linalg.norm(deviation, axis=1) for deviation in (before, after)]
+    rows = thin_path(path, np.column_stack([before, *sizes]), POINTS)
+    titles = [f"{name}: largest {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)]
+    figure = Figure(titles, 2, gaps=(0.01, 0.0), scenes=True)
+    nominal, factor = 1e3 * path[rows], choose_magnification(path, before)
+    shown = [nominal]
+    for panel, (deviation, size) in enumerate(zip((before, after), sizes, strict=True)):
+        shown.append(nominal + 1e3 * factor * deviation[rows])
+        add_path(figure, nominal, "nominal", NEUTRAL, 2, panel=panel)
+        add_path(
+            figure, shown[-1], names[panel], np.log10(np.maximum(size[rows], FLOOR)), 6, panel=panel,
+            custom=np.column_stack([rows, 1e3 * size[rows]]), coloraxis="coloraxis",
+            hover="waypoint %{customdata[0]:.0f}: %{customdata[1]:.4g} mm",
+        )  # fmt: skip
+    frame_scenes(figure, np.vstack(shown), margin=0.02, size=1.75, top=30)  # room for the label of z beside each
+    top = float(np.log10(max(float(sizes[0].max()), float(sizes[1].max()), FLOOR)))
+    bottom = max(float(np.log10(max(min(float(size.min()) for size in sizes), FLOOR))), top - DECADES)
+    ticks, words = mark_decades(10 ** min(bottom, top - 1.0), 10**top)
+    marks = {"tickvals": [float(np.log10(tick)) for tick in ticks], "ticktext": words}
+    figure.layout |= {"coloraxis": colour_axis("deviation", min(bottom, top - 1.0), top, **marks), "showlegend": False}
+    return figure
+
+
+def colour_axis(title: str, low: float, high: float, **bar: Any) -> dict[str, Any]:
+    """Return the colours of values from low to high, with their bar."""
+    style = {"title": {"text": title, "side": "top"}, "len": 0.8, "thickness": 12, "outlinewidth": 0}
+    return {"colorscale": [list(stop) for stop in SEQUENTIAL], "cmin": low, "cmax": high, "colorbar": {**style, **bar}}
+
+
+def choose_magnification(path: Array, deviation: Array) -> float:
+    """Choose 1, 2 or 5 times a power of ten so that the largest deviation is seen beside the path; both (n, 3) [m]."""
+    largest = float(np.linalg.norm(deviation, axis=1).max(initial=0))
+    extent = float(np.ptp(path, axis=0).max())
+    if largest < 1e-12 or extent == 0:
+        return 1.0
+    wanted = max(DRAWN_SHARE * extent / largest, 1.0)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)) * power)
+
+
+def describe_magnification(path: Array, deviation: Array) -> str:
+    """Say by how much the drawn deviation is magnified."""
+    factor = choose_magnification(path, deviation)
+    return "to scale" if factor == 1 else f"magnified {factor:g} times"
+
+
+def _locate_beside(robot: Robot, poses: dict[str, Array]) -> None:
+    """Add the links that hang beside the chain; behind the flange only where the folder's own tool is mounted."""
+    elements = ElementTree.fromstring(robot.urdf).findall("joint")
+    mounted, count = robot.tcp == "tool_tcp", -1
+    while count != len(poses):
+        count = len(poses)
+        for element in elements:
+            parent, child = element.find("parent"), element.find("child")
+            if parent is None or child is None:
+                continue
+            above, below = parent.attrib["link"], child.attrib["link"]
+            if below not in poses and above in poses and not (mounted and above == robot.flange):
+                poses[below] = poses[above] @ read_origin(element.find("origin"))
+
+
+def _find_paint(material: ElementTree.Element | None, paints: Mapping[str, Colour | None]) -> Colour:
+    """Return the colour of a visual: its own, or that of the material that it names."""
+    if material is None:
+        return UNPAINTED
+    return _read_paint(material) or paints.get(material.attrib.get("name", "")) or UNPAINTED
+
+
+def _read_paint(material: ElementTree.Element) -> Colour | None:
+    colour = material.find("color")
+    return None if colour is None else read_colour(colour)
+
+
+def _triangulate(geometry: ElementTree.Element | None, folder: Path | None) -> tuple[Array, NDArray[np.int_]] | None:
+    if geometry is None or not len(geometry):
+        return None
+    if geometry[0].tag == "mesh" and find_mesh(geometry[0].attrib.get("filename", ""), folder) is None:
+        return None
+    form = read_form(geometry, folder)
+    if geometry[0].tag == "box":
+        size = np.array(form[1])
+        return triangulate_box(-0.5 * size, 0.5 * size)
+    if geometry[0].tag == "cylinder":
+        end = np.array([0.0, 0.0, 0.5 * form[2]])
+        return triangulate_rod(-end, end, form[1], sections=28)
+    mesh = as_mesh(form)
+    return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
+
+
+def _rod(robot: Robot, poses: dict[str, Array], drawn: set[str]) -> Shape | None:
+    """Draw a rod from flange to TCP where nothing else shows the tool; thin at its end, so that the cut is seen."""
+    behind, links = False, []
+    for joint in robot.joints:
+        behind = behind or joint.parent == robot.flange
+        if behind:
+            links.append(joint.child)
+    start, end = poses[robot.flange][:3, 3], poses[robot.tcp][:3, 3]
+    if drawn & set(links) or np.linalg.norm(end - start) < SHORTEST_ROD:
+        return None
+    neck = end + (start - end) * min(0.5, CUTTER[0] / float(np.linalg.norm(end - start)))
+    holder, sides = triangulate_rod(start, neck, 0.02, sections=20)
+    cutter, more = triangulate_rod(neck, end, CUTTER[1], sections=20)
+    return Shape(robot.tcp, np.vstack([holder, cutter]), np.vstack([sides, more + len(holder)]), ROD)

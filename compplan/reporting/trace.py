@@ -1,0 +1,260 @@
+"""What `compplan trace` writes: trace.json, the robot folder with the identified controller, and the page."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from compplan.controllers.motion.identify import Identified, identify_motion, score, summarise_distance
+from compplan.controllers.motion.model import divide_gap
+from compplan.controllers.motion.windows import PlacedLog, cut_windows, load_trace
+from compplan.controllers.writers.joint_convention import load_motion
+from compplan.controllers.writers.motion_table import ASSUMED, ServoMotion, tabulate_motion
+from compplan.errors import InputError
+from compplan.io.display import Curve, Curves
+from compplan.io.provenance import describe_origin
+from compplan.io.quantities import format_number, format_percent
+from compplan.io.tables import write_json, write_text
+from compplan.io.transaction import replace_folder
+from compplan.reporting import page
+from compplan.reporting.charts import draw_curves
+from compplan.reporting.writers.robot_folder import deliver_robot_folder
+from compplan.robot import Array, Robot
+from compplan.statics.ik import build_arm
+
+#: The table [motion] of a controller.toml, up to the next table or the end, with the comments right above it.
+MOTION = re.compile(r"(?:^#[^\n]*\n)*^\[motion\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
+#: Rows that are nearer to the program than this share of all are divided among causes; the rest may be misplaced. [%]
+WITHIN = 95.0
+#: Causes in words.
+CAUSES = {"lag": "lag of the drives", "blend": "blends at corners", "jitter": "torn rows of the log",
+          "lost_motion": "lost motion"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Traced:
+    """What logs say of a controller, and what they were held against.
+
+    Args:
+        robot: The robot.
+        traces: The logs beside their programs.
+        folder: The folder's own values.
+        found: What was identified.
+        gaps: By cause, and `gap`, what rows are beside the program. Shape (n, 3) each. [m]
+        notes: What was read past or assumed.
+    """
+
+    robot: Robot
+    traces: Sequence[PlacedLog]
+    folder: ServoMotion
+    found: Identified
+    gaps: dict[str, Array]
+    notes: tuple[str, ...]
+
+
+def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:
+    """Hold logs against their programs and identify the controller.
+
+    Args:
+        logs: LOG.csv files.
+        programs: One program a log, in the same order; one alone is every log's.
+        robot: The robot; [motion] of its controller.toml is where the search begins.
+
+    Raises:
+        InputError: If a file is not what it has to be, or the numbers of logs and programs differ.
+    """
+    if len(programs) not in (1, len(logs)):
+        message = f"{len(logs)} logs and {len(programs)} programs, expected one --program a log, in order, or one"
+        raise InputError(message)
+    programs = list(programs) * (len(logs) if len(programs) == 1 else 1)
+    arm = build_arm(robot)
+    folder, _ = load_motion(robot)
+    traces = [load_trace(log, program, robot, arm) for log, program in zip(logs, programs, strict=True)]
+    windows = cut_windows(traces, arm)
+    found = identify_motion(windows, folder, arm)
+    if found.helps:
+        names = ", ".join(log.name for log in logs)
+        found = replace(found, motion=replace(found.motion, source=f"identified by compplan trace from {names}"))
+    else:
+        found = replace(found, motion=folder)
+    gaps = [divide_gap(window, found.motion, arm) for window in windows]
+    joined = {name: np.concatenate([gap[name] for gap in gaps]) for name in gaps[0]}
+    notes = [f"{trace.log.file.name}: {note}" for trace in traces for note in trace.log.notes]
+    return Traced(robot, traces, folder, found, joined, (*notes, *_list_limits(traces, found)))
+
+
+def _list_limits(traces: Sequence[PlacedLog], found: Identified) -> list[str]:
+    """Say what the figures do not hold."""
+    notes = []
+    if found.held_out == "time" and found.ladder:
+        notes.append("the figures are of stretches of time that were left out; another path or speed was not held "
+                     "against the model: give logs of two programs")  # fmt: skip
+    if not found.ladder:
+        notes.append(f"{len(traces[0].log)} rows are too few to leave some out; nothing is identified")
+    elif not found.helps:
+        notes.append("no model is nearer to the rows left out than the programmed path and the folder's values, in "
+                     "median and 95th percentile; the folder keeps its values")  # fmt: skip
+    return notes
+
+
+def summarise_trace(traced: Traced) -> dict[str, Any]:
+    """Return what trace.json holds."""
+    found, prismatic = traced.found, traced.robot.prismatic
+    left = _keep_left(found)
+    return {
+        "schema": 1,
+        "left_mm": _summarise(left),
+        "left_without_model_mm": _summarise(found.without),
+        "left_with_folder_mm": _summarise(found.left_before),
+        "parts": share_causes(traced.gaps),
+        "parts_rms_mm": {name: 1e3 * _rms(traced.gaps[name]) for name in CAUSES},
+        "written": found.helps,
+        "model": found.rung if found.helps else "folder",
+        "held_out": found.held_out,
+        "models_mm": {name: {"median": 1e3 * m, "p95": 1e3 * p} for name, (m, p) in found.ladder.items()},
+        "motion": tabulate_motion(found.motion, prismatic),
+        "rows_judged": len(found.without),
+        "logs": [describe_log(trace) for trace in traced.traces],
+        "notes": list(traced.notes),
+        "made_by": describe_origin(),
+    }
+
+
+def _keep_left(found: Identified) -> Array:
+    """Return the distances by what DIR/robot holds; values that nobody stated and that do not help are no model."""
+    if found.helps:
+        return found.left
+    better = score(summarise_distance(found.left_before)) < score(summarise_distance(found.without))
+    return found.left_before if better or found.motion.source != ASSUMED else found.without
+
+
+def share_causes(gaps: dict[str, Array]) -> dict[str, float]:
+    """Return the share of the mean square distance that lies along each cause; the rest is not explained."""
+    size = (gaps["gap"] ** 2).sum(axis=1)
+    kept = size <= np.percentile(size, WITHIN)
+    total = float(size[kept].sum())
+    shares = {name: float((gaps[name] * gaps["gap"])[kept].sum()) / max(total, 1e-18) for name in CAUSES}
+    return {name: min(max(value, 0.0), 1.0) for name, value in shares.items()}
+
+
+def describe_log(trace: PlacedLog) -> dict[str, Any]:
+    """Return what the clock of a log did."""
+    log, s = trace.log, trace.places.s
+    return {
+        "log": log.file.name, "program": trace.nodes.instructions.file.name, "rows": len(log),
+        "cycle_ms": 1e3 * log.cycle, "torn_readings": int(log.torn.sum()), "late_share": log.late,
+        "missing_share": log.missing, "begins_at_s": float(log.time[0]), "begins_at_length_mm": 1e3 * float(s[0]),
+        "ends_at_length_mm": 1e3 * float(s[-1]), "program_length_mm": 1e3 * float(trace.programmed.s[-1]),
+    }  # fmt: skip
+
+
+def _summarise(values: Array) -> dict[str, float]:
+    median, p95 = summarise_distance(values)
+    return {"median": 1e3 * median, "p95": 1e3 * p95}
+
+
+def _rms(vectors: Array) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+
+
+def write_trace(traced: Traced, folder: Path) -> dict[str, Any]:
+    """Write trace.json, robot/ and report.html, all or none; return what trace.json holds.
+
+    Raises:
+        InputError: If the folder cannot be written.
+    """
+    summary = summarise_trace(traced)
+    with replace_folder(folder, "trace") as part:
+        deliver_robot_folder(traced.robot, part / "robot")
+        if traced.found.helps:
+            write_motion(traced.found.motion, traced.robot, part / "robot" / "controller.toml")
+        write_json(part / "trace.json", summary)
+        write_text(part / "report.html", _render(traced.robot.name, summary, traced.found))
+    return summary
+
+
+def write_motion(motion: ServoMotion, robot: Robot, file: Path) -> None:
+    """Write the table [motion] of a controller.toml; everything else in it stays as it is."""
+    if file.is_file():
+        text = MOTION.sub("", file.read_text(encoding="utf-8")).rstrip("\n")
+    else:
+        begin = {"schema": 1, "sign": [1] * robot.nq, "zero_deg": [0.0] * robot.nq, "checked": False}
+        text = "# Signs and zeros are not checked.\n" + tomli_w.dumps(begin).rstrip("\n")
+    table = "".join(f"{key} = {json.dumps(value)}\n" for key, value in tabulate_motion(motion, robot.prismatic).items())
+    write_text(file, f"{text}\n\n# How the controller moves and how its drives follow.\n[motion]\n{table}")
+
+
+def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
+    """Return the page: what the executed path leaves of the programmed one, why, and what a model explains."""
+    without, left, parts = summary["left_without_model_mm"], summary["left_mm"], summary["parts"]
+    lede = (
+        f"The tip leaves the programmed path by {format_number(without['median'])}\u00a0mm (median) and "
+        f"{format_number(without['p95'])}\u00a0mm (95 of 100 rows are nearer). It leaves the path that the model "
+        f"executes by {format_number(left['median'])} and {format_number(left['p95'])}\u00a0mm, on rows that the "
+        "model was not fitted to."
+    )
+    facts = [
+        (key.replace("_", " "), ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else str(value))
+        for key, value in summary["motion"].items()
+    ]
+    assumed = ["Blends are parabolas within the zone, of every make.", "Torn rows are one cycle old."]
+    if not summary["written"]:
+        assumed.append("The folder's own controller values, which were not identified here.")
+    causes = [[words, 100.0 * parts[name], summary["parts_rms_mm"][name]] for name, words in CAUSES.items()]
+    causes.append(["not explained", 100.0 * max(0.0, 1.0 - sum(parts.values())), None])
+    text = "Shares of the mean square distance across the programmed path; they add up along its direction."
+    held = "logs" if summary["held_out"] == "log" else "stretches of time"
+    models = {"programmed path": without, "folder's values": summary["left_with_folder_mm"], **summary["models_mm"]}
+    tried = [
+        [name, *(page.Cell(entry[key], "strong" if name == summary["model"] else "") for key in ("median", "p95"))]
+        for name, entry in models.items()
+    ]
+    logs = [
+        [entry["log"], entry["rows"], entry["cycle_ms"], entry["torn_readings"], 100.0 * entry["late_share"],
+         100.0 * entry["missing_share"], entry["begins_at_length_mm"]]
+        for entry in summary["logs"]
+    ]  # fmt: skip
+    heads = ["log", "rows", "cycle [ms]", "torn readings", "late [%]", "missing [%]", "begins at [mm, 4]"]
+    sections = [
+        page.Section("Causes", [page.Table(["cause", "share [%]", "rms [mm]"], causes, text)]),
+        page.Section("Models", [page.Table(["model", "median [mm]", "95 % [mm]"], tried,
+                                           f"Distances of rows left out: {held} were left out in turn.")]),
+        page.Section("Logs", [page.Table(heads, logs, "Clocks of the logs, and where along the program they begin.")]),
+    ]  # fmt: skip
+    return page.render_page(
+        f"Executed path of {robot}", lede, sections, kind="Trace", opening=_open(summary, found),
+        notes=summary["notes"], provenance=page.Provenance(facts, assumed),
+    )  # fmt: skip
+
+
+def _open(summary: Mapping[str, Any], found: Identified) -> page.Summary:
+    """Return the first screen."""
+    without, left, parts = summary["left_without_model_mm"], summary["left_mm"], summary["parts"]
+    cause = max(parts, key=lambda name: parts[name])
+    verdict = "No identified controller helps; the folder keeps its values."
+    todo = "Log programs of two paths or speeds, and trace them together."
+    if summary["written"]:
+        ratio = format_number(without["p95"] / max(left["p95"], 1e-9), 2)
+        verdict = f"The identified controller is {ratio} times closer to the executed path than the program."
+        todo = "Use it: compplan execute PROGRAM.csv --robot OUT/robot --out EXECUTED.csv."
+    figures = [
+        page.KeyFigure(f"{format_number(without['p95'])}\u00a0mm",
+                       "95 % of the rows are nearer to the programmed path"),
+        page.KeyFigure(f"{format_number(left['p95'])}\u00a0mm", "the same, to the path that the model executes",
+                       "good" if summary["written"] else "bad"),
+        page.KeyFigure(format_percent(parts[cause]), f"of what is left is {CAUSES[cause]}, the largest cause"),
+    ]  # fmt: skip
+    share, kept = np.linspace(0.0, 100.0, 101), found.left if found.helps else found.left_before
+    lines = [Curve(name, 1e3 * np.percentile(values, share), share, role)
+             for name, values, role in (("to the program", found.without, "before"),
+                                        ("to the model's path", kept, "after"))]  # fmt: skip
+    chart = draw_curves(Curves("", "distance [mm]", "rows nearer [%]", tuple(lines)))
+    picture = page.Chart(chart, "Share of the rows that are nearer than a distance.", height=330)
+    return page.Summary(verdict, "good" if summary["written"] else "unsure", figures, picture, todo)

@@ -1,0 +1,350 @@
+"""Scenes of plain data: where a path is drawn and in what colours, where the arm is, what a click tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compplan.io.palette import CATEGORIES, NEUTRAL
+from compplan.io.quantities import format_length, format_number, format_percent
+from compplan.reporting.scenes import choose_magnification, follow_joints
+from compplan.reporting.style import SEQUENTIAL
+from compplan.reporting.thinning import thin_path
+from compplan.reporting.view.recording import GapRecording, PlanRecording, ViewCell, ViewSolid
+from compplan.robot import Array
+
+Bytes = NDArray[np.uint8]
+Rows = NDArray[np.int_] | slice | int
+#: Deviation that gets the last colour, in tolerances; the middle one is one tolerance.
+LAST = 2.0
+#: Steps towards the drawn tip, and the damping of one. [1, m/rad]
+STEPS, DAMPING = 3, 1e-3
+#: Points of a path that are drawn at most, rings of the band, and corners of a ring.
+POINTS, RINGS, CORNERS = 20_000, 300, 16
+#: A corner of the part takes the colour of the path within this distance of it. [m]
+NEAR = 0.025
+#: The way of showing the tip that is a band.
+PROMISE = "error_band"
+#: A length of deviation.csv that reads 0 is below this. [m]
+TINY = 1e-12
+#: Length of the greatest drawn deviation as a share of the path's extent, greatest magnification, and the share of the
+#: tolerance below which a deviation is not worth one.
+MAGNIFIED, MOST_MAGNIFIED, SEEN = 0.1, 500.0, 0.02
+#: Length and spread of an arrow's head, as shares of the arrow.
+HEAD, SPREAD = 0.25, 0.1
+#: Cause of a gap that no named effect explains.
+NO_CAUSE = "not explained"
+
+
+class Lines(NamedTuple):
+    """Segments of lines: both ends, shape (k, 2, 3) [m], and red, green, blue of both, shape (k, 2, 3)."""
+
+    points: NDArray[np.float32]
+    colours: Bytes
+
+
+def read_colour(text: str) -> Bytes:
+    """Return #rrggbb as three bytes."""
+    return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)], np.uint8)
+
+
+def paint_sizes(size: Array, tolerance: float) -> Bytes:
+    """Colour deviations against the tolerance: blue is none, yellow the tolerance, dark red twice of it and more.
+
+    Args:
+        size: NaN is grey. Shape (n,). [m]
+        tolerance: [m]
+    """
+    place = np.clip(np.nan_to_num(size) / (LAST * tolerance), 0.0, 1.0)
+    stops = [stop for stop, _ in SEQUENTIAL]
+    shades = np.stack([read_colour(colour) for _, colour in SEQUENTIAL]).astype(float)
+    told = np.column_stack([np.interp(place, stops, shade) for shade in shades.T])
+    return np.where(np.isfinite(size)[:, None], told, read_colour(NEUTRAL)).astype(np.uint8)
+
+
+def paint_names(names: NDArray[np.str_]) -> tuple[Bytes, dict[str, str]]:
+    """Colour names by how often they come, "not explained" grey; return colours and what they mean."""
+    found, count = np.unique(names, return_counts=True)
+    order = [str(name) for name in found[np.argsort(-count)] if name != NO_CAUSE]
+    legend = {name: CATEGORIES[min(k, len(CATEGORIES) - 1)] for k, name in enumerate(order)} | {NO_CAUSE: NEUTRAL}
+    return np.stack([read_colour(legend[str(name)]) for name in names]), legend
+
+
+def join_rows(points: Array, colours: Bytes) -> Lines:
+    """Join neighbouring points by segments; what is not finite leaves a gap."""
+    both = np.isfinite(points[:-1]).all(axis=1) & np.isfinite(points[1:]).all(axis=1)
+    ends = np.stack([points[:-1], points[1:]], axis=1)[both].astype(np.float32)
+    return Lines(ends, np.stack([colours[:-1], colours[1:]], axis=1)[both])
+
+
+def pick_point(points: Array, origin: Array, direction: Array) -> int:
+    """Return the point that a ray from the eye passes nearest to, by angle; points behind the eye are left out.
+
+    Args:
+        points: Shape (n, 3). [m]
+        origin: Where the eye is. Shape (3,). [m]
+        direction: Shape (3,).
+    """
+    away, unit = points - origin, direction / np.linalg.norm(direction)
+    along, across = away @ unit, np.linalg.norm(np.cross(away, unit), axis=1)
+    angle = np.where(along > 0, across / np.maximum(along, 1e-9), np.inf)
+    return int(np.argmin(np.where(np.isfinite(angle), angle, np.inf)))
+
+
+def stand_aside(along: Array) -> Array:
+    """Return a direction across each of some directions, as long as they are. Shape (n, 3) both."""
+    size = np.linalg.norm(along, axis=1, keepdims=True)
+    upright = np.abs(along[:, 2:]) >= 0.9 * size
+    aside = np.cross(along, np.where(upright, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]))
+    return np.asarray(aside * size / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12))
+
+
+def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
+    """Locate every link of the arm at joints q, shape (nq,) [rad or m]; shape (4, 4) each [m]."""
+    value = dict(zip((joint.name for joint in cell.actuated), q, strict=True))
+    return follow_joints(cell.base, cell.joints, value)
+
+
+def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
+    """Return how the tip moves with each joint: axis x (tip - axis point) of a turning joint, axis of a sliding one.
+
+    Args:
+        cell: The cell.
+        poses: Where its links are, of `locate_chain`. Shape (4, 4) each. [m]
+
+    Returns:
+        Shape (3, nq). [m/rad or 1]
+    """
+    column = {joint.name: number for number, joint in enumerate(cell.actuated)}
+    slope = np.zeros((3, len(column)))
+    for joint in cell.joints:
+        if joint.kind != "fixed":
+            pose = poses[joint.child]
+            axis = pose[:3, :3] @ joint.axis
+            motion = axis if joint.kind == "prismatic" else np.cross(axis, poses[cell.tcp][:3, 3] - pose[:3, 3])
+            lead, factor = (joint.name, 1.0) if joint.mimic is None else (joint.mimic.joint, joint.mimic.multiplier)
+            slope[:, column[lead]] += factor * motion
+    return slope
+
+
+def bend_arm(cell: ViewCell, q: Array, tip: Array) -> Array:
+    """Move the joints as little as need be until the tip is at a place, for drawing: damped least squares.
+
+    Args:
+        cell: The cell.
+        q: Commanded joints. Shape (nq,). [rad or m]
+        tip: Where the tip is drawn. Shape (3,). [m]
+    """
+    bent = np.array(q, float)
+    for _ in range(STEPS):
+        poses = locate_chain(cell, bent)
+        slope, away = slope_tip(cell, poses), tip - poses[cell.tcp][:3, 3]
+        bent += slope.T @ np.linalg.solve(slope @ slope.T + DAMPING**2 * np.eye(3), away)
+    return bent
+
+
+@dataclass(frozen=True, eq=False)
+class PlanScene:
+    """A plan to be shown."""
+
+    recording: PlanRecording
+
+    @cached_property
+    def ways(self) -> dict[str, str]:
+        """What can be shown, with what it is called."""
+        factor = self.recording.cell.facts.get("softer", "softer")
+        softer = f"as planned, robot softer than modelled ({factor}, assumed)"
+        names = {"uncorrected": "without correction", "planned": "as planned, robot as modelled", "softer": softer}
+        known = {way: name for way, name in names.items() if np.isfinite(self.recording.deviation[way]).any()}
+        if np.isfinite(self.recording.promise).any():
+            known[PROMISE] = "95 % band of the true tip"
+        return known
+
+    @property
+    def count(self) -> int:
+        """Rows."""
+        return len(self.recording.time)
+
+    @cached_property
+    def start(self) -> int:
+        """First row of the cut."""
+        return int(np.argmax(self.recording.move == "cut"))
+
+    @cached_property
+    def sizes(self) -> dict[str, Array]:
+        """Deviation by way; NaN where it is not known. Shape (n,) each. [m]"""
+        cut, record = self.recording.move == "cut", self.recording
+        sizes = {way: np.where(cut, np.linalg.norm(values, axis=1), np.nan) for way, values in record.deviation.items()}
+        return {**sizes, PROMISE: record.promise}
+
+    def top(self, way: str) -> float:
+        """Deviation that has the last colour: the greatest of this way, but at least twice the tolerance. [m]."""
+        return max(LAST * self.recording.tolerance, float(np.nanmax(self.sizes[way], initial=0.0)))
+
+    def magnification(self, way: str) -> float:
+        """Return by how much a way's deviation is magnified so that it is seen at once."""
+        size = float(np.nanmax(self.sizes[way], initial=0.0))
+        if size < SEEN * self.recording.tolerance:
+            return 1.0
+        extent = float(np.ptp(self.recording.tip[self.recording.move == "cut"], axis=0).max())
+        return float(np.clip(round(MAGNIFIED * extent / size), 1.0, MOST_MAGNIFIED))
+
+    def worst(self, way: str, count: int = 5) -> list[int]:
+        """List the rows where a way strays most, the worst first, no two of them near each other."""
+        size = np.nan_to_num(self.sizes[way], nan=-1.0)
+        apart = max(len(size) // 20, 1)
+        found: list[int] = []
+        for row in np.argsort(-size).tolist():
+            if size[row] <= 0.0 or len(found) == count:
+                break
+            if all(abs(row - other) >= apart for other in found):
+                found.append(row)
+        return found
+
+    @cached_property
+    def length(self) -> Array:
+        """Length of the path up to each row. Shape (n,). [m]."""
+        return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(self.recording.tip, axis=0), axis=1))]
+
+    def name_row(self, row: int, way: str) -> str:
+        """Name a row as the list of worst places does."""
+        return f"{_describe_length(self.sizes[way][row])} at {1e3 * self.length[row]:.4g}\u00a0mm"
+
+    def place(self, way: str, magnify: float, rows: Rows = slice(None)) -> Array:
+        """Return where the loaded tip is drawn at rows, deviations magnified. Shape (k, 3), or (3,) of one row. [m]"""
+        tip = self.recording.tip[rows]
+        return np.asarray(tip if way == PROMISE else tip + magnify * np.nan_to_num(self.recording.deviation[way][rows]))
+
+    @cached_property
+    def rows(self) -> NDArray[np.int_]:
+        """Rows that are drawn."""
+        return thin_path(self.recording.tip, list(self.sizes.values()), POINTS)
+
+    def draw_path(self, way: str, magnify: float) -> Lines:
+        """Draw the path of the loaded tip, coloured by its deviation against the tolerance."""
+        colours = paint_sizes(self.sizes[way][self.rows], self.top(way) / LAST)
+        return join_rows(self.place(way, magnify, self.rows), colours)
+
+    def draw_wanted(self) -> Lines:
+        """Draw the wanted path in grey."""
+        return join_rows(self.recording.tip[self.rows], paint_sizes(np.full(len(self.rows), np.nan), 1.0))
+
+    def draw_error_band(self, magnify: float) -> Lines:
+        """Draw rings about the path that hold the true tip with 95 %, magnified."""
+        radius, tip = self.recording.promise, self.recording.tip
+        known = np.flatnonzero(np.isfinite(radius))
+        rows = known[np.unique(np.linspace(0, len(known) - 1, RINGS).astype(int))] if len(known) else known
+        along = np.gradient(tip, axis=0)[rows]
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        aside, angle = stand_aside(along), np.linspace(0.0, 2 * np.pi, CORNERS + 1)[:, None, None]
+        ring = np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside)
+        points = tip[rows] + magnify * radius[rows][:, None] * ring
+        ends = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
+        colours = np.tile(paint_sizes(radius[rows], self.top(PROMISE) / LAST), (CORNERS, 1))
+        return Lines(ends, np.repeat(colours[:, None], 2, axis=1))
+
+    def paint_solid(self, solid: ViewSolid, way: str) -> Bytes:
+        """Colour the corners of the part by the deviation of the path beside them. Shape (v, 4)."""
+        from scipy.spatial import cKDTree
+
+        size = self.sizes[way]
+        told = np.flatnonzero(np.isfinite(size))
+        own = np.round(255 * np.tile(solid.colour, (len(solid.vertices), 1))).astype(np.uint8)
+        if len(told):
+            distance, nearest = cKDTree(self.recording.tip[told]).query(solid.vertices)
+            near = distance < NEAR
+            own[near, :3] = paint_sizes(size[told[nearest[near]]], self.top(way) / LAST)
+        return own
+
+    def pose_links(self, row: int, way: str, magnify: float) -> dict[str, Array]:
+        """Locate every link, the arm bent so that its tip is where the path is drawn. Shape (4, 4) each. [m]"""
+        cell = self.recording.cell
+        return locate_chain(cell, bend_arm(cell, self.recording.q[row], self.place(way, magnify, row)))
+
+    @cached_property
+    def greatest_force(self) -> float:
+        """Greatest force on the tool [N]."""
+        return float(np.linalg.norm(self.recording.wrench[:, :3], axis=1).max(initial=0.0))
+
+    def find_row(self, time: float) -> int:
+        """Return the row at a time [s]."""
+        return int(np.clip(np.searchsorted(self.recording.time, time), 0, self.count - 1))
+
+    def tell(self, row: int) -> str:
+        """Describe a row as markdown: deviations, joints, force, posture."""
+        record = self.recording
+        lines = [f"**Waypoint {row}** of {self.count}, {record.move[row]}, {record.time[row]:.2f} s", ""]
+        lines += ["| deviation | |", "|---|---|"]
+        lines += [f"| {name} | {_describe_length(self.sizes[way][row])} |" for way, name in self.ways.items()]
+        lines += [f"| tolerance | {format_length(record.tolerance)} |", "", "| joint | |", "|---|---|"]
+        for joint, value in zip(record.cell.actuated, record.q[row], strict=True):
+            said = format_length(float(value)) if joint.kind == "prismatic" else f"{np.degrees(value):.2f}\u00a0deg"
+            lines.append(f"| {joint.name} | {said} |")
+        force = ", ".join(format_number(float(value)) for value in record.wrench[row, :3])
+        x, y, z = (format_number(1e3 * float(value), 5) for value in record.tip[row])
+        words = ", ".join(f"{name} {word}" for name, word in record.cell.facts.get("configuration", {}).items())
+        lines += ["", f"Force on the tool: {force} N (x, y, z of the base)", "", f"Wanted tip: {x}, {y}, {z} mm"]
+        return "\n".join([*lines, "", f"Posture: {words or 'not known'}"])
+
+
+@dataclass(frozen=True, eq=False)
+class GapScene:
+    """Measured poses of a diagnosis to be shown: an arrow a pose, coloured by what explains it."""
+
+    recording: GapRecording
+
+    @property
+    def ways(self) -> dict[str, str]:
+        """What can be shown, with what it is called."""
+        return {way: f"gap, {way}" for way in self.recording.gap}
+
+    @property
+    def count(self) -> int:
+        """Poses."""
+        return len(self.recording.row)
+
+    @cached_property
+    def magnification(self) -> float:
+        """By how much arrows are magnified at first."""
+        gap = next(iter(self.recording.gap.values()))
+        known = np.isfinite(gap).all(axis=1) & np.isfinite(self.recording.point).all(axis=1)
+        return choose_magnification(self.recording.point[known], gap[known]) if known.any() else 1.0
+
+    @cached_property
+    def legend(self) -> dict[str, str]:
+        """Colour of every cause."""
+        return paint_names(self.recording.cause)[1]
+
+    def draw_arrows(self, way: str, magnify: float) -> Lines:
+        """Draw the gap of every pose as an arrow from the measured point, coloured by what explains most of it."""
+        start, arrow = self.recording.point, magnify * self.recording.gap[way]
+        known = np.isfinite(start).all(axis=1) & np.isfinite(arrow).all(axis=1)
+        start, arrow, colours = start[known], arrow[known], paint_names(self.recording.cause)[0][known]
+        aside, tip, neck = SPREAD * stand_aside(arrow), start + arrow, start + (1.0 - HEAD) * arrow
+        pairs = ((start, tip), (tip, neck + aside), (tip, neck - aside))
+        ends = np.concatenate([np.stack(pair, axis=1) for pair in pairs])
+        return Lines(ends.astype(np.float32), np.repeat(np.tile(colours, (3, 1))[:, None], 2, axis=1))
+
+    def pose_links(self, pose: int) -> dict[str, Array]:
+        """Locate every link at a pose. Shape (4, 4) each. [m]"""
+        return locate_chain(self.recording.cell, self.recording.q[pose])
+
+    def tell(self, pose: int) -> str:
+        """Describe a pose as markdown."""
+        record = self.recording
+        lines = [f"**Row {record.row[pose]}** of the log, run {record.run[pose]}", "", "| gap | |", "|---|---|"]
+        for way, gap in record.gap.items():
+            size = float(np.linalg.norm(gap[pose]))
+            lines.append(f"| {way} | {format_length(size) if np.isfinite(size) else 'not measured'} |")
+        said = f"{record.cause[pose]}: {format_percent(float(record.share[pose]))} of it"
+        if record.cause[pose] == NO_CAUSE:
+            said = "No named cause explains a quarter of it here."
+        return "\n".join([*lines, "", said])
+
+
+def _describe_length(metres: float) -> str:
+    return format_length(max(float(metres), TINY)) if np.isfinite(metres) else "not known here"
