@@ -79,7 +79,7 @@ def set_mode(**changes: object) -> Code:
 def compensate_radius(dialect: HasInterpreter, block: CncBlock, code: float | str) -> None:
     """G41, G42: the radius of the cutter."""
     if block.values.get("D") != 0.0:
-        dialect.it.note(ask_compensation(dialect.it.options, f"G{code:g}"))
+        dialect.it.compensate_radius(f"G{code:g}")
 
 
 #: Codes that mean the same in every dialect of G-code.
