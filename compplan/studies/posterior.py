@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.special import ndtr
 
@@ -135,13 +134,14 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     slopes = measure_slopes(scene, known.unknowns, rows)
     slopes[:, :, sorted(inside)] = 0.0
-    found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ _list_columns(known), 2, 0)]
+    moved = list(np.moveaxis(slopes @ _list_columns(known), 2, 0))
     apart = cdist(task.position[rows], task.position[rows]) / known.scale
     value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
     smooth = np.zeros((len(rows), MODES))
     most = min(MODES, len(rows))
     smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
-    return found + [_spread(rows, np.outer(mode, axis), len(task)) for mode in smooth.T for axis in np.eye(3)]
+    moved += [np.outer(mode, axis) for mode in smooth.T for axis in np.eye(3)]
+    return [interpolate(np.arange(len(task)), rows, values) for values in moved]
 
 
 def _list_columns(known: Uncertainty) -> Array:
@@ -167,8 +167,3 @@ def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmP
             parts += [ArmParameter(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
         first += len(unknown.keys)
     return tuple(parts)
-
-
-def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
-    """Interpolate a motion of the tip between the rows that were looked at. Shape (k, 3) -> (n, 3)."""
-    return interpolate(np.arange(n), rows, values)
