@@ -1,6 +1,6 @@
 """The nonlinear program beside another state of the project: status, exactness, cycle, band and CPU of shipped jobs.
 
-    python -m benchmarks nlp [--beside CHECKOUT] [--jobs paths/circle_10mm.toml,...]
+    python -m benchmarks nlp [--beside CHECKOUT] [--jobs paths/circle_10mm.toml,...] [--out docs/results/nlp.md]
 
 Every job is planned by the command line in a process of its own, here and in the other checkout, one after the other.
 """
@@ -23,6 +23,13 @@ JOBS = (
     "paths/circle_10mm.toml", "paths/spiral.toml", "paths/isf_cone.toml", "paths/limits_feed.toml",
     "paths/limits_reach.toml", "paths/circle_spindle_90.toml", "examples/rail/circle.toml",
     "examples/positioner/groove.toml", "paths/isf_cone_50k.toml",
+)  # fmt: skip
+#: First lines of the page.
+HEAD = (
+    "# The nonlinear program: exact, and at what cost?", "",
+    "**Question.** What do shipped jobs come to, and what do they cost, beside an earlier state of the project?", "",
+    "Written by `python -m benchmarks nlp --beside CHECKOUT --out docs/results/nlp.md`. CPU is that of the whole",
+    "command in a process of its own, both checkouts in one run, one BLAS thread.", "",
 )  # fmt: skip
 
 
@@ -72,16 +79,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--beside", type=Path, help="another checkout, such as the state before a change")
     parser.add_argument("--jobs", default=",".join(JOBS))
+    parser.add_argument("--out", type=Path, help="page to write the table to, with the commits of both checkouts")
     given = parser.parse_args()
     roots = {"here": ROOT} | ({} if given.beside is None else {"beside": given.beside})
+    lines: list[str] = []
+
+    def tell(text: str) -> None:
+        lines.extend(text.split("\n"))
+        print(text, flush=True)
+
     for name, root in roots.items():
-        words = ["git", "-C", str(root), "log", "-1", "--format=%h %s"]
-        print(f"{name}: {subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()}")
-    print("| job | checkout | status | waypoints | at waypoints mm | between mm | cycle s | band mm | "
+        words = ["git", "-C", str(root), "log", "-1", "--format=%h"]
+        commit = subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+        tell(f"- *{name}*: commit {commit}")
+    tell("")
+    tell("| job | checkout | status | waypoints | at waypoints mm | between mm | cycle s | band mm | "
           "stations / iterations / CPU s of the program | CPU s |\n" + "|---" * 10 + "|")  # fmt: skip
     for job in given.jobs.split(","):
         for name, root in roots.items():
-            print(f"| `{job}` | {name} | {show(plan_job(root, job))}", flush=True)
+            tell(f"| `{job}` | {name} | {show(plan_job(root, job))}")
+    if given.out is not None:
+        given.out.write_text("\n".join([*HEAD, *lines, ""]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -10,9 +10,11 @@ import numpy as np
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
 from compplan.diagnosis.data.shared import LISTED, rank_number
+from compplan.diagnosis.results.calibration import excludes_zero
 from compplan.diagnosis.results.delivery import deliver_folders
+from compplan.diagnosis.results.posterior import state_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
-from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict
+from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict, unname
 from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.polish import polish_fit
 from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
@@ -114,6 +116,9 @@ def _conclude(
     deliveries = deliver_folders(folds, verdict, plain, state, good)
     first = deliveries[0]
     seen = good[plain.rows]
+    named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]
+    sizes = state_sizes(fit, named, first.uncertainty.calibration)
+    verdict = unname(_with_sizes(verdict, first.state), lambda f: excludes_zero(f.effect, sizes))
     if first.small is not None:
         verdict = check_calibration(verdict, plain.of(seen).rms, first.small.of(seen).rms)
     ranked = rank_candidates(fit, verdict, folds)
@@ -130,9 +135,9 @@ def _conclude(
     )
     return Diagnosis(
         robot=problem.robot, updated=first.robot(problem.robot, known), fit=fit,
-        doubt=doubt, verdict=_with_sizes(verdict, first.state), gap=gap, candidates=ranked, residual_before=before,
+        doubt=doubt, verdict=verdict, gap=gap, candidates=ranked, residual_before=before,
         residual_after=first.residual, registration=first.state.registration, outliers=fit.outliers,
-        deliveries=deliveries, noise=fit.noises["position"].source,
+        deliveries=deliveries, sizes=sizes, noise=fit.noises["position"].source,
     )  # fmt: skip
 
 

@@ -64,13 +64,7 @@ class RefinementRound:
 
 @dataclass(frozen=True)
 class Refinement:
-    """A model that grew.
-
-    Attributes:
-        names: Names of the parameters in the final model.
-        estimate: Its fit.
-        rounds: What was tried, in order.
-    """
+    """A stepwise selection: names of the final parameters, their fit, and the rounds in order."""
 
     names: tuple[str, ...]
     estimate: Estimate

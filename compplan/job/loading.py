@@ -19,7 +19,6 @@ from compplan.process.learned_force import LearnedForce, read_learned_force
 from compplan.process.wrench import describe_process
 from compplan.robot.folder import find_robot_folder
 from compplan.toolpath.corners import KEPT, SLOWED, round_corners
-from compplan.toolpath.generators import generate_toolpath
 from compplan.toolpath.operations import split_operations
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
@@ -41,7 +40,7 @@ def load_toolpath(job: Job) -> Toolpath:
         return check_toolpath(job.given)
     if not isinstance(job.toolpath, str):
         try:
-            return check_toolpath(generate_toolpath(job.toolpath), file=job.file)
+            return check_toolpath(job.toolpath.generate(), file=job.file)
         except InputError as error:
             raise error if error.file else InputError(error.message, file=job.file, where="toolpath") from None
     path = job_toolpath_file(job)

@@ -26,8 +26,8 @@ from compplan.learning.surface import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
-from compplan.planning.posture.follow import reach_tip_and_axis
-from compplan.planning.posture.kept_posture import read_lock, turn_about_axis
+from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.kept_posture import read_lock
 from compplan.planning.result import Plan
 from compplan.planning.task import PlanTask
 from compplan.process.learned_force import LearnedForce, read_learned_force
@@ -351,7 +351,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
         arm, wanted = build_arm(task.robot), (task.position, task.rotation)
         q, reached = reach_tip_and_axis(arm, near, *wanted, spin_free=task.spin_free)
         return replace(task, q_start=q, rotation=locate_frames(task.chain, q).tcp_rotation, missed=~reached)
-    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation, task.nominal.axis)
+    rotation = turn_about_axis(locate_frames(task.chain, near).tcp_rotation[:, :, 0], task.nominal.axis)
     arm = build_arm(task.robot)
     q = refine_ik(arm, near, task.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, task.position, rotation)).max(axis=1) > REACHED

@@ -24,8 +24,8 @@ from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
-from compplan.planning.posture.start import Bettered, Easing, Start, find_plain, stand
-from compplan.planning.posture.summary import PostureSummary
+from compplan.planning.posture.start import find_plain, stand
+from compplan.planning.posture.summary import Bettered, Easing, PostureSummary, Start
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids
@@ -107,18 +107,10 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     if posture_choice.settings.compares:
         start = _compare_presets(start, asked)
         posture_choice = start.posture_choice or posture_choice
-    preset, settings = (
-        posture_choice.settings.preset if posture_choice.settings.compares else "",
-        posture_choice.settings,
-    )
-    prices = PRICES.get(preset)
-    free = (
-        settings.free_spin
-        or settings.lead > 0
-        or settings.lean > 0
-        or posture_choice.q.shape[1] > 6
-        or asked.tube > 0.0
-    )
+    settings = posture_choice.settings
+    preset = settings.preset if settings.compares else ""
+    prices, most = PRICES.get(preset), max(settings.lead, settings.lean, asked.tube)
+    free = settings.free_spin or most > 0.0 or posture_choice.q.shape[1] > 6
     if prices is None or not free or posture_choice.missed.any() or not shape or settings.start is not None:
         return start
     task = asked.state(start)
@@ -267,12 +259,10 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     gained = Bettered((first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, run.origin,
                       shaped.iterations, shaped.names)  # fmt: skip
     costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.band}
-    compared = (
-        {**posture_choice.compared, "program": costs[posture_choice.compared_by]} if posture_choice.compared else {}
-    )
-    chosen = replace(
-        chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=posture_choice.compared_by
-    )
+    cost, compared = posture_choice.compared_by, dict(posture_choice.compared)
+    if compared:
+        compared["program"] = costs[cost]
+    chosen = replace(chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=cost)
     upright = run.start.upright
     nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
     stood = stand(chosen, nominal, request)

@@ -19,12 +19,11 @@ from scipy.interpolate import CubicSpline
 
 from compplan.controllers.readback.robot import JointTable, read_joints
 from compplan.job.job import Job
-from compplan.planning.between import Between, divide_times, insert_between, judged_moves
 from compplan.planning.deflection import FOLLOWED, Bending
 from compplan.planning.evaluate import Evaluation, Margins, find_part
 from compplan.planning.executed import ExecutedPath, bound_executed
-from compplan.planning.strategies.limits import AT_CORRECTION
-from compplan.planning.task import Command, PlanTask, attain_rows
+from compplan.planning.sampling import Between, distance_to_moves, divide_times, insert_between, judged_moves
+from compplan.planning.task import AT_CORRECTION, Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown
 from compplan.robot import Array
 from compplan.simulation.exact import ExactRobot
@@ -384,10 +383,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
     else:
         tip = run_simulated_robot(bench.cell, half[0], half[1], bias=bias).position
     path = task.programmed
-    start, along = path[moves], path[moves + 1] - path[moves]
-    square = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
-    share = np.clip(np.einsum("ni,ni->n", tip - start, along) / square, 0.0, 1.0)
-    distance = np.linalg.norm(tip - start - share[:, None] * along, axis=1)
+    distance = distance_to_moves(tip, path[moves], path[moves + 1])
     worst_of = int((distance / task.move_tolerance[moves]).argmax())
     return float(distance[worst_of]), int(moves[worst_of])
 

@@ -130,37 +130,25 @@ class Comparison(Shown):
 
 
 def compare_task(
-    task: PlanTask,
-    *,
-    name: str = "path",
-    strategies: Sequence[str] | None = None,
-    cells: Sequence[SimulatedRobot] | None = None,
-    announce: Callable[[str], None] | None = None,
-) -> Comparison:
+    task: PlanTask, *, name: str = "path", strategies: Sequence[str] | None = None,
+    cells: Sequence[SimulatedRobot] | None = None, announce: Callable[[str], None] = lambda text: None,
+) -> Comparison:  # fmt: skip
     """Let every strategy command a task, and run every command in every cell.
 
-    Args:
-        task: The task.
-        name: What it is called.
-        strategies: The strategies; all that the robot can carry out if left out.
-        cells: The cells; left out: as modelled, and with compliances that differ from the model's.
-        announce: Called with what is done next.
-
-    Strategies that read sensors read them without error here.
+    Strategies left out are all that the robot can carry out; cells left out are as modelled, and with compliances that
+    differ. Strategies that read sensors read them without error here.
     """
     cells = tuple(cells) if cells is not None else standard_variants(task.robot)
     names = list_strategies(task.robot) if strategies is None else strategies
     online = prepare_answers(task, [strategy for strategy in names if strategy in ONLINE])
     commands = {}
     for strategy in names:
-        if announce:
-            announce(f"command: {strategy}")
+        announce(f"command: {strategy}")
         commands[strategy] = Command(online[strategy].q) if strategy in online else command_path(task, strategy)
     evaluations: dict[str, dict[str, Evaluation]] = {}
     for cell in cells:
         for strategy, command in commands.items():
-            if announce:
-                announce(f"cell {cell.name}: {strategy}")
+            announce(f"cell {cell.name}: {strategy}")
             held = cell
             if strategy in online and online[strategy].feedback != "motor":
                 held = build_simulated_robot(hold_robot(cell.robot, online[strategy].spring_gain), cell.name)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.start import PostureRequest
+from compplan.planning.posture.summary import PostureRequest
 from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot

@@ -23,8 +23,14 @@ from compplan.planning.costs import Cost, Departure, MissedPose, Time
 from compplan.planning.limits import CorrectionLimit, JointRange, Limit, PoseEquation, VelocityLimit
 from compplan.planning.nlp import Solution, explain_conflict, solve_problem
 from compplan.planning.problem import PlanningProblem
-from compplan.planning.strategies.limits import AT_CORRECTION, measure_correction
-from compplan.planning.task import PlanTask, attain_rows, differentiate_equations, pose_equations
+from compplan.planning.task import (
+    AT_CORRECTION,
+    PlanTask,
+    attain_rows,
+    differentiate_equations,
+    measure_correction,
+    pose_equations,
+)
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.strategies.limits import measure_correction
-from compplan.planning.task import PlanTask, attain_rows
+from compplan.planning.task import PlanTask, attain_rows, measure_correction
 from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.simulation.simulated_robot import (
@@ -137,6 +136,11 @@ class Mismatch:
     def waypoints(self) -> int:
         """How many waypoints were judged."""
         return len(self.rows)
+
+    def describe(self) -> dict[str, Any]:
+        """Describe it for plan.json."""
+        return {"cell": self.cell, "rms_mm": self.rms_deviation * 1e3, "max_mm": self.max_deviation * 1e3,
+                "waypoints": self.waypoints}  # fmt: skip
 
     def along(self, count: int) -> Array:
         """Return the distance at all waypoints of the path, interpolated between those judged. Shape (count,). [m]."""

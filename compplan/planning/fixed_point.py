@@ -20,13 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.job.output import OutputTable
-from compplan.planning.between import Between, measure_between, wanted_pieces
 from compplan.planning.deflection import follow_links, plan_loads
 from compplan.planning.executed import ExecutedPath, describe_floor, evaluate_executed, excess_executed, slow_around
 from compplan.planning.feed import FeedRequest, time_run
 from compplan.planning.lost_motion import find_crossings, without_play
 from compplan.planning.motion_limits import TorqueRules
-from compplan.planning.sampling import MOST_PIECES, Mending, divide_by, divide_task, grow_places, predict_loads
+from compplan.planning.sampling import (
+    MOST_PIECES,
+    Between,
+    Mending,
+    divide_by,
+    divide_task,
+    grow_places,
+    measure_between,
+    predict_loads,
+    wanted_pieces,
+)
 from compplan.planning.strategies import command_path, nlp
 from compplan.planning.task import Command, PlanTask, attain_rows
 from compplan.planning.timing import Timing, find_slowdown, state_timing, time_between_cuts, time_ends

@@ -7,7 +7,6 @@ crosses the play at once. Swings too small to matter do not change the side.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,31 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.effects.backlash import CAME_FROM_BELOW
-from compplan.planning.posture.motion import LEAST_STROKE, TIMES_LOST, MotionFigures, count_reversals
+from compplan.planning.posture.motion import (
+    LEAST_STROKE,
+    TIMES_LOST,
+    MotionFigures,
+    count_reversals,
+    is_play,
+    list_plays,
+    width_of,
+)
 from compplan.planning.task import PlanTask
-from compplan.robot import Array, Robot
+from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
 
-#: Swings of a link that turn no side: this share of the play, and at least so much; less play is none (assumed).
-#: [rad or m]
+#: Swings of a link that turn no side: this share of the play, and at least so much (assumed). [1, rad or m]
 SWING, LEAST = 0.02, 1e-6
 #: A joint stands where it differs by less: rounding does not choose the row at which it turns. [rad or m]
 STANDS = 1e-9
-
-
-def is_play(entry: Mapping[str, Any]) -> bool:
-    """Tell whether an effect of a folder is lost motion that a command can lead."""
-    values = entry.get("parameters", {})
-    return entry.get("effect") == "backlash" and float(values.get("width_rad", values.get("width_m", 0.0))) > LEAST
-
-
-def list_plays(robot: Robot) -> Array:
-    """Return the width of the lost motion of every joint. Shape (nq,). [rad or m]"""
-    widths = np.zeros(robot.nq)
-    for entry in filter(is_play, robot.effects):
-        values = entry["parameters"]
-        widths[robot.joint_names.index(str(entry["joint"]))] += values.get("width_rad", values.get("width_m", 0.0))
-    return widths
 
 
 def without_play(task: PlanTask) -> PlanTask:
@@ -83,9 +74,8 @@ def lead_play(task: PlanTask, links: Array) -> Array:
     """
     lead = np.zeros_like(links)
     for entry in filter(is_play, task.robot.effects):
-        index, values = task.robot.joint_names.index(str(entry["joint"])), entry["parameters"]
-        width = float(values.get("width_rad", values.get("width_m", 0.0)))
-        first = -np.sign(float(values.get("start_ratio", CAME_FROM_BELOW))) or 1.0
+        index, width = task.robot.joint_names.index(str(entry["joint"])), width_of(entry)
+        first = -np.sign(float(entry["parameters"].get("start_ratio", CAME_FROM_BELOW))) or 1.0
         sides = find_sides(links[:, index], max(SWING * width, LEAST), float(first))
         if len(sides) > 1:  # at a contact whose correction came in at rest the play is crossed before the cut
             contact = np.flatnonzero(task.lead[:-1] & ~task.lead[1:] & ~task.leaving[:-1]) + 1

@@ -31,7 +31,8 @@ from compplan.planning.motion_limits import describe_jerk, limit_jerk
 from compplan.planning.notes import describe_shrinkage, list_notes
 from compplan.planning.posture.configuration import Preference, check_start
 from compplan.planning.posture.kept_posture import Lock, find_kept_start, read_lock
-from compplan.planning.posture.start import PostureRequest, Start, check_clearance, read_request
+from compplan.planning.posture.start import check_clearance, read_request
+from compplan.planning.posture.summary import PostureRequest, Start
 from compplan.planning.redundancy import Asked
 from compplan.planning.result import Plan
 from compplan.planning.sampling import find_contacts, predict_loads, prepare_sampling, programmed_times
@@ -97,15 +98,10 @@ class PlanOptions:
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:
-    """Plan a job.
-
-    Args:
-        job: The job.
-        progress: Told what is being done; an exception raised in it ends the call.
+    """Plan a job; `progress` is told what is being done, an exception raised in it ends the call.
 
     Raises:
         InputError: If the job, or a file that it names, is not what it has to be, or the part is out of reach.
-
     """
     progress("robot and toolpath")
     robot, nominal, options = prepare_job(job)
@@ -141,18 +137,12 @@ def plan_compensation(
     robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path",
     progress: Callable[[str], None] = lambda text: None,
 ) -> Plan:  # fmt: skip
-    """Plan a path: choose the posture, compensate, time, and judge in the cell as modelled.
+    """Plan a path with its predicted wrench, base frame: choose the posture, compensate, time, and judge as modelled.
 
-    Args:
-        robot: The robot with its tool.
-        nominal: The path with its predicted wrench, base frame.
-        options: What the plan may do.
-        name: Name of the plan.
-        progress: Told what is being done; an exception raised in it ends the call.
+    `progress` is told what is being done; an exception raised in it ends the call.
 
     Raises:
         InputError: If the path cannot be followed, or no waypoint is within reach.
-
     """
     options = options or PlanOptions()
     progress("posture")

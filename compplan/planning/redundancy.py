@@ -36,8 +36,9 @@ from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.posture.lattice import orient_tool
-from compplan.planning.posture.start import PostureRequest, Start, stand
-from compplan.planning.posture.summary import PostureSummary, summarise_costs
+from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.start import stand
+from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start, summarise_costs
 from compplan.planning.problem import PlanningProblem
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
@@ -175,12 +176,8 @@ def state_problem(
     bias = np.zeros((k, task.chain.n_springs))
     attained = attain_pose(task.chain, task.q_start[rows], task.wrench[rows], slope=False)
     most = np.where(np.isfinite(task.acceleration_limits), task.acceleration_limits, 20.0 * task.velocity_limits)
-    limits: list[Limit] = [
-        PoseEquation(free.room),
-        JointRange(),
-        VelocityLimit(task.velocity_limits),
-        AccelerationLimit(most),
-    ]
+    limits: list[Limit] = [PoseEquation(free.room), JointRange(), VelocityLimit(task.velocity_limits),
+                           AccelerationLimit(most)]  # fmt: skip
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
     costs: list[Cost] = [
         Time(prices.time, time),
@@ -205,12 +202,9 @@ def state_problem(
 def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
     """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
     posture_choice, request = start.posture_choice, start.request
-    if (
-        posture_choice is None
-        or request is None
-        or task.missed.any()
-        or (free := find_free(task, posture_choice, asked)) is None
-    ):
+    if posture_choice is None or request is None or task.missed.any():
+        return None
+    if (free := find_free(task, posture_choice, asked)) is None:
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
     problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.wish.torque)
@@ -238,13 +232,9 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
 
 
 def _follow(
-    task: PlanTask,
-    posture_choice: PostureSummary,
-    asked: Asked,
-    free: Free,
-    solution: Solution,
+    task: PlanTask, posture_choice: PostureSummary, asked: Asked, free: Free, solution: Solution,
     request: PostureRequest,
-) -> Start | None:
+) -> Start | None:  # fmt: skip
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
     place, every = task.origin[free.rows], np.arange(len(nominal))
@@ -270,35 +260,20 @@ def _follow(
         aside = (path_axes(nominal) @ np.clip(spread[:, 3:6], -room, room)[..., None])[..., 0]
     path = replace(nominal, position=nominal.position + aside)
     before = orient_tool(nominal, asked.tool_x, every, posture_choice.spin, posture_choice.lead, posture_choice.lean)
-    rotation = (
-        orient_tool(path, asked.tool_x, every, *turned.values()) @ np.swapaxes(before, 1, 2) @ posture_choice.rotation
-    )
+    after = orient_tool(path, asked.tool_x, every, *turned.values())
+    rotation = after @ np.swapaxes(before, 1, 2) @ posture_choice.rotation
     q = posture_choice.q + spread[:, 6 + len(arm.held) :]
     q[:, arm.held] = posture_choice.q[:, arm.held] + spread[:, 6 : 6 + len(arm.held)]
     q = refine_ik(arm, q, path.position, rotation)
     missed = np.abs(pose_error(arm.chain, q, path.position, rotation)).max(axis=1) > REACHED
-    torn = (
-        np.abs(np.diff(q, axis=0)).max(axis=1)[~nominal.rapid[1:]].max(initial=0.0) > posture_choice.settings.most_step
-    )
+    torn = find_torn(q, nominal, posture_choice.settings.most_step).any()
     if missed.any() or torn or (q < robot.lower).any() or (q > robot.upper).any():
         LOG.debug("posture and speed: not followed (missed %d, torn %s)", missed.sum(), torn)
         return None
-    picture = replace(
-        posture_choice.map,
-        chosen=turned["spin"][posture_choice.map.waypoint],
-        held=q[posture_choice.map.waypoint][:, arm.held],
-    )
+    rows = posture_choice.map.waypoint
+    picture = replace(posture_choice.map, chosen=turned["spin"][rows], held=q[rows][:, arm.held])
     costs = summarise_costs(request.state(robot, nominal, asked.tool_x), q)
-    better = replace(
-        posture_choice,
-        q=q,
-        rotation=rotation,
-        spin=turned["spin"],
-        lead=turned["lead"],
-        lean=turned["lean"],
-        costs=costs,
-        map=picture,
-    )
+    better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, **turned)
     return replace(stand(better, path, request), aside=aside if aside.any() else None)
 
 

@@ -15,18 +15,18 @@ from compplan.io.provenance import describe_origin
 from compplan.io.quantities import format_length, format_number, format_set_length
 from compplan.job.job import Job
 from compplan.planning.approach import Passage
-from compplan.planning.between import Between
 from compplan.planning.checks import Check
 from compplan.planning.citations import list_citations
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, Margins, Mismatch, evaluate_mismatch
 from compplan.planning.executed import ExecutedPath, evaluate_executed
-from compplan.planning.lost_motion import list_reversals
+from compplan.planning.lost_motion import Reversals, list_reversals
+from compplan.planning.notes import group_waypoints
 from compplan.planning.posture.clearance import ClearanceProfile, summarise_clearance
-from compplan.planning.slow import group_waypoints
+from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
-from compplan.planning.tolerance_verdict import NO_BAND, Case, ToleranceVerdict, check_tolerance, explain_width
+from compplan.planning.tolerance_verdict import NO_BAND, ToleranceVerdict, check_tolerance, explain_width
 from compplan.robot import Array, Robot
 from compplan.simulation.simulated_robot import JUDGE
 from compplan.statics.chain import locate_frames
@@ -131,6 +131,11 @@ class Plan(Shown):
         return locate_frames(self.task.chain, self.q).tcp_position - self.task.position
 
     @cached_property
+    def reversals(self) -> tuple[Reversals, ...]:
+        """How often every joint, and the spin, turns back."""
+        return list_reversals(self.task, self.q)
+
+    @cached_property
     def mismatch(self) -> Mismatch:
         """What the command leaves where the robot's compliances differ from the model's."""
         return evaluate_mismatch(self.task, self.q)
@@ -172,12 +177,7 @@ class Plan(Shown):
     @cached_property
     def verdict(self) -> ToleranceVerdict:
         """Whether the part may be expected within its tolerance: `word` for programs, `sentence` for people."""
-        case = Case(
-            self.task, self.status, self.command.failures, self.explain_failures(), self.after.distance, self.bending,
-            self.promise, self.job is None or self.job.plan.inertia,
-            self.executed is not None and self.executed.known,
-        )  # fmt: skip
-        found = check_tolerance(case)
+        found = check_tolerance(self)
         return replace(found, sentence=found.sentence + explain_width(self.promise, self.before.max_deviation))
 
     @property
@@ -279,7 +279,7 @@ def replace_said(plan: Plan, notes: tuple[str, ...], breaches: tuple[str, ...] |
     """Return a plan with other notes, and breaches; what has been worked out from the rest of it stays known."""
     breaches = plan.breaches if breaches is None else breaches
     said = replace(plan, notes=notes, breaches=breaches)
-    kept = ["promise", "mismatch", "executed", "command_feed", "correction"]
+    kept = ["promise", "mismatch", "executed", "command_feed", "correction", "reversals"]
     kept += ["verdict"] if breaches == plan.breaches else []
     said.__dict__.update({name: plan.__dict__[name] for name in kept if name in plan.__dict__})
     return said
@@ -314,14 +314,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         **({"nlp": plan.command.facts["nlp"]} if "nlp" in plan.command.facts else {}),
         "error_before_mm": plan.before.figures,
         "error_after_mm": plan.after.figures,
-        "under_mismatch": [
-            {
-                "cell": plan.mismatch.cell,
-                "rms_mm": plan.mismatch.rms_deviation * 1e3,
-                "max_mm": plan.mismatch.max_deviation * 1e3,
-                "waypoints": plan.mismatch.waypoints,
-            }
-        ],
+        "under_mismatch": [plan.mismatch.describe()],
         "between_waypoints_mm": _describe_between(plan),
         **({} if plan.executed is None else {"executed_mm": plan.executed.describe()}),
         **_describe_force(plan),
@@ -332,7 +325,7 @@ def summarise_plan(plan: Plan) -> dict[str, Any]:
         "correction_mm": {"max": plan.margins.max_correction * 1e3},
         "margins": _describe_margins(plan),
         "duration_s": float(plan.timing.time[-1]),
-        "reversals": [entry.describe() for entry in list_reversals(plan.task, plan.q)],
+        "reversals": [entry.describe() for entry in plan.reversals],
         "judge": plan.judge,
         "checks": [check.describe() for check in plan.checks],
         "notes": [*plan.reasons, *plan.notes],
@@ -376,7 +369,7 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
     """Return what plan.json says of the band; nothing where there is none."""
     if promise is None:
         return {}
-    widest, known = promise.widest, promise.known
+    widest, known, before = promise.widest, promise.known, promise.before
     return {
         "error_band_mm": {
             "p95_max": promise.greatest * 1e3,
@@ -386,26 +379,11 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             "at_widest": {name: float(values[widest]) * 1e3 for name, values in promise.parts.items()},
             "p95_max_without": {name: value * 1e3 for name, value in promise.without.items()},
         },
-        **(
-            {}
-            if promise.before is None
-            else {
-                "error_band_before_mm": {
-                    "p95_max": promise.before[0] * 1e3,
-                    "whole_path_p95": promise.before[1] * 1e3,
-                }
-            }
-        ),
+        **({} if before is None else {
+            "error_band_before_mm": {"p95_max": before[0] * 1e3, "whole_path_p95": before[1] * 1e3}}),
         "ladder": [
-            {
-                "step": rung.step,
-                "p95_max": rung.band * 1e3,
-                "alone_p95_max": rung.alone * 1e3,
-                "keeps": rung.keeps,
-                "minutes": rung.minutes,
-                "instrument": rung.instrument,
-                "cheapest": rung.step in promise.cheapest,
-            }
+            {"step": rung.step, "p95_max": rung.band * 1e3, "alone_p95_max": rung.alone * 1e3, "keeps": rung.keeps,
+             "minutes": rung.minutes, "instrument": rung.instrument, "cheapest": rung.step in promise.cheapest}
             for rung in promise.ladder
         ],
         "error_band_from": {
@@ -417,4 +395,4 @@ def summarise_band(promise: ErrorBand | None) -> dict[str, Any]:
             "leading": [{"unknown": name, "share_of_variance": share} for name, share in promise.leading],
             "assumed": list(promise.assumed),
         },
-    }
+    }  # fmt: skip

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from compplan.controllers.writers.joint_convention import believed_robot
 from compplan.effects.attained import attain_with_effects
 from compplan.planning.allowed import Allowed, find_allowed
-from compplan.planning.posture.motion import MotionFigures
-from compplan.planning.posture.start import Start
+from compplan.planning.posture.motion import MotionFigures, list_plays
+from compplan.planning.posture.summary import Start
 from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
@@ -31,6 +31,12 @@ from compplan.uncertainty.touch_off import TouchedPart
 SMOOTHING = 0.05
 #: Such times that a move takes at least which loads the tool where it stands.
 PERIODS = 2.0
+#: A joint this near to its limit stands at it. [rad or m]
+AT_LIMIT = 1e-6
+#: A correction this near to its limit stands at it. [m]
+AT_CORRECTION = 1e-6
+#: What stops a waypoint that stands at no limit.
+OUT_OF_REACH = "reach of the arm"
 #: Postures whose levers are looked at; least and greatest weight of a joint against the mean one.
 LOOKED_AT, LEAST, MOST = 100, 0.1, 10.0
 
@@ -286,12 +292,8 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     lever = np.einsum("nij,nij->j", columns, columns) / len(some)
     gear, periods, lost, *_ = MotionFigures()
-    width = np.full(robot.nq, lost)
-    for entry in robot.effects:
-        if entry.get("effect") == "backlash" and entry.get("joint") in robot.joint_names:
-            values = entry["parameters"]
-            stated = abs(float(values.get("width_rad", values.get("width_m", 0.0))))
-            width[robot.joint_names.index(entry["joint"])] = stated
+    stated = list_plays(robot)
+    width = np.where(stated > 0.0, stated, lost)
     cost = lever * (0.5 * (gear * periods) ** 2 + (width * periods / (4.0 * np.pi)) ** 2)
     return np.clip(cost / max(float(cost.mean()), 1e-300), LEAST, MOST)
 
@@ -376,3 +378,41 @@ def _crossings(task: PlanTask, attained: AttainedPose, rows: NDArray[np.int_]) -
     x, y = task.rotation[rows, :, 0], task.rotation[rows, :, 1]
     pairs = [] if task.axis_free else [(x, attained.rotation[:, :, 2]), (y, attained.rotation[:, :, 2])]
     return pairs if task.spin_free else [*pairs, (y, attained.rotation[:, :, 0])]
+
+
+def check_limits(task: PlanTask, q: Array, facts: Mapping[str, Any] | None = None) -> Command:
+    """Make a command of joint positions, and name the waypoints that leave a limit or that the arm does not reach."""
+    outside = np.maximum(task.robot.lower - q, q - task.robot.upper)
+    too_far = measure_correction(task, q) > task.max_correction + AT_CORRECTION
+    failing = np.flatnonzero(task.missed | (outside > 1e-9).any(axis=1) | (too_far & task.compensated))
+    failures = name_failures(task, q, failing)
+    return Command(q, "infeasible" if failures else "solved", failures, facts=facts or {})
+
+
+def measure_correction(task: PlanTask, q: Array) -> Array:
+    """Return the distance of the unloaded tip from the path. Shape (n,). [m]."""
+    tip = np.empty((len(q), 3))
+    for start in range(0, len(q), 4096):
+        rows = slice(start, start + 4096)
+        tip[rows] = locate_frames(task.chain, q[rows]).tcp_position
+    return np.asarray(np.linalg.norm(tip - task.position, axis=1))
+
+
+def name_failures(task: PlanTask, q: Array, failing: NDArray[np.int_]) -> dict[int, str]:
+    """Name the limit that stops each failing waypoint: a joint's position limit, the correction limit, or the reach."""
+    if not len(failing):
+        return {}
+    robot = task.robot
+    at_lower, at_upper = q[failing] <= robot.lower + AT_LIMIT, q[failing] >= robot.upper - AT_LIMIT
+    far = measure_correction(task, q)[failing] > task.max_correction - 2 * AT_CORRECTION
+    names = {}
+    for k, waypoint in enumerate(failing.tolist()):
+        stopping = [
+            f"{side} position limit of {robot.joint_names[j]}"
+            for side, at in (("lower", at_lower), ("upper", at_upper))
+            for j in np.flatnonzero(at[k])
+        ]
+        if far[k] and task.compensated[waypoint]:
+            stopping.append("correction limit")
+        names[waypoint] = ", ".join(stopping) or OUT_OF_REACH
+    return names

@@ -8,18 +8,19 @@ tolerance.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.deflection import Bending
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
+
+if TYPE_CHECKING:
+    from compplan.planning.result import Plan
 
 FORCE = "process force"
 #: Words of the verdict.
@@ -45,33 +46,6 @@ CHANGES = {
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
     "repeatability": "Allow more, or take a robot that repeats better.",
 }
-
-
-@dataclass(frozen=True)
-class Case:
-    """What a verdict is made from.
-
-    Attributes:
-        task: The task.
-        status: "solved", "infeasible" or "not_confirmed".
-        failures: Waypoints that fail, and the limit that stops each.
-        explained: Why it is not solved, one sentence, "" where it is.
-        left: Distance that the plan itself leaves at every waypoint. Shape (n,). [m]
-        bending: What bends the arm, cause by cause.
-        promise: The band; None where there is no solution, or a robot within what is known finds no equilibrium.
-        inertia_wanted: Whether the job lets the plan compensate the inertia of the motion.
-        traced: Whether somebody identified how the drives follow.
-    """
-
-    task: PlanTask
-    status: str
-    failures: Mapping[int, str]
-    explained: str
-    left: Array
-    bending: Bending
-    promise: ErrorBand | None
-    inertia_wanted: bool = True
-    traced: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,16 +107,13 @@ class ToleranceVerdict:
             "change": self.change,
             "basis": self.basis,
             "where": [
-                {
-                    "waypoints": [stretch.first, stretch.last],
-                    "s_mm": [1e3 * stretch.start, 1e3 * stretch.end],
-                    "band_mm": 1e3 * stretch.most,
-                }
-                for stretch in self.where[:LISTED]
+                {"waypoints": [one.first, one.last], "s_mm": [1e3 * one.start, 1e3 * one.end],
+                 "band_mm": 1e3 * one.most}
+                for one in self.where[:LISTED]
             ],
             "stretches": len(self.where),
             "left_out": list(self.left_out),
-        }
+        }  # fmt: skip
 
     @property
     def head(self) -> tuple[str, ...]:
@@ -156,34 +127,29 @@ class ToleranceVerdict:
         return tuple(lines)
 
 
-def check_tolerance(case: Case) -> ToleranceVerdict:
-    """Judge whether the part may be expected within its tolerance."""
-    tolerance, promise = case.task.tolerance, case.promise
-    missing = find_missing(case)
-    if case.status == "infeasible":
-        return _no_solution(case)
+def check_tolerance(plan: Plan) -> ToleranceVerdict:
+    """Judge whether the part of a plan may be expected within its tolerance."""
+    task, promise = plan.task, plan.promise
+    if plan.status == "infeasible":
+        return _no_solution(plan)
     if promise is None:
-        text = "no robot within what is known finds an equilibrium under this load"
-        return _not_known(case, text, MEASURE, None, None)
-    cut = case.task.cut
-    use = use_tolerance(case.task, promise)
-    beyond = cut & (use > 1.0)
-    share = share_length(case.task.nominal.arc_length, cut, beyond)
-    if not beyond.any() and case.status == "solved":
-        if missing:
-            return _not_known(case, *missing, promise, share)
-        basis, cause = describe_basis(promise), find_cause(case, promise)
-        sentence = f"Keeps {describe_tolerance(case.task)}: with 95 % the tip stays within {_mm(promise.whole)}"
-        sentence += " along the whole cut"
-        if case.task.allowed is not None:
-            sentence += f", and uses {_percent(float(use[cut].max()))} of the tolerance at most"
-        sentence += f" ({basis}).{describe_inertia(case)}"
-        return ToleranceVerdict(
-            KEEPS, sentence, tolerance, promise.whole, share, (), cause, "", basis, list_left_out(case)
-        )
-    if not beyond.any() and case.status == "not_confirmed":
-        return _not_known(case, f"the plan is {case.explained}", SETTLE, promise, share)
-    return _may_not_keep(case, promise, beyond, share)
+        return _not_known(plan, "no robot within what is known finds an equilibrium under this load", MEASURE, None)
+    use = use_tolerance(task, promise)
+    beyond = task.cut & (use > 1.0)
+    share = share_length(task.nominal.arc_length, task.cut, beyond)
+    if beyond.any():
+        return _may_not_keep(plan, promise, beyond, share)
+    if plan.status == "not_confirmed":
+        return _not_known(plan, f"the plan is {plan.explain_failures()}", SETTLE, share)
+    if missing := find_missing(plan):
+        return _not_known(plan, *missing, share)
+    basis, cause = describe_basis(promise), find_cause(plan, promise)
+    most = "" if task.allowed is None else f", and uses {_percent(float(use[task.cut].max()))} of the tolerance at most"
+    sentence = (f"Keeps {describe_tolerance(task)}: with 95 % the tip stays within {_mm(promise.whole)} along the"
+                f" whole cut{most} ({basis}).{describe_inertia(plan)}")  # fmt: skip
+    return ToleranceVerdict(
+        KEEPS, sentence, task.tolerance, promise.whole, share, (), cause, "", basis, list_left_out(plan)
+    )
 
 
 def use_tolerance(task: PlanTask, promise: ErrorBand) -> Array:
@@ -205,74 +171,70 @@ def describe_tolerance(task: PlanTask) -> str:
     return f"{span}{_mm(sizes.max())}{more}"
 
 
-def _may_not_keep(case: Case, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
-    tolerance, length = case.task.tolerance, case.task.nominal.arc_length
-    where = find_stretches(beyond, length, promise.along)
-    cause = find_cause(case, promise)
-    change = find_change(case, promise, cause)
+def _may_not_keep(plan: Plan, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
+    task, length = plan.task, plan.task.nominal.arc_length
+    cause = find_cause(plan, promise)
+    change = find_change(plan, promise, cause)
     off = f"the tip may be up to {_mm(promise.whole)} off the path (95 %). Beyond the tolerance: {_percent(share)}"
-    use = np.where(case.task.cut, use_tolerance(case.task, promise), 0.0)
-    widest = promise.widest if case.task.allowed is None else int(use.argmax())
+    use = np.where(plan.task.cut, use_tolerance(plan.task, promise), 0.0)
+    widest = promise.widest if plan.task.allowed is None else int(use.argmax())
     off += f" of the cut, most of all {1e3 * length[widest]:.4g} mm along the path"
-    if case.task.allowed is not None:
+    if plan.task.allowed is not None:
         off += f" (band {_mm(promise.along[widest])}, {use[widest]:.2g} times its tolerance)"
-    sentence = f"May not keep {describe_tolerance(case.task)}: {off}. Largest cause: {cause}. {change}"
-    sentence += "" if change == LET_COMPENSATE else describe_inertia(case)
-    if case.status != "solved":
+    sentence = f"May not keep {describe_tolerance(plan.task)}: {off}. Largest cause: {cause}. {change}"
+    sentence += "" if change == LET_COMPENSATE else describe_inertia(plan)
+    if plan.status != "solved":
         change = SETTLE
-        head = f"Do not start: the plan is {case.explained}. {SETTLE}"
-        sentence = f"{head} May not keep {describe_tolerance(case.task)}: {off}. Largest cause: {cause}."
+        head = f"Do not start: the plan is {plan.explain_failures()}. {SETTLE}"
+        sentence = f"{head} May not keep {describe_tolerance(plan.task)}: {off}. Largest cause: {cause}."
+    where = find_stretches(beyond, length, promise.along)
     return ToleranceVerdict(
-        MAY_NOT_KEEP, sentence.strip(), tolerance, promise.whole, share, where, cause, change, describe_basis(promise),
-        list_left_out(case),
+        MAY_NOT_KEEP, sentence.strip(), task.tolerance, promise.whole, share, where, cause, change,
+        describe_basis(promise), list_left_out(plan),
     )  # fmt: skip
 
 
-def _no_solution(case: Case) -> ToleranceVerdict:
+def _no_solution(plan: Plan) -> ToleranceVerdict:
     """Return the verdict of a best compromise: where waypoints are out of reach there is no band to state."""
-    limits = sorted({name for text in case.failures.values() for name in text.split(", ")})
+    failures = plan.command.failures
+    limits = sorted({name for text in failures.values() for name in text.split(", ")})
     cause = f"limits ({', '.join(limits[:2])})" if limits else "limits"
     change = "Move the part (compplan place JOB), or allow more."
-    first = f" (the first is waypoint {min(case.failures)})" if case.failures else ""
+    first = f" (the first is waypoint {min(failures)})" if failures else ""
     sentence = (
-        f"Do not start: there is no solution. May not keep {describe_tolerance(case.task)}: "
-        f"{len(case.failures)} waypoints "
-        f"are not reached within the limits{first}. Largest cause: {cause}. {change} {NO_BAND[0].upper()}{NO_BAND[1:]}."
-        f"{describe_inertia(case)}"
+        f"Do not start: there is no solution. May not keep {describe_tolerance(plan.task)}: "
+        f"{len(failures)} waypoints are not reached within the limits{first}. Largest cause: {cause}. {change} "
+        f"{NO_BAND[0].upper()}{NO_BAND[1:]}.{describe_inertia(plan)}"
     )
     return ToleranceVerdict(
-        MAY_NOT_KEEP, sentence, case.task.tolerance, None, None, (), cause, change, "", list_left_out(case)
+        MAY_NOT_KEEP, sentence, plan.task.tolerance, None, None, (), cause, change, "", list_left_out(plan)
     )
 
 
-def _not_known(
-    case: Case, missing: str, change: str, promise: ErrorBand | None, share: float | None
-) -> ToleranceVerdict:
-    tolerance, basis = case.task.tolerance, "" if promise is None else describe_basis(promise)
-    band = None if promise is None else promise.whole
-    sentence = (
-        f"Not known whether it keeps {describe_tolerance(case.task)}: {missing}. {change}{describe_inertia(case)}"
-    )
-    if case.status != "solved":
-        sentence = f"Do not start. {sentence}"
+def _not_known(plan: Plan, missing: str, change: str, share: float | None) -> ToleranceVerdict:
+    task, promise = plan.task, plan.promise
+    basis, band = ("", None) if promise is None else (describe_basis(promise), promise.whole)
+    head = "" if plan.status == "solved" else "Do not start. "
+    sentence = (f"{head}Not known whether it keeps {describe_tolerance(task)}: {missing}. {change}"
+                f"{describe_inertia(plan)}")  # fmt: skip
     return ToleranceVerdict(
-        NOT_KNOWN, sentence.strip(), tolerance, band, share, (), missing, change, basis, list_left_out(case)
+        NOT_KNOWN, sentence.strip(), task.tolerance, band, share, (), missing, change, basis, list_left_out(plan)
     )
 
 
-def find_missing(case: Case) -> tuple[str, str] | None:
+def find_missing(plan: Plan) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
-    robot = case.task.robot
+    robot = plan.task.robot
     if robot.uncertainty is None and robot.grade == "placeholder":
         return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
-    if not np.isfinite(case.bending.inertia):
+    if not np.isfinite(plan.bending.inertia):
         return "the robot folder has no masses or no springs, so inertia is not counted", "State them in its folder."
     return None
 
 
-def find_cause(case: Case, promise: ErrorBand) -> str:
+def find_cause(plan: Plan, promise: ErrorBand) -> str:
     """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
-    left = float(case.left[promise.widest])
+    left = float(plan.after.distance[promise.widest])
     causes = {**promise.causes, "what the plan itself leaves": left}
     largest = max(causes, key=lambda name: causes[name])
     alone = {rung.step: rung.alone for rung in promise.ladder}
@@ -283,7 +245,7 @@ def find_cause(case: Case, promise: ErrorBand) -> str:
     return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
 
 
-def find_change(case: Case, promise: ErrorBand, cause: str) -> str:
+def find_change(plan: Plan, promise: ErrorBand, cause: str) -> str:
     """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
     if promise.ladder and cause not in ("inertia and vibration", "place of the part", "repeatability"):
         if promise.cheapest:
@@ -291,12 +253,12 @@ def find_change(case: Case, promise: ErrorBand, cause: str) -> str:
             return f"{chosen[0].upper()}{chosen[1:]}: then it keeps."
         best = min(promise.ladder[1:], key=lambda rung: rung.band)
         return f"No measurement suffices: all together leave {_mm(best.band)}. Allow more, or reduce the force."
-    if cause == "inertia and vibration" and not case.inertia_wanted:
+    if cause == "inertia and vibration" and not wants_inertia(plan):
         return LET_COMPENSATE
     if cause in CHANGES:
         return CHANGES[cause]
     if cause in CAUSES and promise.known.grade == "measured":
-        zero = f"joint_offset {case.task.robot.actuated[0].name}"
+        zero = f"joint_offset {plan.task.robot.actuated[0].name}"
         if promise.leading and promise.leading[0][0] == zero:
             return TOUCH_OFF
         return "Measure more poses: compplan campaign JOB --poses 12 --out poses."
@@ -327,21 +289,27 @@ def explain_width(promise: ErrorBand | None, nominal: float) -> str:
     )
 
 
-def describe_inertia(case: Case) -> str:
+def wants_inertia(plan: Plan) -> bool:
+    """Tell whether the job lets the plan compensate the inertia of the motion."""
+    return plan.job is None or plan.job.plan.inertia
+
+
+def describe_inertia(plan: Plan) -> str:
     """Say that inertia is left alone where the job wants it so, "" otherwise."""
-    if case.inertia_wanted or not np.isfinite(case.bending.inertia):
+    if wants_inertia(plan) or not np.isfinite(plan.bending.inertia):
         return ""
     return " Inertia is not compensated: [plan] inertia = false."
 
 
-def list_left_out(case: Case) -> tuple[str, ...]:
+def list_left_out(plan: Plan) -> tuple[str, ...]:
     """List what moves the tip and is not in the band."""
     told = []
-    if not case.traced and not any(effect["effect"] == "tracking_lag" for effect in case.task.robot.effects):
+    traced = plan.executed is not None and plan.executed.known
+    if not traced and not any(effect["effect"] == "tracking_lag" for effect in plan.task.robot.effects):
         told.append("path errors of the controller (no trace of it)")
-    if not np.isfinite(case.bending.inertia):
+    if not np.isfinite(plan.bending.inertia):
         told.append("inertia and vibration of the arm (no masses, or no springs)")
-    if case.promise is None or not case.promise.placed:
+    if plan.promise is None or not plan.promise.placed:
         told.append("place of the part ([noise] part_frame_mm states none)")
     told += ["ringing after rapid moves", "bending of the cutter", "chatter", "warming up"]
     return tuple(told)

@@ -22,8 +22,8 @@ from compplan.io.quantities import (
 )
 from compplan.io.tables import write_text
 from compplan.planning.deflection import describe_bending
-from compplan.planning.lost_motion import describe_reversals, list_reversals
-from compplan.planning.slow import describe_causes, mark_slow
+from compplan.planning.lost_motion import describe_reversals
+from compplan.planning.notes import describe_causes, mark_slow
 from compplan.planning.tolerance_verdict import describe_tolerance
 from compplan.process.force_models import name_force_model
 from compplan.reporting import page
@@ -91,7 +91,7 @@ def _list_facts(plan: Plan) -> list[tuple[str, str]]:
     words = ", ".join(f"{name} {word}" for name, word in plan.task.configuration.items())
     return [
         *facts, *([("configuration", words)] if words else []),
-        ("axes turn back", describe_reversals(list_reversals(plan.task, plan.q))),
+        ("axes turn back", describe_reversals(plan.reversals)),
         ("rotation about the tool axis", "free" if plan.task.spin_free else "fixed by the job"),
         ("time in the solver", f"{plan.command.solve_time:.3g} s"),
     ]  # fmt: skip

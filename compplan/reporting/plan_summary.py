@@ -21,8 +21,7 @@ from compplan.io.quantities import (
     format_percent,
     format_set_length,
 )
-from compplan.planning.notes import describe_part_frame
-from compplan.planning.slow import mark_slow
+from compplan.planning.notes import describe_part_frame, mark_slow
 from compplan.process.cutting import CuttingTable
 from compplan.reporting import page
 from compplan.reporting.charts import draw_curves

@@ -21,19 +21,17 @@ from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 DRAWS, SEED, WAYPOINTS = 200, 1, 300
 
 
-def compare_job(job: Job, *, announce: Callable[[str], None] | None = None) -> Comparison:
+def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None) -> Comparison:
     """Compare every strategy on a job.
 
     Raises:
         InputError: If the job is not what it has to be, or the part is out of reach.
     """
-    if announce:
-        announce("robot, toolpath and posture")
+    announce("robot, toolpath and posture")
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
-    if announce:
-        announce("robots drawn from what is known")
+    announce("robots drawn from what is known")
     return replace(comparison, job=job, drawn=draw_strategies(task, job.noise, read_force_spread(job)))
 
 

@@ -303,6 +303,11 @@ def generate_cone(
     return walk_curve(ParametricCurve(level_point, 2.0 * count, grid, corners), pace, axis=axis, approach=approach)
 
 
+def _metres(vector_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector_mm
+    return x * 1e-3, y * 1e-3, z * 1e-3
+
+
 class GeneratorTable(StrictTable):
     """Keys that every generator has in a job."""
 
@@ -330,6 +335,10 @@ class GeneratorTable(StrictTable):
         step = None if self.step_mm is None else self.step_mm * 1e-3
         return Pace(feed, self.duration_s, step, self.waypoints, self.rate_hz)
 
+    def generate(self) -> Toolpath:
+        """Generate the toolpath; an InputError where the parameters contradict each other."""
+        raise NotImplementedError
+
 
 class CircleTable(GeneratorTable):
     """A circle, see `generate_circle`."""
@@ -340,6 +349,13 @@ class CircleTable(GeneratorTable):
     centre_mm: Vector3 = (0.0, 0.0, 0.0)
     plane: Literal["xy", "xz", "yz"] = "xy"
     start_deg: float = 0.0
+
+    def generate(self) -> Toolpath:
+        """Generate the circle."""
+        return generate_circle(
+            self.radius_mm * 1e-3, self.pace(), turns=self.turns, centre=_metres(self.centre_mm), plane=self.plane,
+            start=float(np.radians(self.start_deg)), axis=self.axis, approach=self.approach_mm * 1e-3,
+        )  # fmt: skip
 
 
 class SpiralTable(GeneratorTable):
@@ -352,6 +368,14 @@ class SpiralTable(GeneratorTable):
     length_mm: float | None = Field(default=None, gt=0.0)
     centre_mm: Vector3 = (0.0, 0.0, 0.0)
 
+    def generate(self) -> Toolpath:
+        """Generate the spiral."""
+        return generate_spiral(
+            self.outer_radius_mm * 1e-3, self.pace(), inner_radius=self.inner_radius_mm * 1e-3, turns=self.turns,
+            length=None if self.length_mm is None else self.length_mm * 1e-3, centre=_metres(self.centre_mm),
+            axis=self.axis, approach=self.approach_mm * 1e-3,
+        )  # fmt: skip
+
 
 class ConeTable(GeneratorTable):
     """A frustum cone, see `generate_cone`."""
@@ -363,54 +387,12 @@ class ConeTable(GeneratorTable):
     pitch_mm: float = Field(gt=0.0)
     path: Literal["helical", "z_level"] = "helical"
 
+    def generate(self) -> Toolpath:
+        """Generate the cone."""
+        return generate_cone(
+            self.diameter_mm * 1e-3, self.depth_mm * 1e-3, float(np.radians(self.wall_angle_deg)), self.pitch_mm * 1e-3,
+            self.pace(), levels=self.path == "z_level", axis=self.axis, approach=self.approach_mm * 1e-3,
+        )  # fmt: skip
+
 
 GENERATORS: dict[str, type[GeneratorTable]] = {"circle": CircleTable, "spiral": SpiralTable, "isf_cone": ConeTable}
-
-
-def _metres(vector_mm: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = vector_mm
-    return x * 1e-3, y * 1e-3, z * 1e-3
-
-
-def generate_toolpath(table: GeneratorTable) -> Toolpath:
-    """Generate the toolpath that a job's [toolpath] table describes.
-
-    Raises:
-        InputError: If the parameters contradict each other.
-
-    """
-    pace, approach = table.pace(), table.approach_mm * 1e-3
-    if isinstance(table, CircleTable):
-        return generate_circle(
-            table.radius_mm * 1e-3,
-            pace,
-            turns=table.turns,
-            centre=_metres(table.centre_mm),
-            plane=table.plane,
-            start=float(np.radians(table.start_deg)),
-            axis=table.axis,
-            approach=approach,
-        )
-    if isinstance(table, SpiralTable):
-        return generate_spiral(
-            table.outer_radius_mm * 1e-3,
-            pace,
-            inner_radius=table.inner_radius_mm * 1e-3,
-            turns=table.turns,
-            length=None if table.length_mm is None else table.length_mm * 1e-3,
-            centre=_metres(table.centre_mm),
-            axis=table.axis,
-            approach=approach,
-        )
-    if isinstance(table, ConeTable):
-        return generate_cone(
-            table.diameter_mm * 1e-3,
-            table.depth_mm * 1e-3,
-            float(np.radians(table.wall_angle_deg)),
-            table.pitch_mm * 1e-3,
-            pace,
-            levels=table.path == "z_level",
-            axis=table.axis,
-            approach=approach,
-        )
-    raise InputError(f"no generator for {type(table).__name__}, choose from {list(GENERATORS)}")

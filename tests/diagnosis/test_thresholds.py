@@ -63,16 +63,23 @@ def bare_decisions(source: str) -> list[int]:
 
 
 def unsourced_constants(source: str) -> list[str]:
-    """Names at the head of a module that hold numbers, without a comment that says where those come from."""
-    lines, found = source.split("\n"), []
-    for node in ast.parse(source).body:
-        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
-            continue
-        if any(numbers_of(without_slices(node.value))):
-            comment, line = "", node.lineno - 2
-            while lines[line].startswith("#:"):
-                comment, line = lines[line].removeprefix("#:") + comment, line - 1
-            if not any(word in comment for word in SOURCES):
+    """Names of a module or of its settings that hold numbers, without a comment that says where those come from."""
+    lines, found = [line.strip() for line in source.split("\n")], []
+    body = ast.parse(source).body
+    settings = [n for n in body if isinstance(n, ast.ClassDef) and n.name.endswith(("Settings", "Limits"))]
+    for nodes in (body, *(one.body for one in settings)):
+        comment, end = "", 0
+        for node in nodes:
+            if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+                continue
+            # numbers of one comment stand line by line under it
+            first = line = node.lineno - 1
+            while lines[line - 1].startswith("#:"):
+                line -= 1
+            if line < first or first != end:
+                comment = " ".join(lines[line:first])
+            end = node.end_lineno
+            if any(numbers_of(without_slices(node.value))) and not any(word in comment for word in SOURCES):
                 found.append(ast.unparse(node).split("=")[0].strip())
     return found
 

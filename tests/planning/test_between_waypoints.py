@@ -13,12 +13,12 @@ from scipy.integrate import odeint
 import compplan as cp
 from compplan.job.job import check_job
 from compplan.planning.approach import DWELL
-from compplan.planning.between import measure_between
 from compplan.planning.checks import run_checks, set_up_bench
 from compplan.planning.feed import time_run
 from compplan.planning.fixed_point import _resolve_starts
 from compplan.planning.motion_limits import measure_use
 from compplan.planning.plan import build_task, prepare_job
+from compplan.planning.sampling import measure_between
 from compplan.planning.timing import ease, ease_duration, ease_times, smooth_profile
 from compplan.simulation.inertia import load_springs
 from compplan.simulation.vibration import build_dynamics, inertial_loads

@@ -16,8 +16,7 @@ from commandline import run_command
 from compplan.io.notes import list_remarks, list_stops
 from compplan.job.job import check_job
 from compplan.planning.deflection import Bending, describe_bending
-from compplan.planning.notes import ask_about_tool, describe_spindle
-from compplan.planning.slow import describe_causes, list_causes
+from compplan.planning.notes import ask_about_tool, describe_causes, describe_spindle, list_causes
 from compplan.robot import load_robot, robot_folders
 from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.statics.chain import build_chain, locate_frames

@@ -8,9 +8,10 @@ import pytest
 
 from compplan.effects.backlash import lost_motion
 from compplan.job.job import load_job
-from compplan.planning.between import measure_between
-from compplan.planning.lost_motion import find_crossings, find_sides, list_plays
+from compplan.planning.lost_motion import find_crossings, find_sides
 from compplan.planning.plan import PlanOptions, plan_compensation, plan_job
+from compplan.planning.posture.motion import list_plays
+from compplan.planning.sampling import measure_between
 from compplan.planning.task import attain_rows
 from compplan.robot import load_robot
 from compplan.toolpath.generators import Pace, generate_circle

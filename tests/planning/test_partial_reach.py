@@ -12,7 +12,7 @@ from compplan.planning.approach import plan_approach
 from compplan.planning.plan import build_task, prepare_job
 from compplan.planning.posture.follow import follow_from, reach_with_all
 from compplan.planning.strategies import command_path
-from compplan.planning.strategies.limits import OUT_OF_REACH
+from compplan.planning.task import OUT_OF_REACH
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 

@@ -18,8 +18,7 @@ from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.motion import MotionFigures, MotionPrice, measure_inertia_error
 from compplan.planning.posture.search import Rungs, _Joints, _step
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.start import PostureRequest
-from compplan.planning.posture.summary import PostureSummary, summarise_costs
+from compplan.planning.posture.summary import PostureRequest, PostureSummary, summarise_costs
 from compplan.robot import load_robot
 from compplan.statics.chain import build_chain, locate_frames
 from compplan.statics.ik import build_arm

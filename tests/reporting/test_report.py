@@ -17,11 +17,11 @@ import trimesh
 from compplan.errors import ShapeError
 from compplan.io.quantities import format_length
 from compplan.planning.approach import Passage
-from compplan.planning.between import Between
 from compplan.planning.compare import Comparison
 from compplan.planning.deflection import Bending
 from compplan.planning.evaluate import Evaluation, measure_margins
 from compplan.planning.result import Plan
+from compplan.planning.sampling import Between
 from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import state_timing
 from compplan.reporting.along_path import Stations, draw_lines, draw_strategies

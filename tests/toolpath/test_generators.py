@@ -10,7 +10,6 @@ from compplan.toolpath.generators import (
     generate_circle,
     generate_cone,
     generate_spiral,
-    generate_toolpath,
 )
 
 
@@ -55,7 +54,7 @@ def test_rate_and_duration_give_the_number_of_waypoints() -> None:
 
 def test_tables_of_a_job_are_in_millimetres_degrees_and_millimetres_a_second() -> None:
     def generate(**keys: object):
-        return generate_toolpath(GENERATORS[str(keys["generator"])].model_validate(keys))
+        return GENERATORS[str(keys["generator"])].model_validate(keys).generate()
 
     # three quarters of a turn from where y is greatest, 1 mm approach: it ends where x is greatest
     keys = {"centre_mm": (100.0, 200.0, 300.0), "radius_mm": 50.0, "start_deg": 90.0, "turns": 0.75}

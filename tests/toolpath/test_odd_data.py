@@ -13,7 +13,7 @@ from commandline import run_command
 from compplan.errors import InputError
 from compplan.measurement.reading import read_campaign
 from compplan.robot import load_robot
-from compplan.toolpath.generators import CircleTable, generate_toolpath
+from compplan.toolpath.generators import CircleTable
 from compplan.toolpath.toolpath import check_toolpath
 
 GOOD = Path(__file__).parents[1] / "bad_inputs" / "good"
@@ -105,10 +105,10 @@ def make_circle(radius: float) -> CircleTable:
 
 def test_a_path_of_a_few_atoms_is_refused_and_a_small_one_asked_about() -> None:
     with pytest.raises(InputError, match="is it in metres"):
-        check_toolpath(generate_toolpath(make_circle(1e-9)))
-    small = check_toolpath(check_toolpath(generate_toolpath(make_circle(0.04))))
+        check_toolpath(make_circle(1e-9).generate())
+    small = check_toolpath(check_toolpath(make_circle(0.04).generate()))
     assert [note for note in small.notes if "is it in metres" in note] == list(small.notes[-1:])
-    assert not any("in metres" in note for note in check_toolpath(generate_toolpath(make_circle(40.0))).notes)
+    assert not any("in metres" in note for note in check_toolpath(make_circle(40.0).generate()).notes)
 
 
 @pytest.mark.parametrize("free", [True, False])

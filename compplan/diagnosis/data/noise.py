@@ -28,27 +28,36 @@ from compplan.robot import Array
 #: Rows further off than this many standard deviations are outliers (theory: one row in 10^6 by
 #: chance); at most this share of the rows (assumed: the contract says 2 %).
 OUTLYING, MOST = 5.5, 0.03
-#: Where more rows stand out than may: only those beyond the others by this factor (assumed).
-BEYOND = 2.0
 
 
-#: Instrument variances of two sources disagree where they differ by more than this factor (assumed).
-DISAGREE = 1.8
 #: Standard deviations per axis where nothing tells them (assumed: a laser tracker at some metres). [m, rad, rad]
 ASSUMED_SIGMA = {"position": 3e-5, "orientation": 1e-4, "encoder": 5e-6}
-#: Repeatability per axis where nothing tells it (assumed: 30 to 120 um stated by makers are three standard deviations
-#: of a distance).
-ASSUMED_REPEATABILITY = 2e-5
 #: Degrees of freedom of what is stated (assumed: good to a tenth), of a stated repeatability (to a sixth), and of what
 #: is assumed (to a factor of two).
 STATED, STATED_REPEATABILITY, ASSUMED = 60.0, 20.0, 4.0
-#: Poses that come back worse than the instrument reads by this factor have play, drift or creep, which are causes
-#: (assumed: 15 to 40 um of robots beside 15 to 40 um of trackers).
-REPEATS_LIKE = 1.5
-#: No noise is known better than this many degrees of freedom tell (assumed: instruments differ by 7 % over a room).
-MOST_WITNESSES = 200.0
-#: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
-SINGLE_ROWS = 1.3
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Numbers of the estimate of noise and outliers."""
+
+    #: Where more rows stand out than may: only those beyond the others by this factor (assumed).
+    beyond: float = 2.0
+    #: Instrument variances of two sources disagree where they differ by more than this factor (assumed).
+    disagree: float = 1.8
+    #: Repeatability per axis where nothing tells it (assumed: 30 to 120 um stated by makers are three standard
+    #: deviations of a distance).
+    assumed_repeatability: float = 2e-5
+    #: Poses that come back worse than the instrument reads by this factor have play, drift or creep, which are causes
+    #: (assumed: 15 to 40 um of robots beside 15 to 40 um of trackers).
+    repeats_like: float = 1.5
+    #: No noise is known better than this many degrees of freedom tell (assumed: instruments differ by 7 % over a room).
+    most_witnesses: float = 200.0
+    #: Mean number of rows a stay up to which a stay's own error cannot be told from the noise of its row (assumed).
+    single_rows: float = 1.3
+
+
+NOISE = NoiseSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +117,14 @@ def estimate_noise(
     variance, witnesses, source = instrument
     seen = np.isfinite(gap).all(1) & ~campaign.on_path
     rows_a_stay = seen.sum() / max(len(np.unique(campaign.stay[seen])), 1)
-    single = bool(seen.any()) and rows_a_stay < SINGLE_ROWS
+    single = bool(seen.any()) and rows_a_stay < NOISE.single_rows
     again, count, share = _revisit_scatter(campaign, gap / spread[:, None])
     plain = spread if np.ptp(spread) > ROUNDING else np.zeros(0)
     if name != "position":
         return Noise(float(np.sqrt(variance)), witnesses, source, 0.0, plain)
     if not witnesses and count:
         # nothing but poses met again: they tell the sum of both
-        return Noise(float(np.sqrt(again)), min(count, MOST_WITNESSES), "poses met again", 0.0, plain)
+        return Noise(float(np.sqrt(again)), min(count, NOISE.most_witnesses), "poses met again", 0.0, plain)
     variance, source = (variance, source) if witnesses else (ASSUMED_SIGMA[name] ** 2, "assumed")
     witnesses = witnesses or ASSUMED
     # of pooled rows the mean is better known than a row: what the robot repeats is weighed against a row
@@ -133,7 +142,7 @@ def estimate_noise(
     freedom = mean**2 / (variance**2 / witnesses + robot**2 / freedom)
     spread = np.sqrt(total / mean)
     return Noise(
-        float(np.sqrt(mean)), min(freedom, MOST_WITNESSES), source, 0.0,
+        float(np.sqrt(mean)), min(freedom, NOISE.most_witnesses), source, 0.0,
         spread if np.ptp(spread) > ROUNDING else np.zeros(0),
     )  # fmt: skip
 
@@ -155,7 +164,7 @@ def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str)
         told.append(("repeats", squares / count, count))
     rough, rough_count = _path_roughness(campaign, gap)
     if rough > 0:
-        told.append(("path", rough, min(rough_count, MOST_WITNESSES)))
+        told.append(("path", rough, min(rough_count, NOISE.most_witnesses)))
     if stated is not None and (np.isfinite(stated) & (stated > 0)).any():
         told.append(("sigma column", float(np.nanmean(stated[stated > 0] ** 2)), STATED))
     if not told:
@@ -163,10 +172,10 @@ def _instrument(campaign: Campaign, gap: Array, stated: Array | None, name: str)
     # what shakes on a path, or between repeats, is no noise of the instrument: sources far above the least one do not
     # count
     firm = [variance for _, variance, weight in told if weight >= ENOUGH_ROWS] or [told[0][1]]
-    told = [source for source in told if source[1] < DISAGREE * min(firm) or source[2] < ENOUGH_ROWS]
+    told = [source for source in told if source[1] < NOISE.disagree * min(firm) or source[2] < ENOUGH_ROWS]
     weight = sum(w for _, _, w in told)
     variance = sum(v * w for _, v, w in told) / weight
-    return float(variance), float(min(weight, MOST_WITNESSES)), " and ".join(label for label, _, _ in told)
+    return float(variance), float(min(weight, NOISE.most_witnesses)), " and ".join(label for label, _, _ in told)
 
 
 def _repeatability(
@@ -184,12 +193,12 @@ def _repeatability(
     if stated is not None and stated > 0:
         told.append(("stated repeatability", stated**2, STATED_REPEATABILITY))
     if count:
-        scatter = min(max(excess, 0.0), REPEATS_LIKE**2 * instrument)
+        scatter = min(max(excess, 0.0), NOISE.repeats_like**2 * instrument)
         # poses that do not come back drift or have play: that is a cause, where the robot is said to repeat better
-        if not told or scatter + instrument < DISAGREE * (told[0][1] + instrument):
+        if not told or scatter + instrument < NOISE.disagree * (told[0][1] + instrument):
             told.append(("poses met again", scatter, count))
     if not told:
-        return ASSUMED_REPEATABILITY**2, ASSUMED, ""
+        return NOISE.assumed_repeatability**2, ASSUMED, ""
     weight = sum(w for _, _, w in told)
     return sum(v * w for _, v, w in told) / weight, weight, " and ".join(label for label, _, _ in told)
 
@@ -287,6 +296,6 @@ def find_outliers(campaign: Campaign, residual: Array, sigma: float, considered:
     count = int(np.ceil(MOST * (length > 0).sum()))
     far = np.flatnonzero(length > OUTLYING * sigma)
     if len(far) > count:
-        limit = BEYOND * np.sort(length)[-count - 1]
+        limit = NOISE.beyond * np.sort(length)[-count - 1]
         far = np.flatnonzero(length > max(limit, OUTLYING * sigma))
     return far

@@ -33,17 +33,29 @@ UNITS = {
     1e-3: "metres", 1e-2: "decimetres", 1e-1: "centimetres", 1 / 25.4: "inches", 1e3: "micrometres",
     25.4: "millimetres taken for inches",
 }  # fmt: skip
-#: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to 1),
-#: and the share of the squares that springs of the wrong sign may leave (assumed: they have to be what is there).
-SURE_OF_SIGN, WRONG_SIGN = 10.0, 0.5
 #: Signs of weight and load under each hypothesis (theory).
 SIGNS = {"right": (1.0, 1.0), "deviations": (-1.0, -1.0), "wrench": (1.0, -1.0), "none": (0.0, 0.0)}
-#: A clock that is further off than this is no lag of a controller (assumed). [s]
-CLOCK = 0.1
-#: Numbers of a frame (theory): a run has to tell three times as many beyond its frames (assumed).
-FRAME_VALUES = 6
-#: Events that are looked for in a run, and rounds of weights that leave gross errors out (assumed).
-MOST_EVENTS, ROBUST_ROUNDS = 2, 4
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """Numbers of the plausibility checks."""
+
+    #: The sign test: log likelihood ratio of the wrong sign, a stay counted as one number (theory: odds of 20,000 to
+    #: 1), and the share of the squares that springs of the wrong sign may leave (assumed: they have to be what is
+    #: there).
+    sure_of_sign: float = 10.0
+    wrong_sign: float = 0.5
+    #: A clock that is further off than this is no lag of a controller (assumed). [s]
+    clock: float = 0.1
+    #: Numbers of a frame (theory): a run has to tell three times as many beyond its frames (assumed).
+    frame_values: int = 6
+    #: Events that are looked for in a run, and rounds of weights that leave gross errors out (assumed).
+    most_events: int = 2
+    robust_rounds: int = 4
+
+
+CHECKS = CheckSettings()
 
 
 class QuestionRows(NamedTuple):
@@ -280,8 +292,8 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
     stays = len(np.unique(rows.campaign.stay))
     certainty = 0.5 * stays * float(np.log(left["right"] / max(left[wrong], 1e-300)))
     loaded = bool(np.abs(shapes.load).any())
-    there = 0.5 * stays * float(np.log(left["none"] / max(left[wrong], 1e-300))) >= SURE_OF_SIGN
-    if certainty < SURE_OF_SIGN or not (left[wrong] <= WRONG_SIGN * left["none"] if loaded else there):
+    there = 0.5 * stays * float(np.log(left["none"] / max(left[wrong], 1e-300))) >= CHECKS.sure_of_sign
+    if certainty < CHECKS.sure_of_sign or not (left[wrong] <= CHECKS.wrong_sign * left["none"] if loaded else there):
         return None
     ratio = f"{100.0 * np.sqrt(left[wrong] / left['right']):.0f} % of what right ones leave"
     if wrong == "deviations":
@@ -310,7 +322,7 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
     gap = gap - np.median(gap, axis=0)
     late = float(np.sum(velocity * gap) / max(np.sum(velocity**2), 1e-300))
     left = float(np.sum((gap - late * velocity) ** 2) / max(np.sum(gap**2), 1e-300))
-    if abs(late) < CLOCK or left > CONVINCING:
+    if abs(late) < CHECKS.clock or left > CONVINCING:
         return None
     return Question(
         "clock",
@@ -330,8 +342,8 @@ def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     found: list[tuple[float, float, str, NDArray[np.int_], Array]] = []
     for number in np.unique(campaign.run_index):
         run = np.flatnonzero((campaign.run_index == number) & ~campaign.on_path)
-        values = 3 * len(np.unique(campaign.pose[run])) - len(parts) * FRAME_VALUES
-        if values < 3 * FRAME_VALUES:
+        values = 3 * len(np.unique(campaign.pose[run])) - len(parts) * CHECKS.frame_values
+        if values < 3 * CHECKS.frame_values:
             continue
         across = rows.position[run] - rows.position[run].mean(axis=0)
         if np.linalg.svd(across, compute_uv=False)[1] < NO_EFFECT:
@@ -392,13 +404,13 @@ def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: floa
         for name, columns in (("the frame", frame), ("the tool", tool)) for at, course in courses
     ]  # fmt: skip
     design, chosen = np.concatenate([frame, tool], axis=2), list[tuple[str, int]]()
-    if poses - design.shape[2] >= 2 * FRAME_VALUES and _robust_rms(design, gap, poses) < most:
+    if poses - design.shape[2] >= 2 * CHECKS.frame_values and _robust_rms(design, gap, poses) < most:
         return f"another tool or target in run {str(campaign.run[run[0]])!r}"
-    for _ in range(MOST_EVENTS):
+    for _ in range(CHECKS.most_events):
         tried = []
         for number, (_, _, columns) in enumerate(events):
             whole = np.concatenate([design, columns], axis=2)
-            if poses - whole.shape[2] >= 2 * FRAME_VALUES:
+            if poses - whole.shape[2] >= 2 * CHECKS.frame_values:
                 tried.append((rank_number(_robust_rms(whole, gap, poses)), number))
         if not tried:
             return ""
@@ -420,7 +432,7 @@ def _robust_rms(design: Array, gap: Array, values: int) -> float:
         values: Independent values that the gap holds.
     """
     weight = np.ones(len(gap))
-    for _ in range(ROBUST_ROUNDS):
+    for _ in range(CHECKS.robust_rounds):
         columns = (weight[:, None, None] * design).reshape(-1, design.shape[2])
         solved = np.linalg.lstsq(columns, (weight[:, None] * gap).reshape(-1), rcond=1e-9)[0]
         size = np.linalg.norm(gap - design @ solved, axis=1)

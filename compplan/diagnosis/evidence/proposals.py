@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,25 +31,34 @@ from compplan.measurement.observations import along
 from compplan.robot import Array
 
 Waves = NDArray[np.complex128]
-#: Rows proposed for each kind of shift, and waves of a joint that may always be tried (assumed).
-PROPOSED = 2
-#: Cycles per turn that are looked at, whole ones and those between (assumed: gears of arms turn 50 to 170 times, and a
-#: strain wave gear errs twice a turn of its motor).
-MOST_CYCLES = 200.0
-#: Widths of a bump that are looked at, as shares of the visited range; its centres lie the least of them apart
-#: (assumed).
-BUMP_WIDTHS = (0.02, 0.04, 0.08, 0.16)
 #: Least range of a joint that waves are looked for in (assumed). [rad or m]
 LEAST_RANGE = 0.3
-#: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
-HOLD = 1e-2
-#: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own width
-#: is one turn, a quarter loses little).
-BETWEEN = 0.25
-#: n waves together count as at most so many tried: this to the power of n + 2 (assumed: not all were).
-TRIED_A_WAVE = 10
-#: Least cycles per turn, or per metre (assumed).
-LEAST_CYCLES = 0.5
+
+
+@dataclass(frozen=True)
+class ProposalSettings:
+    """Numbers of the search for rows and periods."""
+
+    #: Rows proposed for each kind of shift, and waves of a joint that may always be tried (assumed).
+    proposed: int = 2
+    #: Cycles per turn that are looked at, whole ones and those between (assumed: gears of arms turn 50 to 170 times,
+    #: and a strain wave gear errs twice a turn of its motor).
+    most_cycles: float = 200.0
+    #: Widths of a bump that are looked at, as shares of the visited range; its centres lie the least of them apart
+    #: (assumed).
+    bump_widths: tuple[float, ...] = (0.02, 0.04, 0.08, 0.16)
+    #: What holds a shift that the rows on one side do not fix at zero, in squares of the noise (assumed).
+    hold: float = 1e-2
+    #: Frequencies lie this part of a turn over the range apart, and two waves at least as far (theory: a wave's own
+    #: width is one turn, a quarter loses little).
+    between: float = 0.25
+    #: n waves together count as at most so many tried: this to the power of n + 2 (assumed: not all were).
+    tried_a_wave: int = 10
+    #: Least cycles per turn, or per metre (assumed).
+    least_cycles: float = 0.5
+
+
+PROPOSALS = ProposalSettings()
 
 
 def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequence[Array]) -> list[Signature]:
@@ -67,7 +77,7 @@ def propose_shifts(at: Linearization, channels: Sequence[Channel], left: Sequenc
         order = starts[np.argsort(-gains[starts])]
         taken: list[int] = []
         for row in order:
-            if len(taken) == PROPOSED or gains[row] < beats_chance(len(starts)):
+            if len(taken) == PROPOSALS.proposed or gains[row] < beats_chance(len(starts)):
                 break
             if all(abs(int(row) - other) > FEW_ROWS for other in taken):
                 taken.append(int(row))
@@ -104,7 +114,7 @@ def _step_gains(channels: Sequence[Channel], left: Sequence[Array], twist: Array
 
 
 def _explained(gram: Array, against: Array) -> Array:
-    solved = np.linalg.solve(gram + HOLD * np.eye(gram.shape[-1]), against[..., None])[..., 0]
+    solved = np.linalg.solve(gram + PROPOSALS.hold * np.eye(gram.shape[-1]), against[..., None])[..., 0]
     return np.asarray(np.einsum("nk,nk->n", against, solved))
 
 
@@ -123,17 +133,17 @@ def propose_waves(
         slides = joint.kind == "prismatic"
         spectrum = _Spectrum(angle[seen], spread, slides)
         # each wave has two values, and a value of a free form needs ten poses
-        most = max(len(np.unique(at.campaign.stay[seen])) // ENOUGH_ROWS, PROPOSED)
+        most = max(len(np.unique(at.campaign.stay[seen])) // ENOUGH_ROWS, PROPOSALS.proposed)
         picked = _match_waves(angle[seen], pull[seen], weight[seen], spectrum, slides, most)
         for count in {1, 2, len(picked)}:
             if 0 < count <= len(picked):
-                tried = int(min(len(spectrum.grid) ** count, TRIED_A_WAVE ** (2 + count)))
+                tried = int(min(len(spectrum.grid) ** count, PROPOSALS.tried_a_wave ** (2 + count)))
                 found.append(waves_at(at, index, picked[:count], tried=tried))
         if picked:
             some = np.flatnonzero(seen)[:: 1 + int(seen.sum()) // SAMPLE]
             grid = spectrum.grid[periods_seen(spectrum.grid, spread, slides) >= 1.0]
             cycle = find_series(angle[some], pull[some], weight[some], grid, slides)
-            found.append(series_at(at, index, cycle, tried=min(len(grid), TRIED_A_WAVE**3)))
+            found.append(series_at(at, index, cycle, tried=min(len(grid), PROPOSALS.tried_a_wave**3)))
             found.append(spline_at(at, index))
             found += _best_bumps(at, index, angle, pull, weight)
     return found
@@ -146,9 +156,9 @@ def _best_bumps(at: Linearization, index: int, angle: Array, pull: Array, weight
     smooth = np.ones((int(seen.sum()), 1))
     rest = pull[seen] - weight[seen] * (smooth @ _weighted_fit(smooth, pull[seen], weight[seen]))
     found = []
-    centres = np.linspace(low, high, round(1.0 / min(BUMP_WIDTHS)))
-    tried = len(centres) * len(BUMP_WIDTHS)
-    for share in BUMP_WIDTHS:
+    centres = np.linspace(low, high, round(1.0 / min(PROPOSALS.bump_widths)))
+    tried = len(centres) * len(PROPOSALS.bump_widths)
+    for share in PROPOSALS.bump_widths:
         width = share * (high - low)
         shape = bump(angle[seen, None], centres[None], width)
         inner = np.einsum("n,nk->k", weight[seen], shape**2)
@@ -167,9 +177,9 @@ def wave_grid(spread: float, slides: bool) -> tuple[Array, Array]:
     Whole cycles, and cycles that lie evenly apart.
     """
     turns = spread if slides else spread / (2 * np.pi)
-    step = BETWEEN / turns
-    whole = np.arange(1.0, MOST_CYCLES) if not slides else np.zeros(0)
-    return whole, np.arange(max(LEAST_CYCLES, step), MOST_CYCLES, min(step, 1.0))
+    step = PROPOSALS.between / turns
+    whole = np.arange(1.0, PROPOSALS.most_cycles) if not slides else np.zeros(0)
+    return whole, np.arange(max(PROPOSALS.least_cycles, step), PROPOSALS.most_cycles, min(step, 1.0))
 
 
 class _Spectrum:
@@ -247,7 +257,7 @@ def _match_waves(
         a, b = against.imag, against.real
         gain = 0.5 * (a * a * cosines - 2.0 * a * b * across + b * b * sines) / (sines * cosines - across**2)
         if picked:
-            gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < BETWEEN * grid[0]] = 0.0
+            gain[np.min(np.abs(grid[:, None] - np.array(picked)), axis=1) < PROPOSALS.between * grid[0]] = 0.0
         best = int(np.argmax(gain))
         if gain[best] < beats_chance(len(grid)):
             break

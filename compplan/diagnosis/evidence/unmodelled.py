@@ -9,7 +9,7 @@ they are not, and it says what an unknown cause looks like.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -23,15 +23,6 @@ from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
 UNMODELLED = "unmodelled"
-#: Time constants of creep (assumed). [s]
-CREEP_TIMES = (60.0, 400.0)
-#: Time constants of what settles early, as shares of the campaign (assumed).
-EARLY = (0.02, 0.1)
-#: Degree of the curves over time, and of the fields over the workspace (assumed).
-TIME_DEGREE, FIELD_DEGREE = 4, 3
-#: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what is
-#: curved about the instrument is smaller by this from degree to degree.
-FAR = 8.0
 #: Effects whose errors follow the same as an unmodelled one, by the first words of what that follows (theory).
 MAKERS = {
     "its own angle": ("transmission_error", "gravity_compensator"),
@@ -44,8 +35,27 @@ MAKERS = {
     "its speed": ("tracking_lag", "time_skew"),
 }
 TURNS = AXES[3:]
-#: Speeds at which friction fades, over the fastest (assumed).
-FADING = (0.05, 0.2, 0.8)
+
+
+@dataclass(frozen=True)
+class UnmodelledSettings:
+    """Numbers of the shapes of unmodelled errors."""
+
+    #: Time constants of creep (assumed). [s]
+    creep_times: tuple[float, float] = (60.0, 400.0)
+    #: Time constants of what settles early, as shares of the campaign (assumed).
+    early: tuple[float, float] = (0.02, 0.1)
+    #: Degree of the curves over time, and of the fields over the workspace (assumed).
+    time_degree: int = 4
+    field_degree: int = 3
+    #: An instrument stands so many times farther away than the target moves (assumed): expanded about the target, what
+    #: is curved about the instrument is smaller by this from degree to degree.
+    far: float = 8.0
+    #: Speeds at which friction fades, over the fastest (assumed).
+    fading: tuple[float, ...] = (0.05, 0.2, 0.8)
+
+
+SHAPES = UnmodelledSettings()
 
 
 def unmodelled_signatures(at: Linearization) -> list[Signature]:
@@ -105,11 +115,11 @@ def _of_position(at: Linearization) -> Iterable[Signature]:
     driver = "the place of the target"
     moved = np.concatenate([np.broadcast_to(np.eye(3), (len(point), 3, 3)), point[:, :, None]], axis=2)
     scaled = np.concatenate([moved, np.zeros_like(moved)], axis=1)
-    yield from _offer(None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / FAR]))
+    yield from _offer(None, driver, "scale", scaled, weight=np.array([1.0, 1.0, 1.0, 1.0 / SHAPES.far]))
     powers: list[tuple[int, ...]] = [()]
-    for degree in range(1, FIELD_DEGREE + 1):
+    for degree in range(1, SHAPES.field_degree + 1):
         powers += list(combinations_with_replacement(range(3), degree))
-        weight = np.tile([FAR ** -len(power) for power in powers], 3)
+        weight = np.tile([SHAPES.far ** -len(power) for power in powers], 3)
         twist = _times(np.broadcast_to(np.eye(6, 3), (len(point), 6, 3)), _monomials(at, powers))
         yield from _offer(None, driver, f"degree {degree}", twist, weight=weight)
 
@@ -207,10 +217,10 @@ def _own_errors(at: Linearization, index: int) -> Iterable[tuple[str, str, Array
     speed = campaign.speed[:, index]
     if np.abs(speed).max(initial=0.0) > ROUNDING:
         fast = speed / np.abs(speed).max()
-        slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in FADING]
+        slow = [np.sign(fast) * np.exp(-np.abs(fast) / width) for width in SHAPES.fading]
         yield "its speed", "friction", np.column_stack([fast, *slow])
     if campaign.time is not None and campaign.load_varies:
-        past = np.column_stack([past_load(campaign.time, load[:, index], tau) for tau in CREEP_TIMES])
+        past = np.column_stack([past_load(campaign.time, load[:, index], tau) for tau in SHAPES.creep_times])
         yield "its load of the past minutes", "creep", past
 
 
@@ -219,8 +229,10 @@ def time_curves(campaign: Campaign) -> Array:
     clock = np.arange(len(campaign), dtype=float) if campaign.time is None else np.nan_to_num(campaign.time)
     span = max(float(np.ptp(clock)), 1e-9)
     share = (clock - clock.min()) / span
-    early = np.exp(-share[:, None] / np.array(EARLY))
-    return np.concatenate([legendre.legvander(2.0 * share - 1.0, TIME_DEGREE), early - early.mean(axis=0)], axis=1)
+    early = np.exp(-share[:, None] / np.array(SHAPES.early))
+    return np.concatenate(
+        [legendre.legvander(2.0 * share - 1.0, SHAPES.time_degree), early - early.mean(axis=0)], axis=1
+    )
 
 
 def past_load(time: Array, load: Array, tau: float) -> Array:

@@ -36,15 +36,7 @@ MORE = 10
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Distances over poses. [m]
-
-    Attributes:
-        mean: Mean distance.
-        largest: Largest distance.
-        three_sigma: Mean plus three standard deviations.
-        rms: Root mean square distance.
-        poses: Number of poses.
-    """
+    """Distances over a number of poses: mean, largest, mean plus three standard deviations, root mean square. [m]"""
 
     mean: float
     largest: float

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SURE, rank_number
-from compplan.diagnosis.results.explanations import name_alternatives
-from compplan.diagnosis.results.posterior import state_uncertainty
+from compplan.diagnosis.results.posterior import name_alternatives, state_uncertainty
 from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.results.visited_region import list_visits
 from compplan.diagnosis.search.polish import polish_fit, register_again

@@ -39,33 +39,38 @@ KINDS = {
 }
 #: Backing off before a pose is approached from a side: assumed ample for any lost motion. [rad, m]
 BACK_OFF = {"revolute": np.deg2rad(6.0), "prismatic": 0.05}
-#: Candidates of new poses, from which the telling ones are picked, and draws for each: some are not clear (assumed).
-POSES = 40
-#: Seconds between stays and between runs; seconds at which a robot is cold, half warm and warm (assumed). [s]
-PACE, COURSE = 15.0, (0.0, 1800.0, 7200.0)
-#: Warm-up at least, whatever the campaign saw (assumed). [K]
-ASSUMED_RISE = 8.0
-#: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
-ASSUMED_WEIGHT = 50.0
-#: Speeds of a path that is driven slowly and fast (assumed: safe for any joint). [rad/s]
-SPEEDS = (0.05, 0.25)
-#: Amplitude of its swing (assumed). [rad]
-SWING = 0.15
-#: Radius about the base axis beyond which it is always clear (assumed). [m]
-COLUMN = 0.3
-#: The light one of two payloads, over the heavy one (assumed).
-LIGHT = 0.3
+
+
+@dataclass(frozen=True)
+class MoveSettings:
+    """Numbers of the moves that are proposed."""
+
+    #: Candidates of new poses, from which the telling ones are picked, and draws for each: some are not clear
+    #: (assumed).
+    poses: int = 40
+    #: Seconds between stays and between runs; seconds at which a robot is cold, half warm and warm (assumed). [s]
+    pace: float = 15.0
+    course: tuple[float, ...] = (0.0, 1800.0, 7200.0)
+    #: Warm-up at least, whatever the campaign saw (assumed). [K]
+    assumed_rise: float = 8.0
+    #: Weight that is proposed where the campaign held no load: assumed possible for any robot here. [N]
+    assumed_weight: float = 50.0
+    #: Speeds of a path that is driven slowly and fast (assumed: safe for any joint). [rad/s]
+    speeds: tuple[float, float] = (0.05, 0.25)
+    #: Amplitude of its swing (assumed). [rad]
+    swing: float = 0.15
+    #: Radius about the base axis beyond which it is always clear (assumed). [m]
+    column: float = 0.3
+    #: The light one of two payloads, over the heavy one (assumed).
+    light: float = 0.3
+
+
+MOVES = MoveSettings()
 
 
 @dataclass(frozen=True)
 class MeasuringMove:
-    """Rows that are measured together.
-
-    Attributes:
-        kind: One of `KINDS`.
-        rows: Rows of the pool that are measured.
-        joint: The joint that it is about, or None.
-    """
+    """Rows of the pool that are measured together; `kind` is one of `KINDS`, `joint` the joint that it is about."""
 
     kind: str
     rows: tuple[int, ...]
@@ -88,7 +93,7 @@ class Pool:
     def stay(self, q: Array, wrench: Array | None = None) -> int:
         """Append a row at rest, in its turn after the clock, and return its number."""
         load = np.zeros(6) if wrench is None else wrench
-        self.rows.append((q, load, "static_next", self.clock + PACE * len(self.rows), 1.0))
+        self.rows.append((q, load, "static_next", self.clock + MOVES.pace * len(self.rows), 1.0))
         return len(self.rows) - 1
 
     def last(self) -> float:
@@ -106,7 +111,7 @@ def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Camp
         A campaign that begins with the first rows of the old one, and the moves among its rows.
     """
     random = np.random.default_rng(seed)
-    poses = draw_poses(robot, campaign, POSES, random)
+    poses = draw_poses(robot, campaign, MOVES.poses, random)
     if not len(poses):
         return campaign.take(np.zeros(0, int)), ()
     before = np.flatnonzero(campaign.usable)[:5]
@@ -123,7 +128,7 @@ def list_moves(robot: Robot, campaign: Campaign, seed: int = SEED) -> tuple[Camp
 
 def draw_poses(robot: Robot, campaign: Campaign, count: int, random: np.random.Generator) -> Array:
     """Draw poses within joint limits that keep clear of floor and column as the campaign did. Shape (<= count, nq)."""
-    q = random.uniform(*joint_range(robot, campaign), (POSES * count, robot.nq))
+    q = random.uniform(*joint_range(robot, campaign), (MOVES.poses * count, robot.nq))
     return take_clear([q], lambda part: keeps_clear(robot, campaign, part), count)
 
 
@@ -143,7 +148,7 @@ def keeps_clear(robot: Robot, campaign: Campaign, q: Array) -> NDArray[np.bool_]
     usable = np.flatnonzero(campaign.usable)
     some = usable[:: max(1, len(usable) // SAMPLE)]
     seen, tip = _tips(robot, campaign.q[some]), _tips(robot, q)
-    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), COLUMN)
+    near = min(float(np.hypot(seen[:, 0], seen[:, 1]).min()), MOVES.column)
     return np.asarray((tip[:, 2] >= seen[:, 2].min()) & (np.hypot(tip[:, 0], tip[:, 1]) >= near))
 
 
@@ -157,7 +162,7 @@ def given_loads(campaign: Campaign) -> list[Array]:
     """Pick the largest loads of the campaign that point in different directions; a known weight where it had none."""
     wrench = campaign.wrench[campaign.usable & ~campaign.unloaded]
     if not campaign.load_varies or not len(wrench):
-        return [np.array([0.0, 0.0, -ASSUMED_WEIGHT, 0.0, 0.0, 0.0])]
+        return [np.array([0.0, 0.0, -MOVES.assumed_weight, 0.0, 0.0, 0.0])]
     order = np.argsort(-np.linalg.norm(wrench[:, :3], axis=1))
     picked: list[Array] = []
     for row in order:
@@ -173,14 +178,14 @@ def given_loads(campaign: Campaign) -> list[Array]:
 
 def _add_static(pool: Pool, campaign: Campaign, poses: Array) -> None:
     loads = given_loads(campaign)
-    pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + PACE
+    pool.clock = 0.0 if campaign.time is None else float(np.nanmax(campaign.time)) + MOVES.pace
     pool.moves += [MeasuringMove("new_poses", (pool.stay(q),)) for q in poses]
     weight = np.array([0.0, 0.0, -max(float(np.linalg.norm(load[:3])) for load in loads), 0.0, 0.0, 0.0])
     for number, q in enumerate(poses[:ENOUGH_ROWS]):
         load = loads[number % len(loads)]
         pool.moves.append(MeasuringMove("loaded_unloaded", (pool.stay(q), pool.stay(q, load))))
         pool.moves.append(MeasuringMove("sign_flip", (pool.stay(q, load), pool.stay(q, -load))))
-        pool.moves.append(MeasuringMove("two_payloads", (pool.stay(q, LIGHT * weight), pool.stay(q, weight))))
+        pool.moves.append(MeasuringMove("two_payloads", (pool.stay(q, MOVES.light * weight), pool.stay(q, weight))))
 
 
 def _add_reversals(pool: Pool, robot: Robot, poses: Array) -> None:
@@ -207,24 +212,27 @@ def _add_sweeps(pool: Pool, robot: Robot, campaign: Campaign, poses: Array) -> N
 
 def _add_warm_up(pool: Pool, poses: Array) -> None:
     rows = [
-        [pool.add(q, "static_warming", seconds + PACE * number, warmth) for number, q in enumerate(poses[:ENOUGH_ROWS])]
-        for seconds, warmth in zip(COURSE, (0.0, 0.5, 1.0), strict=True)
+        [
+            pool.add(q, "static_warming", seconds + MOVES.pace * number, warmth)
+            for number, q in enumerate(poses[:ENOUGH_ROWS])
+        ]
+        for seconds, warmth in zip(MOVES.course, (0.0, 0.5, 1.0), strict=True)
     ]
     pool.moves += [MeasuringMove("warm_up", numbers) for numbers in zip(*rows, strict=True)]
 
 
 def _add_paths(pool: Pool, robot: Robot, poses: Array) -> None:
     """Swing each joint by some degrees there and back, slowly and fast."""
-    clock, centre = pool.last(), np.clip(poses[0], robot.lower + SWING, robot.upper - SWING)
+    clock, centre = pool.last(), np.clip(poses[0], robot.lower + MOVES.swing, robot.upper - MOVES.swing)
     for index, joint in enumerate(robot.actuated):
         if joint.kind != "revolute":
             continue
         rows: list[int] = []
-        for number, speed in enumerate(SPEEDS):
-            clock += PACE
+        for number, speed in enumerate(MOVES.speeds):
+            clock += MOVES.pace
             for angle in np.linspace(0.0, 2.0 * np.pi, ENOUGH_ROWS):
-                q = centre + SWING * np.sin(angle) * np.eye(robot.nq)[index]
-                moment = clock + SWING * angle / speed
+                q = centre + MOVES.swing * np.sin(angle) * np.eye(robot.nq)[index]
+                moment = clock + MOVES.swing * angle / speed
                 rows.append(pool.add(q, f"path_next_{index + 1}_{number + 1}", moment))
             clock = pool.last()
         pool.moves.append(MeasuringMove("two_speeds", tuple(rows), joint.name))
@@ -234,7 +242,7 @@ def _continue_campaign(campaign: Campaign, pool: Pool) -> Campaign:
     n, temperature = len(pool.rows), None
     q, wrench, run, time, warmth = (np.array(part) for part in zip(*pool.rows, strict=True))
     if campaign.temperature is not None and campaign.warming is not None:
-        rise = max(float(np.max(campaign.warming)), ASSUMED_RISE)
+        rise = max(float(np.max(campaign.warming)), MOVES.assumed_rise)
         temperature = campaign.reference_temperature + rise * warmth
     return Campaign(
         run=run.astype(np.str_),

@@ -1,10 +1,15 @@
-"""Posterior: how surely the updated robot is known after a campaign, and how far it is off where no parameter explains.
+"""Posterior: parameter uncertainty of the updated robot, and the error that no parameter explains.
 
-The parameters of all claims and of the background are normal about their posterior mean. The folder holds some of
-them; of the others it holds zero, so that their mean m counts as well: the second moment about the folder is
-S + m m^T. Where the campaign cannot tell a claim from other effects, the robot that each of these makes counts with
-its weight w, w m m^T with m what it is off the folder (`explanations`). What the held-out poses show
-beyond noise and parameters is unexplained, and a conformal step widens both until the band holds those poses.
+The parameters of claims and small errors are normal about their posterior mean, covariance S. Of those that the robot
+folder does not hold, the mean m counts as well: the second moment about the folder is S + m m^T.
+
+A claim of values a moves the rows by H a. An effect that the campaign cannot distinguish from it fits that motion with
+values b, the least squares of H_b b against H a, frames fitted to both, and leaves d of its squares in units of the
+noise variance. Claim and alternatives have weights 1 and exp(-d / 2), normalised; an alternative is off the folder by
+(-a, b) where this holds the claim, by (0, b) where it does not, and adds w m m^T with m that difference.
+
+What held-out poses show beyond noise and parameters is unexplained. A conformal step widens both until the band holds
+those poses.
 """
 
 from __future__ import annotations
@@ -16,21 +21,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.channels import group_poses
-from compplan.diagnosis.data.shared import SAMPLE
+from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE
 from compplan.diagnosis.evidence.candidates import REGISTRATION, in_background
 from compplan.diagnosis.evidence.evidence import TAU_SCALE
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
-from compplan.diagnosis.results.explanations import Explanation, explain_otherwise
+from compplan.diagnosis.results.verdict import Verdict
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState
-from compplan.diagnosis.validation.ambiguity import AlternativeEffect
+from compplan.diagnosis.validation.ambiguity import AlternativeEffect, imitate_claim
 from compplan.diagnosis.validation.held_out import HeldOut, with_claims
 from compplan.effects import is_of_instrument
+from compplan.effects.signature import Signature
 from compplan.measurement.distance import calibrate_band
 from compplan.robot import Array
 from compplan.robot.uncertainty import AlternativeRobot, Uncertainty, Unknown, spread_unknowns
 from compplan.uncertainty.assumed import free_base
 
+#: Frames of a campaign and of a tool are no causes in a robot.
+FRAMES = ("base_frame", "tool_frame", "tool_shift", "frame_shift")
 #: Distances over which an unexplained error may forget itself (assumed). [m]
 SCALES = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3)
 #: What is taken where poses are too few to tell: the middle of them. [m]
@@ -100,6 +108,21 @@ def state_uncertainty(
     return free_base(fit.problem.robot, stated) if adrift else stated
 
 
+def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> Uncertainty:
+    """State how surely the sizes of named effects are known where these effects, and no others, are present.
+
+    Args:
+        fit: The fit.
+        named: Claims of the effects.
+        calibration: Factor of all deviations that makes bands hold poses left out.
+    """
+    fitted = with_claims(_with_usual_classes(fit), named, background=True)
+    present = replace(fit.state, values=dict.fromkeys(fit.search.equations.names, 1.0))
+    known = _collect(fitted, named, present)
+    unknowns, factor = spread_unknowns(known.unknowns, known.moment)
+    return Uncertainty("measured", "named effects", unknowns, factor, calibration=calibration)
+
+
 def _with_usual_classes(fit: Fit) -> Fit:
     """Let no class of the background be smaller than usual: that a few poses did not show it does not make it nothing.
 
@@ -111,7 +134,7 @@ def _with_usual_classes(fit: Fit) -> Fit:
     return replace(fit, model=replace(fit.model, posterior=replace(posterior, hyper=usual)))
 
 
-def _collect(fitted: Fit, claims: list[Claim], state: FitState) -> _Known:
+def _collect(fitted: Fit, claims: Sequence[Claim], state: FitState) -> _Known:
     """Collect parameters of the claims, then of the background, each once."""
     equations, posterior = fitted.search.equations, fitted.model.posterior
     place = {int(column): number for number, column in enumerate(posterior.columns)}
@@ -213,3 +236,67 @@ def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
         size = max(float(shape @ product) / max(float(shape @ shape), 1e-30), 0.0)
         tries.append((float(np.sum((product - size * shape) ** 2)), scale if size > 0 else SCALE))
     return min(tries)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Another explanation of a claim.
+
+    Attributes:
+        instead: The claim.
+        signature: The other effect.
+        weight: Its probability, claim and rivals together one.
+        columns: Columns that it moves, those of the claim and its own.
+        shift: What it moves them by from what the folder holds. [SI]
+        change: What it moves them by from what the claim says. [SI]
+    """
+
+    instead: Signature
+    signature: Signature
+    weight: float
+    columns: NDArray[np.int_]
+    shift: Array
+    change: Array
+
+
+def name_alternatives(verdict: Verdict) -> dict[int, tuple[AlternativeEffect, ...]]:
+    """List for every claim of a verdict, by its signature, the effects that the campaign cannot tell from it."""
+    found = (*verdict.findings, *verdict.minor, *verdict.doubtful)
+    return {f.signature: tuple(rival for rival in f.rivals if rival.alike) for f in found if f.signature >= 0}
+
+
+def explain_otherwise(
+    fit: Fit, state: FitState, mean: Array, rivals: Mapping[int, Sequence[AlternativeEffect]]
+) -> list[Explanation]:
+    """Find what the robot would be under the rivals of the claims that may be true.
+
+    Args:
+        fit: The fit.
+        state: What the folder holds.
+        mean: Posterior mean of every column, in units of its scale. Shape (p,).
+        rivals: Rivals of each claim, by its signature.
+    """
+    equations, found = fit.search.equations, []
+    for number, others in rivals.items():
+        own = equations.columns(number)
+        held = np.array([state.values.get(equations.names[column], 0.0) for column in own]) / equations.scale[own]
+        claimed = held if held.any() else mean[own]
+        if not claimed.any() or is_of_instrument(equations.signatures[number].name):
+            continue
+        mine: list[tuple[Explanation, float]] = []
+        for rival in others:
+            if rival.place[0] in FRAMES or is_of_instrument(rival.place[0]):
+                continue
+            other, values, left = imitate_claim(fit, number, rival.place, claimed)
+            signature, theirs = equations.signatures[other], equations.columns(other)
+            if np.intersect1d(own, theirs).size or (signature.positive and (values < 0.0).any()):
+                continue
+            columns = np.r_[own, theirs]
+            shift, change = (np.r_[-gone, values] * equations.scale[columns] for gone in (held, claimed))
+            one = Explanation(equations.signatures[number], signature, 0.0, columns, shift, change)
+            mine.append((one, float(np.exp(-0.5 * left))))
+        total = 1.0 + sum(weight for _, weight in mine)
+        for one, weight in mine:
+            if weight / total >= NEGLIGIBLE:
+                found.append(replace(one, weight=weight / total))
+    return found

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.results.change import state_change
+from compplan.diagnosis.results.calibration import state_change
 from compplan.diagnosis.results.delivery import Delivery
 from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
 from compplan.diagnosis.search.state import Fit
@@ -21,6 +21,7 @@ from compplan.io.display import MOST_LISTED, Curve, Curves, Shown
 from compplan.io.quantities import format_length
 from compplan.measurement.registration import Registration
 from compplan.robot import Array, Robot
+from compplan.robot.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Diagnosis(Shown):
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
         deliveries: Robot folders that are written; the first is `updated`, and every figure is its own.
+        sizes: How surely the sizes of the named effects are known, given that these are present.
         noise: Where the noise floor comes from.
     """
 
@@ -96,6 +98,7 @@ class Diagnosis(Shown):
     registration: Registration | None
     outliers: NDArray[np.int_]
     deliveries: tuple[Delivery, ...]
+    sizes: Uncertainty
     noise: str
 
     @property
@@ -162,7 +165,7 @@ class Diagnosis(Shown):
             "verdict": {
                 "status": self.verdict.status,
                 "effects": [
-                    {**finding_table(f), **state_change(self.robot, f.effect, self.deliveries[0].uncertainty)}
+                    {**finding_table(f), **state_change(self.robot, f.effect, self.sizes)}
                     for f in self.verdict.findings
                 ],
                 "doubtful": [finding_table(f) for f in self.verdict.doubtful],

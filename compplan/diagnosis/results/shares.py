@@ -75,14 +75,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Carrier:
-    """What carries part of a gap.
-
-    Attributes:
-        place: Where it sits.
-        effect: Name of the effect.
-        share: Its share of the gap, with the interval that holds 95 % if the finding is there.
-        probability: Probability that it is there.
-    """
+    """A named effect at its place: share of the gap, its interval given that the effect is present, and probability."""
 
     place: str
     effect: str

@@ -40,13 +40,9 @@ ALIKE, LISTED = 0.5, 0.05
 
 @dataclass(frozen=True)
 class Group:
-    """Errors of one kind at one joint, which a campaign may know together though not one by one.
+    """Errors of one kind at a joint or another part of the cell, known together though not one by one.
 
-    Attributes:
-        place: Joint, or part of the cell.
-        kind: Kind of error.
-        share: Share of the gap.
-        repeats: Cosine between the motions that two halves of the poses give it.
+    `repeats` is the cosine between the motions that two halves of the poses lead to.
     """
 
     place: str
@@ -61,13 +57,7 @@ class Group:
 
 @dataclass(frozen=True)
 class SmallErrors:
-    """A gap divided among the errors of a calibration.
-
-    Attributes:
-        by_place: Share of each joint or part of the cell, and what is not explained.
-        by_kind: Share of each kind, and what is not explained.
-        groups: Groups that both halves of the poses tell, largest share first.
-    """
+    """A gap divided among the errors of a calibration, by place, by kind, and by groups that both halves tell."""
 
     by_place: dict[str, Share]
     by_kind: dict[str, Share]

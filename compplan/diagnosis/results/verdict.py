@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -140,6 +140,16 @@ def reach_verdict(fit: Fit, doubt: RevisedProbabilities) -> Verdict:
     else:
         status = "none" if structure.gap <= FLOORS_LEFT * structure.floor else "unknown"
     return Verdict(status, named, doubtful, minor, structure)
+
+
+def unname(verdict: Verdict, sized: Callable[[Finding], bool]) -> Verdict:
+    """Move named effects whose size may be zero to the doubtful ones."""
+    kept = tuple(f for f in verdict.findings if f.signature < 0 or sized(f))
+    if len(kept) == len(verdict.findings):
+        return verdict
+    status = verdict.status if kept else "unknown"
+    dropped = tuple(replace(f, probability=min(f.probability, REFUSED)) for f in verdict.findings if f not in kept)
+    return replace(verdict, status=status, findings=kept, doubtful=(*dropped, *verdict.doubtful))
 
 
 def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,19 +29,10 @@ from compplan.robot import Array
 #: Places that are tried with noise and background fitted anew: as a further claim, in exchange for one, and against one
 #: (assumed).
 TRIED = 4
-#: A fit of noise and background anew gains a set of claims this much log posterior at most (assumed: more has not been
-#: seen).
-CLOSE = 12.0
 #: Effects of one campaign at most (assumed: several times what any robot has).
 MOST_EFFECTS = 24
-#: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
-#: within a factor of five). [decades]
-DECADES = 0.7
 #: An exchange or an addition has to gain this much log posterior (assumed: less is no reason to change a model).
 WORTHWHILE = 0.5
-#: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
-#: (assumed: twelve claims of this part at least would take all of it).
-MUCH, FAIR_PART = 0.3, 0.08
 #: Effects that show only in what bends, and those that make a rigid robot soft (own weight on its joints does, too).
 BENDING = ("payload", "gravity_compensator", "gravity_sag", "stiffness_nonlinearity", "wrench_bias", "wrench_scale")
 SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
@@ -50,10 +40,29 @@ SOFT = ("joint_stiffness", "link_compliance", "base_compliance")
 CURVES = ("transmission_error", "gravity_compensator")
 #: Effects that happen once in most campaigns, if at all.
 SHIFTS = ("frame_shift", "tool_shift")
-#: Log prior odds against two curves at one joint, and against each shift after the first of its kind (assumed).
-ONCE_MORE = 10.0
-#: Correlation from which on two claims are looked at together (assumed).
-ENTANGLED = 0.2
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Numbers of the search for sets of effects."""
+
+    #: A fit of noise and background anew gains a set of claims this much log posterior at most (assumed: more has not
+    #: been seen).
+    close: float = 12.0
+    #: Standard deviation of the logarithm of an effect's size about its scale (assumed: two thirds of all effects lie
+    #: within a factor of five). [decades]
+    decades: float = 0.7
+    #: Squares beyond the noise that are much, per observation, and the part of them that a further claim has to take
+    #: (assumed: twelve claims of this part at least would take all of it).
+    much: float = 0.3
+    fair_part: float = 0.08
+    #: Log prior odds against two curves at one joint, and against each shift after the first of its kind (assumed).
+    once_more: float = 10.0
+    #: Correlation from which on two claims are looked at together (assumed).
+    entangled: float = 0.2
+
+
+SEARCH = SearchSettings()
 
 
 @dataclass(frozen=True)
@@ -66,13 +75,7 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A set of claims with its posterior.
-
-    Attributes:
-        claims: The claims.
-        posterior: What the campaign says under them.
-        score: Log evidence plus log prior of the set.
-    """
+    """A set of claims with its posterior; the score is log evidence plus log prior of the set."""
 
     claims: tuple[Claim, ...]
     posterior: Posterior
@@ -145,7 +148,7 @@ class Search:
         bounded = equations.join_columns(n for n, s in signatures if s.positive and len(s.keys) > 1)
         posterior = drop_negative(equations, prior, posterior, bounded)[1]
         score = posterior.log_evidence + sum(self.log_prior[c.signature] + log_prior_size(c.size) for c in claims)
-        score -= ONCE_MORE * self._count_repeated(claims)
+        score -= SEARCH.once_more * self._count_repeated(claims)
         if self._backwards(claims, posterior) or len(self.without(claims)) < len(claims):
             score = -np.inf
         elif claims:
@@ -223,8 +226,8 @@ def is_soft(signature: Signature) -> bool:
 
 def log_prior_size(size: float) -> float:
     """Return the log probability of a size: log-normal about the scale of the effect."""
-    weights = np.exp(-0.5 * (np.log10(SIZES) / DECADES) ** 2)
-    return float(-0.5 * (np.log10(size) / DECADES) ** 2 - np.log(weights.sum()))
+    weights = np.exp(-0.5 * (np.log10(SIZES) / SEARCH.decades) ** 2)
+    return float(-0.5 * (np.log10(size) / SEARCH.decades) ** 2 - np.log(weights.sum()))
 
 
 def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_EFFECTS) -> Model:
@@ -239,7 +242,7 @@ def search_models(search: Search, first: Sequence[Claim] = (), most: int = MOST_
         if grown is not best and not explains_enough(search, best, grown):
             grown = best
         concerned = (*concerned, *entangled(search, grown, [c for c in grown.claims if c not in best.claims]))
-        settled = _merge(search, _exchange(search, _remove(search, grown), concerned), concerned)
+        settled = _exchange(search, _remove(search, grown), concerned)
         concerned = ()
         search.progress(f"{len(settled.claims)} effects")
         if settled.score < best.score + WORTHWHILE:
@@ -279,7 +282,7 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
     part after the other would only imitate it. What the background of small errors has swallowed counts as left, too.
     """
     channels, background = search.equations.channels, search.prior.background >= 0
-    much = MUCH * np.array([channel.total.count for channel in channels])
+    much = SEARCH.much * np.array([channel.total.count for channel in channels])
 
     def measure(model: Model) -> tuple[Array, Array]:
         posterior = model.posterior
@@ -294,7 +297,7 @@ def explains_enough(search: Search, old: Model, new: Model) -> bool:
     if (before[0] < much).all():
         return True
     # each channel by itself: an instrument that tells one quantity far more closely must not outvote the others
-    return any((b - a > FAIR_PART * np.maximum(b, much)).any() for b, a in zip(before, after, strict=True))
+    return any((b - a > SEARCH.fair_part * np.maximum(b, much)).any() for b, a in zip(before, after, strict=True))
 
 
 def distinct_places(search: Search, gains: list[Gain], count: int) -> list[Gain]:
@@ -320,7 +323,7 @@ def add_claim(search: Search, model: Model) -> Model:
     best = model
     gains = distinct_places(search, search.gains(model), TRIED)
     for gain in gains:
-        if gain.log_evidence < -CLOSE:
+        if gain.log_evidence < -SEARCH.close:
             break
         tried = search.model((*model.claims, Claim(gain.signature, gain.size)), model.posterior.hyper)
         if rank_evidence(tried.score) > rank_evidence(best.score):
@@ -331,7 +334,7 @@ def add_claim(search: Search, model: Model) -> Model:
 def _remove(search: Search, model: Model) -> Model:
     while model.claims:
         # what a claim carries beyond its own price and what a fit anew may gain is not tried for removal
-        price = {c: CLOSE - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
+        price = {c: SEARCH.close - search.log_prior[c.signature] - log_prior_size(c.size) for c in model.claims}
         columns = search.equations.columns
         weak = [c for c in model.claims if model.posterior.loss_without(columns(c.signature)) < price[c]]
         smaller = [search.model(search.without(model.claims, claim), model.posterior.hyper) for claim in weak]
@@ -354,7 +357,7 @@ def entangled(search: Search, model: Model, fresh: Sequence[Claim]) -> list[Clai
         for other in fresh:
             block = posterior.covariance[np.ix_(places[claim], places[other])]
             together = np.abs(block) / np.outer(deviation[places[claim]], deviation[places[other]])
-            if claim not in result and together.max(initial=0.0) > ENTANGLED:
+            if claim not in result and together.max(initial=0.0) > SEARCH.entangled:
                 result.append(claim)
     return result
 
@@ -369,32 +372,11 @@ def _exchange(search: Search, model: Model, concerned: Sequence[Claim]) -> Model
         gains = search.gains(reduced)
         for gain in [*distinct_places(search, gains, TRIED), *forms_of(search, gains, claim)]:
             same = gain.signature == claim.signature and gain.size == claim.size
-            if same or reduced.score + gain.log_evidence < model.score - CLOSE:
+            if same or reduced.score + gain.log_evidence < model.score - SEARCH.close:
                 continue
             tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
             if tried.score > model.score + WORTHWHILE:
                 model = tried
-    return model
-
-
-def _merge(search: Search, model: Model, concerned: Sequence[Claim]) -> Model:
-    """Try to do without two claims that cancel each other, or with one that explains both."""
-    for first, second in combinations(model.claims, 2):
-        if first not in model.claims or second not in model.claims or not {first, second} & set(concerned):
-            continue
-        rest = search.without(model.claims, first, second)
-        reduced = search.model(rest, model.posterior.hyper, fit=False)
-        if reduced.score > model.score - CLOSE:
-            neither = search.model(rest, model.posterior.hyper)
-            if neither.score > model.score:
-                model = neither
-                continue
-        gain = search.gains(reduced)[0]
-        if reduced.score + gain.log_evidence < model.score - CLOSE:
-            continue
-        tried = search.model((*rest, Claim(gain.signature, gain.size)), model.posterior.hyper)
-        if tried.score > model.score:
-            model = tried
     return model
 
 

@@ -1,4 +1,4 @@
-"""Ambiguity: which other effects would leave the same trace, found from the campaign's own geometry."""
+"""Ambiguity: which other effects explain the same motion of the target at the rows of a campaign."""
 
 from __future__ import annotations
 
@@ -26,13 +26,9 @@ BELOW_NOISE = 16.0
 
 @dataclass(frozen=True)
 class AlternativeEffect:
-    """Another effect that explains a claim.
+    """Another effect, of some parameters, that explains a share of the motion by a claim, frames fitted to both.
 
-    Attributes:
-        place: Name, joint and axis.
-        share: Share of the claim's trace that it explains, frames fitted to both.
-        difference: Sum of squares that it leaves of the claim's trace, in units of the noise variance.
-        parameters: Number of its parameters.
+    `difference` is the sum of squares that it leaves of that motion, in units of the noise variance.
     """
 
     place: Place
@@ -47,10 +43,10 @@ class AlternativeEffect:
 
 
 def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> list[AlternativeEffect]:
-    """Compare a claim's trace with what every other effect can explain, best first, ties in their order.
+    """Compare a claim's motion with what every other effect can explain, best first.
 
-    The share is the squared cosine of the angle between the claim's trace and the other's space, after base and tool
-    frames have been taken out of both.
+    The share is the squared cosine of the angle between the claim's motion and the space of the other effect, base and
+    tool frames projected out of both.
 
     Args:
         fit: The fit.
@@ -77,7 +73,7 @@ def find_alternatives(fit: Fit, signature: int, values: Array | None = None) -> 
 
 
 def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tuple[int, Array, float]:
-    """Let the effect of another place do what a claim does, frames fitted to both.
+    """Fit the effect of another place to the motion by a claim, frames fitted to both.
 
     Args:
         fit: The fit.
@@ -87,7 +83,7 @@ def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tupl
 
     Returns:
         Number of the other signature, the best of its forms; values of its columns, in units of their scale; sum of
-        squares that it leaves of the claim's trace, in units of the noise variance.
+        squares that it leaves of the claim's motion, in units of the noise variance.
     """
     equations = fit.search.equations
     columns = equations.columns(signature)
@@ -103,7 +99,7 @@ def imitate_claim(fit: Fit, signature: int, place: Place, values: Array) -> tupl
 
 
 def _measure_trace(fit: Fit, columns: NDArray[np.int_], values: Array) -> tuple[Array, float]:
-    """Return the products of all columns, frames taken out of them, and the squares of a claim's trace."""
+    """Return the products of all columns, frames projected out, and the squares of a claim's motion."""
     gram, _, _, _ = combine_normal_equations(fit.search.equations, fit.model.posterior.hyper)
     whole = float(values @ gram[np.ix_(columns, columns)] @ values)
     frames = fit.search.equations.columns_named("base_frame", "tool_frame", REGISTRATION)
@@ -130,7 +126,7 @@ def _share(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray
 
 
 def _solve_trace(gram: Array, columns: NDArray[np.int_], values: Array, other: NDArray[np.int_]) -> Array:
-    """Return the values of other columns that explain the most of a trace; zero where they move nothing."""
+    """Return the values of other columns that explain most of a motion; zero where they move nothing."""
     block = gram[np.ix_(other, other)]
     trace = float(np.trace(block))
     if trace <= 0:

@@ -1,12 +1,12 @@
-"""Bounds: sizes of an effect that no robot of this kind can have, each with the reason that is said where it acts.
+"""Bounds: sizes of an effect that no robot of this kind can have, each with its reason.
 
-A campaign that cannot tell an effect from others leaves its size open, and a fit then runs far beyond what weight,
-gears and data sheet allow. Such a claim is not named: what it explains has another cause.
+Where a campaign cannot distinguish an effect from others, its fitted size may exceed what weight, gears and data sheet
+allow. Such a claim is not named: what it explains has another cause.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,26 +25,38 @@ from compplan.robot.mounting import mounted_tool
 from compplan.robot.rating import read_rating
 from compplan.statics.chain import load_elements
 
-#: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
-#: (assumed).
-MOST_MOTION = 10.0
-#: Mass at the flange over the rated payload (assumed: arms carry a tenth more than they are sold for; where no data
-#: sheet is there, less than they weigh).
-OVER_RATING = 1.1
-#: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables). [m]
-BEHIND = 0.1
-#: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in hand).
-OVER_WEIGHT = 3.0
-#: Deflection that a bent law adds at the campaign's large load, over the straight one; in a soft zone, which is there
-#: for play and first contact of teeth, and elsewhere (assumed).
-OF_SOFT_ZONE, OF_LAW = 1.0, 2.0
 #: A joint, a link or the base plate turns by this at most under the arm's own weight and rated payload, stretched out
 #: (assumed: a fiftieth of the arm's length; the softest arms that are sold bend by less than a hundredth as a whole).
 #: [rad]
 MOST_BENT = 0.02
-#: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables of
-#: strain wave and cycloidal gears end at 200 to 250).
-LEAST_RATIO = 1.0 / 300.0
+
+
+@dataclass(frozen=True)
+class SizeLimits:
+    """Largest sizes of effects."""
+
+    #: Motion of the target by one claim over the gap: more than ten gaps are there only because others cancel them
+    #: (assumed).
+    most_motion: float = 10.0
+    #: Mass at the flange over the rated payload (assumed: arms carry a tenth more than they are sold for; where no data
+    #: sheet is there, less than they weigh).
+    over_rating: float = 1.1
+    #: A mass at the flange has its centre behind it by this at most (assumed: the length of a wrist, with its cables).
+    #: [m]
+    behind: float = 0.1
+    #: A balancer carries this many times the largest load on its joint at most (assumed: twice the weight, a tool in
+    #: hand).
+    over_weight: float = 3.0
+    #: Deflection that a bent law adds at the campaign's large load, over the straight one; in a soft zone, which is
+    #: there for play and first contact of teeth, and elsewhere (assumed).
+    of_soft_zone: float = 1.0
+    of_law: float = 2.0
+    #: Least ratio of a coupling: no gear stage of a robot has more than three hundred to one (assumed; maker's tables
+    #: of strain wave and cycloidal gears end at 200 to 250).
+    least_ratio: float = 1.0 / 300.0
+
+
+LIMITS = SizeLimits()
 
 
 def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
@@ -56,7 +68,7 @@ def find_breach(fit: Fit, effect: Effect, explained: float, gap: float) -> str:
         explained: Root mean square motion of the target that it explains. [m]
         gap: Root mean square gap of the model without effects. [m]
     """
-    if explained > MOST_MOTION * gap:
+    if explained > LIMITS.most_motion * gap:
         return f"it moves the target by {1e3 * explained:.3g} mm, the gap is {1e3 * gap:.3g} mm"
     check = {
         "payload": _check_payload, "gravity_compensator": _check_balancer, "stiffness_nonlinearity": _check_law,
@@ -70,17 +82,17 @@ def _check_payload(fit: Fit, effect: Effect) -> str:
     robot, payload = fit.problem.robot, payload_values(effect)
     carried, added = carried_payload(robot), float(payload[0])
     whole, rating = added + carried[0], read_rating(robot)
-    if rating is not None and whole > OVER_RATING * rating.payload:
+    if rating is not None and whole > LIMITS.over_rating * rating.payload:
         return f"{whole:.3g} kg on the flange, the arm is sold for {rating.payload:g} kg"
     arm = float(sum(body.mass for body in robot.bodies)) - carried[0]
     if rating is None and whole > arm:
         return f"{whole:.3g} kg on the flange, the arm itself weighs {arm:.3g} kg"
     behind = -float(outward_axis(fit) @ payload[1:])
-    if added > 0.0 and behind > BEHIND * whole:
+    if added > 0.0 and behind > LIMITS.behind * whole:
         return f"{added:.3g} kg with their centre {1e3 * behind / added:.3g} mm behind the flange, inside the arm"
     # what is taken off was there: what is left of the tool hangs before the flange, too
     left = -float(outward_axis(fit) @ (payload + carried)[1:])
-    if added <= 0.0 and left > BEHIND * whole:
+    if added <= 0.0 and left > LIMITS.behind * whole:
         where = f"{1e3 * left / whole:.3g} mm behind the flange, inside the arm" if whole > 0.0 else "nowhere"
         return f"{-added:.3g} kg less on the flange leave {whole:.3g} kg with their centre {where}"
     return _check_torque(fit, payload)
@@ -93,7 +105,7 @@ def _check_torque(fit: Fit, payload: Array) -> str:
     added = load_elements(chain, attained.frames, payload_wrench(robot, attained.frames, payload))
     most = np.abs(own + added[:, chain.joint_elements]).max(axis=0, initial=0.0)
     limit = robot.effort_limits
-    over = (most > OVER_RATING * limit) & (np.abs(own).max(axis=0, initial=0.0) <= limit)
+    over = (most > LIMITS.over_rating * limit) & (np.abs(own).max(axis=0, initial=0.0) <= limit)
     if not over.any():
         return ""
     k = int(np.argmax(np.where(over, most / np.maximum(limit, ROUNDING), 0.0)))
@@ -149,7 +161,7 @@ def _check_balancer(fit: Fit, effect: Effect) -> str:
     parts = shapes_of_balancer(np.nan_to_num(fit.problem.campaign.q[:, index]))
     most = float(np.abs(sum(value * parts[key] for key, value in values.items() if key in parts)).max(initial=0.0))
     load = float(np.maximum(np.abs(fit.at.own_load), np.abs(fit.at.own_weight_load))[:, index].max(initial=0.0))
-    if most > OVER_WEIGHT * load:
+    if most > LIMITS.over_weight * load:
         return f"it loads {effect.joint} with {most:.3g} N m, weight and forces with {load:.3g} N m at the most"
     return ""
 
@@ -160,13 +172,13 @@ def _check_law(fit: Fit, effect: Effect) -> str:
     parts = shapes_of_law(np.array([reference]), reference, zone)
     for key, ratio in values.items():
         added = float(abs(ratio) * parts[key][0] / reference) if key in parts else 0.0
-        if added > (OF_SOFT_ZONE if key == "soft_zone_ratio" else OF_LAW):
+        if added > (LIMITS.of_soft_zone if key == "soft_zone_ratio" else LIMITS.of_law):
             return f"{key} {float(ratio):.3g} bends {effect.joint} {1.0 + added:.2g} times as far as its straight law"
     return ""
 
 
 def _check_coupling(fit: Fit, effect: Effect) -> str:
     ratio = abs(float(effect.parameters.get("ratio", 1.0)))
-    if ratio < LEAST_RATIO:
-        return f"a ratio of {ratio:.2g} is that of no gear train (1/{1.0 / LEAST_RATIO:.0f} and more)"
+    if ratio < LIMITS.least_ratio:
+        return f"a ratio of {ratio:.2g} is that of no gear train (1/{1.0 / LIMITS.least_ratio:.0f} and more)"
     return ""

@@ -1,16 +1,15 @@
 """Probability of a claim: a logistic map of its margin, its spurious-fit probability and its residual similarity.
 
-A true cause takes its whole error away. A name that is bent into another cause of the same joint, frame or tool leaves
-part of it, and that part moves the target along the same lines. With m_i the motion of the target by the claim at row
-i, u_i its unit vector, r_i what claims and small errors leave there, and F the 95 % point of Fisher's F(n, (c - 1) n)
-for n poses and c values a row (three of a position),
+A true cause explains its whole error. A wrong effect of the same joint, frame or tool leaves part of it, and that part
+moves the target in the same directions. With m_i the motion of the target by the claim at row i, u_i its unit vector,
+r_i the residual of claims and small errors, and F the 95 % point of Fisher's F(n, (c - 1) n) for n poses and c values a
+row (three of a position),
 
     similarity^2 = max(sum (u_i . r_i)^2 - F / (c - 1) sum |r_i - (u_i . r_i) u_i|^2, 0) / sum |m_i|^2,
 
-the part of its own motion that is left along it beyond what chance puts there in nineteen cases of twenty. It is
-measured in every channel in which the claim moves more than the noise, with r_i what claims and small errors leave and
-with what errors without a name leave besides, for these may have taken the rest of a wrong name away; the largest
-counts.
+the share of its motion that is left along it beyond chance. It is evaluated in every channel in which the claim moves
+more than the noise, with and without the unmodelled errors in the residual, since these may fit the rest of a wrong
+effect; the largest value counts.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
 from compplan.robot import Array
 
-#: No claim is surer than this (assumed: one campaign in a hundred holds what nobody thought of).
+#: Largest probability of a claim (assumed: one campaign in a hundred has a cause outside every model here).
 MOST_SURE = 0.99
 #: Log odds are divided by this: evidence of real campaigns is less sharp than its model (assumed).
 TEMPER = 2.0
@@ -46,16 +45,16 @@ SPURIOUS_RANGE, SIMILARITY_RANGE = (NEGLIGIBLE, 0.15), (0.1, 1.0)
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the probability of a claim rests on.
+    """Evidence for a claim.
 
     Attributes:
-        margin: Log posterior odds against the best model without it, errors that no effect makes allowed.
-        plain: The same where nothing but effects and small errors is allowed.
+        margin: Log posterior odds against the best model without it, unmodelled errors in both.
+        plain: The same without unmodelled errors.
         floors: Motion that it explains, in noise floors.
         part: Motion that it explains over the gap.
-        left: What is left beyond the noise floor over the gap.
+        left: Residual beyond the noise floor over the gap.
         spurious: Spurious-fit probability (`validation.spurious_fit`).
-        similarity: What is left along the claim's own motion beyond chance, over that motion (`rate_similarities`).
+        similarity: Residual along the claim's own motion beyond chance, over that motion (`rate_similarities`).
     """
 
     margin: float
@@ -79,13 +78,13 @@ def features_of(evidence: Evidence) -> Array:
 
 
 def calibrate_probability(evidence: Evidence) -> float:
-    """Return the probability that a claim is stated with."""
+    """Return the probability of a claim."""
     odds = CONSTANT + WEIGHTS @ features_of(evidence)
     return float(np.clip(expit(odds), 0.0, MOST_SURE))
 
 
 def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, float]:
-    """Return, for every claim, what is left along its own motion beyond chance, over that motion."""
+    """Return the residual similarity of every claim."""
     equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
     foreign = np.concatenate([np.zeros(0, int), *doubt.members]).astype(int)
     result = dict.fromkeys(doubt.model.claims, 0.0)
@@ -104,11 +103,11 @@ def rate_similarities(fit: Fit, doubt: RevisedProbabilities) -> dict[Claim, floa
 
 
 def measure_similarity(left: Array, motion: Array, pose: NDArray[np.int_]) -> float:
-    """Return what is left along a motion beyond what chance leaves there, over the motion; 0 where nothing moves.
+    """Return the residual along a motion beyond chance, over the motion; 0 where nothing moves.
 
     Args:
-        left: What is left of each row, in units of the noise. Shape (r, c), c at least 2.
-        motion: What the claim makes of it. Shape (r, c).
+        left: Residual of each row, in units of the noise. Shape (r, c), c at least 2.
+        motion: Motion by the claim. Shape (r, c).
         pose: Pose of each row. Shape (r,).
     """
     length = np.linalg.norm(motion, axis=1)

@@ -1,8 +1,7 @@
-"""Held out: how far the gap shrinks on poses that a model never saw, predicted by the robot as read from its folder.
+"""Cross-validation: errors on poses left out of the fit, predicted by the robot as read from its folder.
 
-Frames that are registered belong to the campaign and not to the robot: a later campaign brings its own, fitted to its
-rows with everything else fixed. So they are fitted here, to the errors of all rows at once, each predicted by a robot
-that never saw it, and what they take of an error only because the poses are few is given back.
+Registered frames belong to the campaign, not to the robot; a later campaign has its own. They are therefore fitted to
+the held-out errors of all rows at once, and the part of an error that they take because poses are few is added again.
 """
 
 from __future__ import annotations
@@ -29,17 +28,15 @@ from compplan.measurement.campaign import Campaign
 from compplan.measurement.registration import CONTACTS
 from compplan.robot import Array, as_read
 
-#: Parts that a campaign is dealt to, and consecutive blocks that stay together (assumed: neighbours in time share
-#: drifts).
+#: Number of folds, and consecutive blocks that stay in one fold (assumed: neighbours in time share drifts).
 FOLDS, RUN_OF_BLOCKS = 5, 3
-#: An error is not understated by more than this, but in one case of twenty (assumed: a quarter more than said is
-#: still borne).
+#: Least ratio of the stated error to the true one in 95 % of cases (assumed: a quarter more than stated is tolerable).
 UNDERSTATED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Residuals of rows that the model never saw.
+    """Residuals of rows left out of the fit.
 
     Attributes:
         rows: Rows of the campaign. Shape (r,).
@@ -59,10 +56,10 @@ class HeldOut:
         return HeldOut(self.rows[seen], self.residual[seen])
 
     def nest_choice(self, options: Sequence[HeldOut], fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
-        """Return what the choice of the best of some options leaves of each fold, made on the other folds.
+        """Return the residuals of nested selection: for each fold those of the option that is best on the other folds.
 
         Args:
-            options: What each of them leaves of the same rows; this one is returned where there is no other.
+            options: Residuals of each option at the same rows; a single one is returned as it is.
             fold: Fold of each row. Shape (r,).
             seen: Rows that are no outliers. Shape (r,).
         """
@@ -73,7 +70,7 @@ class HeldOut:
         return HeldOut(self.rows, residual)
 
     def correct_for_selection(self, fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
-        """Return these residuals, larger where so few folds show them that they may be small by luck.
+        """Return these residuals, enlarged where they may be small by chance because folds are few.
 
         Logarithms of the folds' mean squares m_f are nearly normal, and the true one lies below its upper 95 % limit
 
@@ -95,7 +92,7 @@ class HeldOut:
         return replace(self, residual=max(1.0, UNDERSTATED * float(np.exp(0.5 * above))) * self.residual)
 
     def selection_bonus(self, other: HeldOut, group: NDArray[np.int_]) -> float:
-        """Return the probability that luck alone lets another's mean square lie above this one by as much.
+        """Return the probability that chance alone makes another's mean square larger than this one by as much.
 
         Were both as good, each group's gain would be as likely the other way round: the share of all signs of the gains
         whose sum is no smaller [Fisher1935, section 21]. So many groups that not all signs can be counted have a sum
@@ -135,12 +132,7 @@ def make_folds(campaign: Campaign, folds: int = FOLDS) -> NDArray[np.int_]:
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """A fit and its campaign dealt to folds.
-
-    Attributes:
-        fit: The fit.
-        fold: Fold of each row. Shape (n,).
-    """
+    """A fit and the fold of each row of its campaign, shape (n,)."""
 
     fit: Fit
     fold: NDArray[np.int_]

@@ -1,7 +1,7 @@
-"""Options: the models that may have a part in the robot that goes out, each fitted without every fold of poses in turn.
+"""Options: the models that the delivered robot is mixed of, each fitted without every fold of poses in turn.
 
-A plain calibration of everything that a calibration fits, small errors of every class, alone and beside the causes, and
-the sparse calibration. Claims, and widths and noise of all but the sparse model, are those that all rows say.
+Nominal robot, plain calibration, small errors of every class, alone and beside the causes, and sparse calibration.
+Claims, and prior widths and noise of all but the sparse model, are those of all rows.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MANY_STAYS = 200
 
 @dataclass(frozen=True, eq=False)
 class Option:
-    """A model that may have a part in the robot that goes out.
+    """A model that the delivered robot may be mixed of.
 
     Attributes:
         name: What it is, in a few words.
@@ -93,11 +93,11 @@ class SolvedOption:
 
     Attributes:
         option: The option.
-        posterior: What all rows say.
+        posterior: Posterior of all rows.
         variance: Prior variance of every column. Shape (p,).
         values: Values without each fold. Shape (folds, p).
-        chance: Factor by which errors of rows never seen are larger, since forms were looked for in all rows.
-        residual: Observed minus predicted of rows never seen, to first order, that factor in it. Shape (r, 3). [m]
+        chance: Factor of held-out errors, since the forms of claims were searched for in all rows.
+        residual: Held-out residuals to first order, times that factor. Shape (r, 3). [m]
     """
 
     option: Option
@@ -109,7 +109,7 @@ class SolvedOption:
 
 
 def solve_option(folds: Folds, option: Option) -> SolvedOption:
-    """Fit an option to all rows, noise and small errors as large as these say, and without each fold."""
+    """Fit an option to all rows, noise and sizes of small errors as well, and without each fold."""
     if option.sparse:
         return _solve_sparse(folds, option)
     fit = folds.fit
@@ -147,12 +147,12 @@ def _hold_out(
 
 
 def is_built(signature: Signature) -> bool:
-    """Tell whether a mixture writes a signature into its robot without claiming it."""
+    """Tell whether a mixture writes a signature into its robot although it is not claimed."""
     return signature.name == REGISTRATION or in_background(signature) or in_calibration(signature)
 
 
 def rate_chance(folds: Folds, claims: Sequence[Claim]) -> float:
-    """Return by which factor errors of rows never seen are larger than they seem, for forms looked for in all rows.
+    """Return the factor of held-out errors of claims whose forms were searched for in all rows.
 
     The best of t forms is better by chance by 2 log t squares of the noise [FosterGeorge1994], in every fold.
     """
@@ -180,7 +180,7 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
 
 
 def list_options(claims: Sequence[Claim]) -> list[Option]:
-    """List the models that may have a part in the robot that goes out."""
+    """List the models that the delivered robot may be mixed of."""
     every = tuple(range(len(CLASSES)))
     return [
         Option("nominal"),

@@ -1,4 +1,4 @@
-"""Sparse Bayesian calibration: everything that a robot may be off by in one linear model, a variance for each column.
+"""Sparse Bayesian calibration: all errors of a robot in one linear model, with a prior variance for each column.
 
 With the means y of the stays, in units of their noise, and the columns Phi of zeros, lengths, compliances, bending,
 reversal, gear waves and claims,
@@ -9,7 +9,7 @@ d and v are those of largest marginal likelihood [MacKay1992; Tipping2001]: with
 
     g_j = 1 - S_jj / d_j,    d_j = m_j^2 / g_j,    v = sum w r^2 / (N - sum g),    w = (nu + 1) / (nu + r^2 / v)
 
-A column that the campaign does not show ends at d = 0. One stay is one observation, however many rows it has.
+A column without support in the campaign ends at d = 0. One stay is one observation, however many rows it has.
 """
 
 from __future__ import annotations
@@ -28,19 +28,30 @@ from compplan.diagnosis.search.state import Fit
 from compplan.effects.transmission_error import periods_seen, waves_at
 from compplan.robot import Array
 
-#: Gear waves that are offered: harmonics of a turn, and the part of a period that has to be seen (assumed: teeth, wave
-#: generator and bearings of real gears err in fewer).
-WAVES, SEEN = 30, 0.5
-#: Degrees of freedom of the errors' distribution (assumed: usual for robust regression [Lange1989]).
-STUDENT = 5.0
-#: Largest prior deviation of a column, in units of its signature's scale (assumed: zeros to 4 mrad, lengths to 4 mm).
-LARGEST = 4.0
-#: Changes of the robust weights, and of the variances with each of them (assumed: most columns settle in fewer).
-REWEIGHTED, STEPS = 15, 4
-#: Share of the observations that counts as noise at first (assumed: far too much, so that no column fits chance).
-FIRST_NOISE = 0.1
-#: A column that moves no observation by more than this share of its noise is left out (assumed).
-GONE = 1e-3
+
+@dataclass(frozen=True)
+class SparseSettings:
+    """Numbers of the sparse calibration."""
+
+    #: Gear waves that are offered: harmonics of a turn, and the part of a period that has to be seen (assumed: teeth,
+    #: wave generator and bearings of real gears err in fewer).
+    waves: int = 30
+    seen: float = 0.5
+    #: Degrees of freedom of the errors' distribution (assumed: usual for robust regression [Lange1989]).
+    student: float = 5.0
+    #: Largest prior deviation of a column, in units of its signature's scale (assumed: zeros to 4 mrad, lengths to 4
+    #: mm).
+    largest: float = 4.0
+    #: Changes of the robust weights, and of the variances with each of them (assumed: most columns settle in fewer).
+    reweighted: int = 15
+    steps: int = 4
+    #: Share of the observations that counts as noise at first (assumed: far too much, so that no column fits chance).
+    first_noise: float = 0.1
+    #: A column that moves no observation by more than this share of its noise is left out (assumed).
+    gone: float = 1e-3
+
+
+SPARSE = SparseSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +110,11 @@ def add_gear_waves(fit: Fit) -> Fit:
     known, fresh = set(equations.names), []
     for index in np.flatnonzero(~at.robot.prismatic):
         visited = float(np.ptp(fit.problem.campaign.q[:, index]))
-        seen = [cycles for cycles in range(1, WAVES + 1) if periods_seen(cycles, visited, slides=False) >= SEEN]
+        seen = [
+            cycles
+            for cycles in range(1, SPARSE.waves + 1)
+            if periods_seen(cycles, visited, slides=False) >= SPARSE.seen
+        ]
         fresh += [waves_at(at, int(index), [float(cycles)]) for cycles in seen]
     fresh = [signature for signature in fresh if not known & set(signature.column_names)]
     equations = extend_normal_equations(equations, fresh)
@@ -127,7 +142,7 @@ def average_stays(equations: NormalEquations, signatures: Sequence[int], claims:
         value = (np.add.reduceat(observed, first, axis=0) / size[:, None])[kept]
         parts.append((mean, value, np.full(len(value), number), np.repeat(source.rows[first], kept.sum(axis=1))))
     design, observed, channel, row = (np.concatenate(several) for several in zip(*parts, strict=True))
-    positive, most = np.zeros(equations.p, bool), np.full(equations.p, LARGEST**2)
+    positive, most = np.zeros(equations.p, bool), np.full(equations.p, SPARSE.largest**2)
     for number in (*signatures, *claimed):
         positive[equations.columns(number)] |= equations.signatures[number].positive
     for claim in claims:
@@ -153,27 +168,27 @@ def solve_sparse(
     y, channel = means.observed[used], means.channel[used]
     kinds = int(means.channel.max(initial=0)) + 1
     size2 = np.maximum(np.mean(means.design[used] ** 2, axis=0), 1e-12)
-    alive = (size2 > GONE**2) | means.free
+    alive = (size2 > SPARSE.gone**2) | means.free
     means, size2 = _take(means, alive), size2[alive]
     design = means.design[used]
     if start is None:
         variance = np.where(means.free, FREE_VARIANCE, np.minimum(1.0 / size2, means.most))
-        noise = FIRST_NOISE * np.array([np.mean(y[channel == k] ** 2) for k in range(kinds)])
+        noise = SPARSE.first_noise * np.array([np.mean(y[channel == k] ** 2) for k in range(kinds)])
     else:
         variance, noise = start.variance[alive], start.noise.copy()
     weight = np.ones(len(y))
     while True:
-        for _ in range(REWEIGHTED):
+        for _ in range(SPARSE.reweighted):
             root = np.sqrt(weight / noise[channel])
             scaled, target = design * root[:, None], y * root
             few = len(y) < design.shape[1]
             gram, against = np.zeros((0, 0)) if few else scaled.T @ scaled, scaled.T @ target
-            for _ in range(STEPS):
+            for _ in range(SPARSE.steps):
                 mean, known = _solve(scaled, target, gram, against, variance)
                 determined = np.clip(known, 1e-9, 1.0)
                 fitted = np.minimum(mean**2 / determined, means.most)
                 variance = np.where(means.free, FREE_VARIANCE, np.maximum(fitted, 1e-300))
-                kept = (variance * size2 > GONE**2 * noise.min()) | means.free
+                kept = (variance * size2 > SPARSE.gone**2 * noise.min()) | means.free
                 if not kept.all():
                     means, size2, variance, design = _take(means, kept), size2[kept], variance[kept], design[:, kept]
                     scaled, mean, determined, against = scaled[:, kept], mean[kept], determined[kept], against[kept]
@@ -183,7 +198,7 @@ def solve_sparse(
                 own = channel == k
                 taken = determined.sum() * own.sum() / len(y)
                 noise[k] = max(float(np.sum(weight[own] * left[own] ** 2)) / max(own.sum() - taken, 1.0), 1e-9)
-            weight = (STUDENT + 1.0) / (STUDENT + left**2 / noise[channel])
+            weight = (SPARSE.student + 1.0) / (SPARSE.student + left**2 / noise[channel])
         root = np.sqrt(weight / noise[channel])
         scaled = design * root[:, None]
         deviation = np.sqrt(variance)

@@ -1,10 +1,9 @@
-"""Blend: the robot that predicts best, mixed of candidate models by the weights that poses never seen give them.
+"""Stacking: the mixture of candidate models that predicts held-out poses best [Breiman1996].
 
-A diagnosis names what it is sure of. The robot folder has another task, to predict: a plain calibration of everything
-that can be calibrated, or causes too doubtful to be named, may do that better than the names alone. So all of them are
-fitted without each fold of poses in turn, and the mixture of their predictions with the least squares on the poses
-left out goes out (stacking [Breiman1996]). Effects are small: a mixture of predictions is the same mixture of
-parameters. The weights for a fold come from the other folds, so that the stated error pays for the choice.
+The named causes alone are not always the best prediction: a full calibration, or causes too doubtful to be named, may
+predict better. Each model is fitted without each fold of poses in turn, and the mixture of predictions with the least
+squares on the poses left out is delivered. Effects are small, so that a mixture of predictions is the same mixture of
+parameters. The weights for a fold come from the other folds, so that the stated error includes their choice.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ from compplan.diagnosis.validation.options import Option, SolvedOption, is_built
 from compplan.effects.checks import limit_sizes
 from compplan.robot import Array
 
-#: The exact model of an option may leave so much more or less, over what it leaves of rows never seen (assumed: a tenth
-#: of its square).
+#: Largest difference of exact and first-order residuals of an option over its held-out ones (assumed: a tenth
+#: of the square).
 FAITHFUL = 0.3
 
 
@@ -85,8 +84,8 @@ class StackedModel:
 
     Attributes:
         solved: The options.
-        weights: Part of each. Shape (k,).
-        by_fold: Part of each where a fold is left out, from the other folds. Shape (folds, k).
+        weights: Weight of each. Shape (k,).
+        by_fold: Weights for each fold, from the other folds. Shape (folds, k).
     """
 
     solved: tuple[SolvedOption, ...]
@@ -98,7 +97,7 @@ class StackedModel:
         return np.asarray(sum(w * s.posterior.values(p) for w, s in zip(self.weights, self.solved, strict=True)))
 
     def claimed(self) -> list[int]:
-        """List the signatures that options with a part in it claim."""
+        """List the signatures that options of positive weight claim."""
         mixed = [s.option.claims for w, s in zip(self.weights, self.solved, strict=True) if w > 0]
         return sorted({claim.signature for claims in mixed for claim in claims})
 
@@ -109,7 +108,7 @@ class StackedModel:
         return np.asarray(sum(w * s.values[fold] for w, s in parts)), sorted(claimed)
 
     def fitted(self, fit: Fit) -> Fit:
-        """Return the fit with the mixture's posterior: the options' own, and how far they are from each other."""
+        """Return the fit with the mixture's posterior: those of the options, and the spread between their means."""
         p = fit.search.equations.p
         parts = [(w, s) for w, s in zip(self.weights, self.solved, strict=True) if w > 0]
         columns = np.unique(np.concatenate([s.posterior.columns for _, s in parts]))
@@ -137,11 +136,11 @@ class StackedModel:
 
 
 def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool_]) -> StackedModel:
-    """Mix options by what they predict of rows that they never saw.
+    """Mix options with the weights of least held-out squares.
 
     Args:
         folds: The fit, dealt to folds.
-        options: The options; the first stays where none does what its derivatives promise.
+        options: The options; the first is kept where all of them fail `is_faithful`.
         seen: Predicted rows that are no outliers. Shape (r,).
     """
     every = tuple(solve_option(folds, option) for option in options)
@@ -162,10 +161,10 @@ def stack_single(folds: Folds, option: Option) -> StackedModel:
 
 
 def is_faithful(fit: Fit, one: SolvedOption) -> bool:
-    """Tell whether the exact model of an option leaves what it promises to first order.
+    """Tell whether the exact model of an option leaves the same residual as its linearization.
 
-    Derivatives are taken at the fitted robot: where that has weight in its links and the option has none, what bends
-    under it bends in the derivatives alone.
+    Derivatives are taken at the fitted robot: where that has link masses and the option has none, the option's exact
+    model does not bend under weight as its linearization does.
     """
     equations, source = fit.search.equations, fit.search.equations.source[0]
     values = one.posterior.values(equations.p)
@@ -182,7 +181,7 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
 
 
 def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -> HeldOut:
-    """Predict every row, to first order, by the mixture of the options without causes and gear curves alone.
+    """Predict every row, to first order, by the mixture of the options without causes and gear waves.
 
     Args:
         folds: The fit, dealt to folds.
@@ -201,7 +200,7 @@ def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -
 
 
 def hold_out_stack(folds: Folds, blend: StackedModel) -> HeldOut:
-    """Predict every row by the exact model of the mixture that the other folds lead to."""
+    """Predict every row by the exact model of the mixture that is fitted to the other folds."""
     place = {number: k for k, (number, _) in enumerate(folds.without_fold)}
 
     def build(number: int, _: NormalEquations) -> tuple[Fit, FitState]:

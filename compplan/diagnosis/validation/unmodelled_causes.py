@@ -1,9 +1,9 @@
-"""Doubt: every claim weighed once more where the campaign may also follow causes that no effect makes.
+"""Re-estimate the claims of a fit with nonparametric terms for causes outside the vocabulary.
 
-An unknown cause leaves a smooth error all the same: over the place of the target, time, load, other joints' angles,
-direction of approach, the past. Such errors enter the model as classes of a background, each of a size that the
-campaign decides (half-Cauchy, one noise floor). A claim that only imitates an unknown cause loses its evidence to them;
-a claim beside an unknown cause keeps it. What they carry is the structure that no effect explains.
+An unknown cause makes a smooth error over the place of the target, time, load, angles of other joints, direction of
+approach or past load. These errors enter the model as classes of small errors, each of a size fitted to the campaign
+(half-Cauchy prior, scale one noise floor). A claim that only fits an unknown cause loses its evidence to them. What
+they explain is the structure that no effect explains.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Indices = NDArray[np.int_]
 
 @dataclass(frozen=True, eq=False)
 class RevisedProbabilities:
-    """A fit among errors that no effect makes.
+    """Claims of a fit, re-estimated with unmodelled errors.
 
     Attributes:
-        search: The search whose prior holds them.
-        model: The claims that stand, with the posterior of everything.
+        search: The search whose prior holds unmodelled errors.
+        model: The remaining claims, with the posterior of all columns.
         classes: What each loose class follows, in the order of the posterior's last `log_tau`.
         members: Columns of each loose class.
     """
@@ -44,7 +44,7 @@ class RevisedProbabilities:
 
 
 def foreign_signatures(fit: Fit) -> list[Signature]:
-    """List what an unknown cause may follow; forms that others contain are left out."""
+    """List the unmodelled errors, without those that another one contains."""
     found = []
     for signature in unmodelled_signatures(fit.at):
         form, driver = signature.form, str(signature.axis)
@@ -58,7 +58,7 @@ def foreign_signatures(fit: Fit) -> list[Signature]:
 
 
 def class_of(signature: Signature) -> tuple[str, str]:
-    """Return what a class follows, and which of several of that kind: joints that err alike in kind share a class."""
+    """Return what a class follows, and "scale" for a scale error; joints share a class."""
     driver = str(signature.axis)
     if driver.startswith("the angle of"):
         driver = "the angles of other joints"
@@ -68,7 +68,7 @@ def class_of(signature: Signature) -> tuple[str, str]:
 
 
 def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text: None) -> RevisedProbabilities:
-    """Weigh the claims of a fit among errors that no effect makes."""
+    """Re-estimate the claims of a fit with unmodelled errors in the model."""
     fresh = foreign_signatures(fit)
     old = fit.search.equations
     equations = extend_normal_equations(old, fresh)
@@ -92,7 +92,7 @@ def revise_probabilities(fit: Fit, progress: Callable[[str], None] = lambda text
 
 
 def _loosen(fit: Fit, equations: NormalEquations, members: Sequence[Indices]) -> Prior:
-    """Extend a prior by loose classes, in units of the noise floor."""
+    """Extend a prior by the classes of unmodelled errors, in units of the noise floor."""
     old = fit.search.prior
     count, classes = equations.p - len(old.slab), len(fit.model.posterior.hyper.log_tau)
     background = np.concatenate([old.background, np.full(count, -1)])
@@ -121,7 +121,7 @@ def _search_again(search: Search, model: Model) -> Model:
 
 
 def _leave_out(search: Search, model: Model) -> Model:
-    """Return the best model with one claim less, errors without a name given the chance to take its place."""
+    """Return the best model with one claim less, unmodelled errors fitted anew."""
     loose = search.prior.loose
     hyper = model.posterior.hyper
     grown = replace(hyper, log_tau=np.where(loose, np.maximum(hyper.log_tau, 0.0), hyper.log_tau))

@@ -55,16 +55,9 @@ class ClearanceProfile:
 
 
 def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
-    """Measure by how much postures keep clear: of part and fixture by more than `wanted`, of the arm at all.
+    """Measure by how much postures (n, nq) keep clear: of part and fixture by more than `wanted`, of the arm at all.
 
-    Args:
-        scene: What may touch what.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wanted: Clearance that is asked for. [m]
-
-    Returns:
-        Negative where a posture comes too near. Shape (n,). [m]
-
+    Negative where a posture comes too near. Shape (n,). [m]
     """
     outside = find_contacts(scene.robot, scene.solids, q, scene.outside, far=wanted + BEYOND)
     own = find_contacts(scene.robot, scene.solids, q, scene.own, far=BEYOND)
@@ -72,14 +65,7 @@ def measure_margin(scene: CollisionScene, q: Array, wanted: float) -> Array:
 
 
 def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
-    """Return by how much the several nearest pairs keep clear, and how that answers to the joints.
-
-    Args:
-        scene: What may touch what.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        wanted: Clearance that is asked for of part and fixture. [m]
-
-    """
+    """Return by how much the nearest pairs of postures (n, nq) keep clear, and how that answers to the joints."""
     kinds = ((scene.outside, wanted), (scene.own, TOUCH))
     found = [find_near(scene.robot, scene.solids, q, pairs, far=limit + BEYOND) for pairs, limit in kinds]
     margin = [near.distance - limit for near, (_, limit) in zip(found, kinds, strict=True)]
@@ -88,20 +74,14 @@ def linearise_margin(scene: CollisionScene, q: Array, wanted: float) -> Near:
 
 
 def sweep_margin(scene: CollisionScene, q: Array, wanted: float, first: Array) -> tuple[Array, Array]:
-    """Measure margins along a way, joints moving straight from posture to posture, until nothing can hide between them.
+    """Measure margins along a way (n, nq), joints moving straight, until nothing can hide between them.
 
     On a motion by s of the arm no margin is below (m_i + m_j - s) / 2 of its ends: where that is negative, and s more
-    than HIDDEN, the posture half way is measured too. The first that comes too near ends the search.
-
-    Args:
-        scene: What may touch what.
-        q: Joint positions along the way. Shape (n, nq). [rad or m]
-        wanted: Clearance that is asked for. [m]
-        first: Places to begin with; the ends of the way are added. Shape (j,).
+    than HIDDEN, the posture half way is measured too. The first that comes too near ends the search. It begins at the
+    places `first` (j,) and the ends of the way.
 
     Returns:
         Places along the way, postures counted from 0, and the margins there. Shapes (p,). [1, m]
-
     """
     rows, last = np.arange(len(q)), len(q) - 1
     travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
@@ -128,16 +108,10 @@ def step_between(values: Array, places: Array) -> Array:
 
 
 def measure_clearance(scene: CollisionScene, q: Array, wanted: float) -> ClearanceProfile:
-    """Measure the clearance along a path, computing as few distances as the least one asks for.
+    """Measure the clearance along a path (n, nq), computing as few distances as the least one asks for.
 
     No point of arm or tool moves farther between two postures than `reach` times the joint motion; so a computed
     distance bounds those around it from below, and waypoints are computed until no other can have the least distance.
-
-    Args:
-        scene: What may touch what.
-        q: Joint positions along the path. Shape (n, nq). [rad or m]
-        wanted: Clearance that is asked for. [m]
-
     """
     contacts = _least_along(scene, q, scene.outside, FAR)
     own = _least_along(scene, q, scene.own, 0.1)

@@ -126,7 +126,6 @@ def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
 
     Raises:
         InputError: If a mesh is missing or cannot be read, or a part of the arm that moves would not be seen.
-
     """
     table = job.collision
     if table is None:
@@ -164,17 +163,12 @@ def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
 
 
 def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: str, file: Path) -> None:
-    """Refuse an arm of which a collision check would not see a part that moves, unless the job names that part.
+    """Refuse an arm of which a collision check would not see a part that moves, unless the job names that link.
 
-    Args:
-        bodies: What is known of the shapes of each body.
-        without: Links that the job takes without shapes.
-        robot: Name of the robot, for messages.
-        file: The job file, for messages.
+    Robot and file are named in messages.
 
     Raises:
         InputError: With the link, what is wrong with its shapes, and what to do.
-
     """
     gaps = [body for body in bodies if body.gap]
     for number, link in enumerate(without):

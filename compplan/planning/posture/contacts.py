@@ -103,15 +103,9 @@ class _Gauge:
 def find_contacts(
     robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float = FAR
 ) -> list[Contact]:
-    """Find the nearest pair of every posture.
+    """Find the nearest pair of every posture q (n, nq); distances beyond `far` [m] are not told apart.
 
-    Args:
-        robot: The robot.
-        solids: What may touch.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        pairs: Pairs to look at, as indices of solids. Shape (p, 2).
-        far: Distances beyond this are not told apart. [m]
-
+    pairs: those to look at, as indices of solids. Shape (p, 2).
     """
     if not len(q):
         return []
@@ -130,19 +124,12 @@ def find_contacts(
 
 
 def find_near(robot: Robot, solids: Sequence[Solid], q: Array, pairs: NDArray[np.int_], *, far: float) -> Near:
-    """Find the several nearest pairs of every posture, and how their distances answer to the joints.
+    """Find the several nearest pairs of every posture q (n, nq), and how their distances answer to the joints.
 
     d = n . (p_b - p_a),   dd/dq = n . (J_b - J_a),
 
     p the points nearest to each other, n the normal from a to b, J the Jacobian of such a point fixed to its link.
-
-    Args:
-        robot: The robot.
-        solids: What may touch.
-        q: Joint positions. Shape (n, nq). [rad or m]
-        pairs: Pairs to look at, as indices of solids. Shape (p, 2).
-        far: Pairs beyond this are left out. [m]
-
+    Pairs beyond `far` [m] are left out.
     """
     frames = locate_link_frames(robot, q)
     bound, gauge = _bounds(solids, pairs, frames, len(q)), _Gauge(solids, frames)

@@ -97,20 +97,11 @@ class Weights:
 PRESETS: dict[str, Weights] = {
     "accurate": Weights(limits=0.001, dexterity=0.0001, singularity=10.0, motion=2e-4, rate=3.0, travel=0.0),
     "error_band": Weights(limits=0.005, dexterity=0.0005, singularity=10.0, motion=0.001, rate=3.0),
-    "smooth": Weights(
-        sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0, travel=0.0
-    ),
-    "fast": Weights(
-        sensitivity=0.01,
-        limits=0.01,
-        dexterity=0.002,
-        singularity=10.0,
-        motion=0.02,
-        time=10.0,
-        rate=1000.0,
-        travel=0.0,
-    ),
-}
+    "smooth": Weights(sensitivity=0.001, limits=0.002, dexterity=0.0002, singularity=10.0, motion=5.0, rate=3.0,
+                      travel=0.0),
+    "fast": Weights(sensitivity=0.01, limits=0.01, dexterity=0.002, singularity=10.0, motion=0.02, time=10.0,
+                    rate=1000.0, travel=0.0),
+}  # fmt: skip
 RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
 
@@ -132,17 +123,13 @@ class NodeCosts(NamedTuple):
 
 
 def choose_weights(preset: str, level: float, own: dict[str, float] | None = None) -> Weights:
-    """Turn a preset into weights.
+    """Turn a preset into weights; `own` ones replace the preset's, in their units.
 
-    Args:
-        preset: "accurate", "error_band", "smooth" or "fast".
-        level: Least squared sensitivity along the path, mean over the cut. [mm^2]
-        own: Weights that replace the preset's, in their units.
+    The level is the least squared sensitivity along the path, mean over the cut. [mm^2]
 
     Raises:
         UnknownNameError: If preset or a name in `own` does not exist.
         InputError: If a weight is negative.
-
     """
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, list(PRESETS))
@@ -160,28 +147,21 @@ def choose_weights(preset: str, level: float, own: dict[str, float] | None = Non
 
 
 def measure_nodes(
-    chain: Chain,
-    q: Array,
-    wrench: Array,
-    *,
-    limits: tuple[Array, Array],
-    uncertainty: ModelScatter | ErrorModel | None = None,
-    measure: Measure = "expected",
-    axes: Array | None = None,
+    chain: Chain, q: Array, wrench: Array, *, limits: tuple[Array, Array],
+    uncertainty: ModelScatter | ErrorModel | None = None, measure: Measure = "expected", axes: Array | None = None,
     margin: float = np.radians(10.0),
-) -> NodeCosts:
-    """Measure postures, one row each.
+) -> NodeCosts:  # fmt: skip
+    """Measure postures q (n, nq) under a wrench (n, 6) on the tool at the TCP, base axes.
 
     Args:
         chain: The elastic chain.
         q: Joint positions. Shape (n, nq). [rad or m]
-        wrench: Predicted wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
+        wrench: Predicted wrench. Shape (n, 6). [N, N m]
         limits: Lower and upper joint limits. Shapes (nq,). [rad or m]
         uncertainty: How well the inputs are known.
         measure: Root of the expected square, or the 95 % value.
-        axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3); base axes if left out.
+        axes: Axes in whose components the wrench errs, base axes if left out. Shape (3, 3).
         margin: Distance to a limit from which on it does not count. [rad or m]
-
     """
     known = uncertainty or ModelScatter()
     n = len(q)
@@ -207,11 +187,7 @@ def measure_nodes(
 def error_columns(
     chain: Chain, q: Array, wrench: Array, uncertainty: ModelScatter | ErrorModel, axes: Array | None = None
 ) -> Array:
-    """Return the deviation that one standard deviation of each error leaves: shape (n, 3, errors) [m].
-
-    The errors are those of the elastic coordinates, of the six components of the wrench, and of the joint zeros; or
-    those of the model that is given.
-    """
+    """Return the deviation that one standard deviation of each error leaves. Shape (n, 3, errors). [m]"""
     if not isinstance(uncertainty, ModelScatter):
         return uncertainty.columns(q, wrench)
     frames = locate_frames(chain, q)
@@ -246,15 +222,11 @@ def measure_limits(q: Array, lower: Array, upper: Array, margin: float) -> Array
 
 
 def measure_dexterity(joint_columns: Array, length: float) -> Array:
-    """Return the inverse Frobenius condition number of the length-normalised Jacobian [Dumas2011].
+    """Return the inverse Frobenius condition number of the length-normalised Jacobian [Dumas2011]. Shape (n,).
 
-    1 / kappa = 6 / sqrt(tr(N N^T) tr((N N^T)^-1)), N the Jacobian with its linear rows divided by the length: 1 where
-    the tool moves equally well in all directions, 0 at a singularity. A redundant arm counts all its joints.
-
-    Args:
-        joint_columns: Jacobian of the commanded joints. Shape (n, 6, nq).
-        length: Characteristic length. [m]
-
+    1 / kappa = 6 / sqrt(tr(N N^T) tr((N N^T)^-1)), N the Jacobian of the commanded joints (n, 6, nq) with its linear
+    rows divided by a characteristic length [m]: 1 where the tool moves equally well in all directions, 0 at a
+    singularity. A redundant arm counts all its joints.
     """
     scaled = joint_columns.copy()
     scaled[:, :3] /= length

@@ -153,3 +153,11 @@ def reach_tip_and_axis(
         step = (np.swapaxes(task, 1, 2) @ np.linalg.solve(gram, error[..., None]))[..., 0]
         q[:, arm.arm] += step * np.minimum(1.0, 0.3 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
     return q, np.abs(error).max(axis=1) < REACHED
+
+
+def turn_about_axis(x: Array, axis: Array) -> Array:
+    """Return orientations with a tool axis (n, 3), tip to spindle, whose x is the nearest to `x` (n, 3)."""
+    z = -axis
+    x = x - np.einsum("ni,ni->n", z, x)[:, None] * z
+    x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-12)
+    return np.stack([x, np.cross(z, x), z], axis=2)

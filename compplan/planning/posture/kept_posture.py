@@ -20,10 +20,10 @@ from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.planning.posture.configuration import Preference
-from compplan.planning.posture.follow import reach_tip_and_axis
+from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.motion import least_strokes, steady_slide
-from compplan.planning.posture.start import PostureRequest, Start, find_start, name_along
-from compplan.planning.posture.summary import summarise_costs
+from compplan.planning.posture.start import find_start, name_along
+from compplan.planning.posture.summary import PostureRequest, Start, summarise_costs
 from compplan.robot import Array, Robot, load_robot
 from compplan.robot.folder import find_robot_folder
 from compplan.statics.chain import locate_frames
@@ -239,7 +239,7 @@ def _stand_again(robot: Robot, start: Start) -> Start:
         rotation = locate_frames(arm.chain, q).tcp_rotation
     else:
         if start.of_program and free:
-            rotation = turn_about_axis(locate_frames(arm.chain, near).tcp_rotation, nominal.axis)
+            rotation = turn_about_axis(locate_frames(arm.chain, near).tcp_rotation[:, :, 0], nominal.axis)
         q = refine_ik(arm, near, nominal.position, rotation, iterations=30)
         reached = np.abs(pose_error(arm.chain, q, nominal.position, rotation)).max(axis=1) < REACHED
     inside = ((q >= robot.lower - 1e-9) & (q <= robot.upper + 1e-9)).all(axis=1)
@@ -252,11 +252,3 @@ def _stand_again(robot: Robot, start: Start) -> Start:
         posture_choice = replace(posture_choice, q=q, costs=costs)
     return replace(start, q=np.clip(q, robot.lower, robot.upper), rotation=rotation, missed=missed,
                    configuration=words, posture_choice=posture_choice)  # fmt: skip
-
-
-def turn_about_axis(stood: Array, axis: Array) -> Array:
-    """Return orientations with a tool axis (n, 3), tip to spindle, whose x is nearest to that of `stood` (n, 3, 3)."""
-    z = -axis
-    x = stood[:, :, 0] - np.einsum("ni,ni->n", stood[:, :, 0], z)[:, None] * z
-    x = x / np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)

@@ -13,8 +13,9 @@ finished posture is measured as it is, turns and accelerations included.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,15 +68,10 @@ class MotionPrice:
     figures: MotionFigures
 
     def cost(self, square: Array, j: int, share: float, duration: float, settle: float) -> Array:
-        """Price squared motions of joint j over an edge [mm^2].
+        """Price squared motions of joint j [rad^2 or m^2] over an edge of the path. [mm^2]
 
-        Args:
-            square: Squared motion. [rad^2 or m^2]
-            j: The joint.
-            share: Share of the cut that the edge is.
-            duration: Its time at the programmed feed. [s]
-            settle: Time in which a joint takes up a rate. [s]
-
+        The edge is a share of the cut and takes a duration at the programmed feed [s]; a joint takes up a rate within
+        `settle`. [s]
         """
         figures = self.figures
         bend = duration * settle * (2 * np.pi * figures.frequency) ** 2
@@ -99,21 +95,12 @@ def price_motion(chain: Chain, q: Array, slides: NDArray[np.bool_], figures: Mot
 def measure_travel_error(
     chain: Chain, q: Array, shares: Array, slides: NDArray[np.bool_], *, gear: float, periods: float, lost: float
 ) -> float:
-    """Measure what gears do to the tip while joints travel: root mean square over the cut. [m].
+    """Measure what gears do to the tip while joints travel along a path (n, nq): rms over the cut. [m]
 
-    A gear error of amplitude a and n periods a turn varies by a / sqrt(2) where the joint travels a period and more,
-    by less in proportion below; lost motion b is off by b / 2 in a joint that turns back on the path. What a joint
-    that stands still is off by is a constant that touching off takes away.
-
-    Args:
-        chain: The chain.
-        q: Joint positions along the path. Shape (n, nq). [rad or m]
-        shares: Share of the cut that each waypoint stands for, see `cut_shares`. Shape (n,).
-        slides: Which joints slide; they are left out. Shape (nq,).
-        gear: Amplitude of the gear error of turning joints. [rad]
-        periods: Its periods a turn.
-        lost: Lost motion of turning joints, full width. [rad]
-
+    A gear error of amplitude a [rad] and n periods a turn varies by a / sqrt(2) where the joint travels a period and
+    more, by less in proportion below; lost motion b, full width [rad], is off by b / 2 in a joint that turns back on
+    the path. What a joint that stands still is off by is a constant that touching off takes away. `shares` (n,) of the
+    cut as of `cut_shares`; joints that slide (nq,) are left out.
     """
     steps = np.diff(q, axis=0)
     period = 2 * np.pi / periods
@@ -132,17 +119,10 @@ def measure_travel_error(
 
 
 def measure_inertia_error(chain: Chain, q: Array, nominal: Toolpath, frequency: float) -> float:
-    """Measure how far the joints' own accelerations bend the arm at the programmed feed: rms over the cut. [m].
+    """Measure how far the joints' own accelerations bend the arm along a path (n, nq) at the programmed feed: rms. [m]
 
-    A mass on a spring of the natural frequency w lags an acceleration x'' by x'' / w^2; joints are taken one by one,
-    each with its lever, and accelerations as means over a period, which a smoothed motion has.
-
-    Args:
-        chain: The chain.
-        q: Joint positions along the path. Shape (n, nq). [rad or m]
-        nominal: The path and its feed.
-        frequency: The natural frequency. [Hz]
-
+    A mass on a spring of the natural frequency w [Hz] lags an acceleration x'' by x'' / w^2; joints are taken one by
+    one, each with its lever, and accelerations as means over a period, which a smoothed motion has.
     """
     feed, rapid, period = nominal.feed[1:], nominal.rapid[1:], 1.0 / frequency
     times = np.where(rapid | (feed <= 0), 0.0, nominal.steps / np.maximum(feed, 1e-9))
@@ -170,29 +150,40 @@ LEAST_STROKE, TIMES_LOST = 1e-3, 3.0
 LEAST_TURN = float(np.radians(1.0))
 
 
+#: Less lost motion is none (assumed). [rad or m]
+LEAST_PLAY = 1e-6
+
+
+def is_play(entry: Mapping[str, Any]) -> bool:
+    """Tell whether an effect of a folder is lost motion that a command can lead."""
+    return entry.get("effect") == "backlash" and width_of(entry) > LEAST_PLAY
+
+
+def width_of(entry: Mapping[str, Any]) -> float:
+    """Return the width of a backlash. [rad or m]"""
+    values = entry.get("parameters", {})
+    return float(values.get("width_rad", values.get("width_m", 0.0)))
+
+
+def list_plays(robot: Robot) -> Array:
+    """Return the width of the lost motion that a robot folder states of every joint. Shape (nq,). [rad or m]"""
+    widths = np.zeros(robot.nq)
+    for entry in filter(is_play, robot.effects):
+        widths[robot.joint_names.index(str(entry["joint"]))] += width_of(entry)
+    return widths
+
+
 def least_strokes(robot: Robot) -> Array:
     """Return the least stroke of every joint that slides or carries the part, 0 for the others. (nq,). [m or rad]."""
     stroke = np.where(robot.prismatic, LEAST_STROKE, np.where(robot.carriers, LEAST_TURN, 0.0))
-    for entry in robot.effects:
-        if entry.get("effect") != "backlash" or entry.get("joint") not in robot.joint_names:
-            continue
-        j = robot.joint_names.index(entry["joint"])
-        if stroke[j]:
-            width = entry["parameters"].get("width_m" if robot.prismatic[j] else "width_rad", 0.0)
-            stroke[j] = max(stroke[j], TIMES_LOST * abs(float(width)))
-    return stroke
+    return np.where(stroke > 0.0, np.maximum(stroke, TIMES_LOST * list_plays(robot)), 0.0)
 
 
 def steady_slide(positions: Array, stroke: float) -> Array:
-    """Take the small reversals out of the positions of a slide along a path.
+    """Take the small reversals out of the positions of a slide along a path. Shape (n,). [m]
 
-    Between turning points that lie at least a stroke apart the slide moves one way only; a slide whose whole motion
+    Between turning points that lie at least a stroke [m] apart the slide moves one way only; a slide whose whole motion
     is less stands still. No position moves by a stroke or more.
-
-    Args:
-        positions: Positions along the path. Shape (n,). [m]
-        stroke: Least way between two reversals. [m]
-
     """
     if not len(positions) or np.ptp(positions) < stroke:
         return np.full(len(positions), 0.5 * (positions.max() + positions.min()) if len(positions) else 0.0)
@@ -208,13 +199,7 @@ def steady_slide(positions: Array, stroke: float) -> Array:
 
 
 def count_reversals(positions: Array, stroke: float) -> int:
-    """Count where a joint turns back, ways shorter than a stroke left out.
-
-    Args:
-        positions: Positions along the path. Shape (n,). [m or rad]
-        stroke: Least way between two reversals, above 0. [m or rad]
-
-    """
+    """Count where a joint (n,) turns back, ways shorter than a stroke (above 0) left out. [m or rad]"""
     if not len(positions) or np.ptp(positions) < stroke:
         return 0
     return len(_turning_points(positions, stroke)) - 2

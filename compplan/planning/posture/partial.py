@@ -8,7 +8,6 @@ and found to bring the whole path within reach.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from compplan.planning.posture.configuration import find_nearest_rows
 from compplan.planning.posture.follow import reach_with_all
 from compplan.planning.posture.lattice import build_options, fill_lattice, orient_tool, pick_stations
 from compplan.planning.posture.settings import PostureProblem
-from compplan.planning.posture.summary import PostureSummary
+from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.toolpath.toolpath import Toolpath, select_waypoints
@@ -38,28 +37,7 @@ COARSE = float(np.radians(15.0))
 LONGEST = 300
 
 
-class Partial(NamedTuple):
-    """What is kept of a path.
-
-    Attributes:
-        q: Joint positions, those of the nearest kept waypoint where one is out of reach. Shape (n, nq). [rad or m]
-        rotation: Orientation of the TCP frame. Shape (n, 3, 3).
-        missed: Waypoints that are not reached. Shape (n,).
-        configuration: Of the longest stretch.
-        sentence: The first waypoint that fails, what stops it, and what mends it.
-        mend: What stops it and what mends it alone.
-
-    """
-
-    q: Array
-    rotation: Array
-    missed: NDArray[np.bool_]
-    configuration: dict[str, str]
-    sentence: str
-    mend: str
-
-
-def find_partial(problem: PostureProblem) -> Partial | None:
+def find_partial(problem: PostureProblem, request: PostureRequest) -> Start | None:
     """Keep the stretches of a path that an arm can follow, whatever is in the way; None where there is none."""
     nominal, tool_x, found = problem.nominal, problem.tool_x, []
     for first, last in _find_stretches(problem)[:STRETCHES]:
@@ -87,7 +65,8 @@ def find_partial(problem: PostureProblem) -> Partial | None:
     mend, first = _say(problem, q, rotation, missed), int(np.flatnonzero(missed)[0])
     sentence = (f"{missed.sum()} of {n} waypoints of the toolpath are out of reach, the first is {first} "
                 f"(s = {1e3 * nominal.arc_length[first]:.0f} mm): {mend}")  # fmt: skip
-    return Partial(q, rotation, missed, longest.configuration, sentence[:LONGEST], mend)
+    return Start(nominal, q, rotation, longest.configuration, missed, None, request, (f"{sentence[:LONGEST]}.",),
+                 of_program=True, mend=mend)  # fmt: skip
 
 
 def find_reached(problem: PostureProblem, rows: NDArray[np.int_]) -> NDArray[np.bool_]:

@@ -89,14 +89,10 @@ class Line:
 
 
 def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool) -> Rungs:
-    """Measure stations and edges.
+    """Measure stations (k,) of a path and the edges between.
 
-    Args:
-        nominal: The toolpath.
-        stations: Waypoint of each station. Shape (k,).
-        most_step: Greatest motion of a joint between neighbouring waypoints. [rad]
-        reconfigure: Whether rapid moves away from the part may change the configuration.
-
+    Neighbouring waypoints of a cut allow each joint `most_step` [rad]; rapid moves away from the part may change the
+    configuration with `reconfigure`.
     """
     cut = np.concatenate([[0.0], np.cumsum(np.where(nominal.rapid[1:], 0.0, nominal.steps))])
     between = np.diff(cut[stations])
@@ -139,20 +135,12 @@ def search_line(
 ) -> Line:
     """Find the cheapest way through the graph.
 
-    Joints that may turn more than once around are first taken modulo a full turn; where no way fits between their
-    limits so, every full turn becomes a slot of its own.
-
-    Args:
-        lattice: The nodes.
-        rungs: What lies between them.
-        weights: What each criterion is worth.
-        robot: The robot, for its limits.
-        start: Joint positions that the way starts near, or None. Shape (nq,). [rad or m]
-        room: Distance that joints which turn more than once around keep from their limits. [rad]
+    Joints that may turn more than once around are first taken modulo a full turn and keep `room` [rad] from their
+    limits; where no way fits between these so, every full turn becomes a slot of its own. The way starts near the joint
+    positions `start` (nq,), if given.
 
     Raises:
         InfeasibleError: If no way leads through, with the waypoint at which it ends and what stands there.
-
     """
     cost = cost_nodes(lattice, rungs, weights)
     if start is not None:
@@ -259,13 +247,8 @@ def _near_rows(
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Return options and targets that any predecessor alive may reach, by the joints that turn the most.
 
-    Args:
-        source: Joint positions of predecessors. Shape (nq, g, w).
-        here: Joint positions of the targets. Shape (nq, g, t).
-        value: Cost of the predecessors. Shape (g, w).
-        limit: Greatest motion of a joint.
-        joints: The joints.
-
+    source: joint positions of predecessors (nq, g, w); here: those of the targets (nq, g, t); value: cost of the
+    predecessors (g, w); limit: greatest motion of a joint.
     """
     near = np.isfinite(value)[:, None, :] & np.isfinite(here[0])[:, :, None]
     if np.isfinite(limit):

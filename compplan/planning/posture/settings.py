@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.planning.posture.costs import ErrorModel, Measure, ModelScatter
-from compplan.planning.posture.motion import MotionFigures
+from compplan.planning.posture.motion import MotionFigures, list_plays
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.statics.ik import Arm, build_arm
@@ -163,8 +163,7 @@ def _leave_to_band(figures: MotionFigures) -> MotionFigures:
 
 def _read_motion(robot: Robot) -> MotionFigures:
     """Take lost motion from the folder's effects where it has any; gear error and the rest are assumed."""
-    known = [e for e in robot.effects if e.get("effect") == "backlash"]
-    widths = [abs(float(e["parameters"].get("width_rad", 0.0))) for e in known]
-    if not widths:
+    widths = list_plays(robot)[~robot.prismatic]
+    if not widths.any():
         return MotionFigures()
-    return MotionFigures(lost=max(widths), source="assumed, lost motion of the robot folder", stated=True)
+    return MotionFigures(lost=float(widths.max()), source="assumed, lost motion of the robot folder", stated=True)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compplan.planning.posture.clearance import measure_margin
+from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.posture.costs import Weights, draw_errors, error_columns, measure_nodes
 from compplan.planning.posture.lattice import COLLISION, SINGULAR, USABLE, Lattice, Options
 from compplan.planning.posture.motion import measure_inertia_error, measure_travel_error
 from compplan.planning.posture.search import Line
 from compplan.planning.posture.settings import Margin, PostureProblem, PostureSettings
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 from compplan.toolpath.toolpath import Toolpath
 
 
@@ -243,3 +245,126 @@ def mark_collisions(picture: PostureMap, margin: Margin, stride: int = 2) -> Pos
     spread = touching.repeat(stride, axis=0).repeat(stride, axis=1)[: reason.shape[0], : reason.shape[1]]
     reason[spread & ((reason == USABLE) | (reason == SINGULAR))] = COLLISION
     return replace(picture, reason=reason)
+
+
+@dataclass(frozen=True)
+class PostureRequest:
+    """What a job asks of the posture.
+
+    Attributes:
+        settings: What the search may vary and what it weighs.
+        axes: Axes in whose components the wrench errs, as columns in base axes. Shape (3, 3).
+        scene: What may touch what, or None.
+        wanted: Clearance that is asked for. [m]
+
+    """
+
+    settings: PostureSettings
+    axes: Array
+    scene: CollisionScene | None = None
+    wanted: float = 0.0
+
+    def state(self, robot: Robot, nominal: Toolpath, tool_x: Array) -> PostureProblem:
+        """State the choice of the posture along a path, x of the TCP pointing along tool_x (3,) at spin 0."""
+        scene, wanted = self.scene, self.wanted
+        margin = None if scene is None else lambda q, waypoints: measure_margin(scene, q, wanted)
+        return PostureProblem(robot, nominal, np.asarray(tool_x, float), self.settings, self.axes, margin)
+
+
+class Easing(NamedTuple):
+    """How a run goes beside the fastest one, so that the arm rings less where its band is widest.
+
+    Attributes:
+        window: Windows of smoothing as a share of those that plans have.
+        places: Places along the toolpath, waypoints counted from 0. Shape (k,).
+        slower: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
+
+    """
+
+    window: float
+    places: Array
+    slower: Array
+
+
+@dataclass(frozen=True)
+class Bettered:
+    """What the program of time, posture and promise made of the posture that the graph chose.
+
+    Attributes:
+        time: Time of the run before and after, nothing corrected. [s]
+        band: Widest 95 % band before and after, nothing corrected. [mm]
+        least_time: Time of the programmed feed, of rapid moves, and of smoothing at both ends of every run. [s]
+        origin: Where it started: "search" (the posture search) or "programmed" (x of the tool as programmed).
+        steps: Iterations of the program.
+        names: What was free: "spin", "lead", "lean", or extra axes.
+
+    """
+
+    time: tuple[float, float]
+    band: tuple[float, float]
+    least_time: float
+    origin: str
+    steps: int
+    names: tuple[str, ...]
+
+    def describe(self) -> dict[str, object]:
+        """Describe it for plan.json."""
+        return {
+            "free": list(self.names), "start": self.origin, "steps": self.steps,
+            "time_s": {"graph": self.time[0], "program": self.time[1]},
+            "band_p95_max_mm": {"graph": self.band[0], "program": self.band[1]},
+            "least_time_s": self.least_time,
+        }  # fmt: skip
+
+    def sentence(self, pace: Easing | None = None) -> str:
+        """Say it in a sentence; `pace` is how the run goes beside the fastest one."""
+        (before, after), (wide, narrow) = self.time, self.band
+        most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+        eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
+        eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
+        head = f"Posture and speed are of one program ({', '.join(self.names)} free)"
+        if not self.steps:
+            posture = {"search": "the posture of the search",
+                       "programmed": "one configuration with x of the tool as programmed"}[self.origin]  # fmt: skip
+            head = f"Posture and speed are chosen together ({posture})"
+        return (f"{head}: run {before:.4g} -> {after:.4g} s "
+                f"(the programmed feed takes {self.least_time:.4g} s), widest 95 % band {wide:.3g} -> "
+                f"{narrow:.3g} mm, before correction{eased}.")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a plan starts.
+
+    Attributes:
+        nominal: The path, its tool axis leaning as chosen.
+        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+        configuration: Shoulder, elbow and wrist along most of the path.
+        missed: Waypoints that are not reached. Shape (n,).
+        posture_choice: What the graph chose, or None where it found nothing (or was not asked).
+        request: What was asked for, or None.
+        notes: What a user should know, one sentence each.
+        of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
+        mend: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
+        bettered: What the program made of the graph's posture, None where that is kept.
+        pace: How the run goes beside the fastest one, None where it is that.
+        aside: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
+        upright: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
+
+    """
+
+    nominal: Toolpath
+    q: Array
+    rotation: Array
+    configuration: Mapping[str, str]
+    missed: NDArray[np.bool_]
+    posture_choice: PostureSummary | None = None
+    request: PostureRequest | None = None
+    notes: tuple[str, ...] = ()
+    of_program: bool = False
+    mend: str = ""
+    bettered: Bettered | None = None
+    pace: Easing | None = None
+    aside: Array | None = None
+    upright: Array | None = None

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from compplan.planning.strategies.online import Answer, PathMaps
+import numpy as np
+
+from compplan.planning.strategies import iterated_mirror
+from compplan.planning.strategies.online import Answer
 from compplan.planning.task import PlanTask
+from compplan.statics.elastic import loaded_compliance
+from compplan.statics.sensitivity import attain_pose
 
 words = "force sensor"
 
 
-def prepare(task: PlanTask, maps: PathMaps) -> Answer:
-    """Correct the path for the measured wrench."""
+def prepare(task: PlanTask) -> Answer:
+    """Correct the path for the measured wrench: the exact command, and its derivative with respect to the wrench.
+
+    The rotation about the tool axis is held.
+    """
+    q = iterated_mirror.command_path(task).q
+    inverse = np.asarray(np.linalg.pinv(attain_pose(task.chain, q, task.wrench).jacobian), float)
+    gain = -(inverse @ loaded_compliance(task.chain, q, task.wrench))
     return Answer(
         name="force_sensor",
         knows="the full stiffness model",
         measures="wrench at the tip",
         commands="the path corrected for the measured wrench",
-        q=maps.full.q,
-        gain=maps.full.wrench_gain,
+        q=q,
+        gain=gain * task.compensated[:, None, None],
         expected=task.wrench,
     )

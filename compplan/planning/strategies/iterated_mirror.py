@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from compplan.planning.strategies.limits import check_limits
 from compplan.planning.strategies.mirror import mirror_deviation
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, check_limits
 
 words = "repeated mirror"
 

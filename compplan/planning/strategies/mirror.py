@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from compplan.planning.strategies.limits import check_limits
-from compplan.planning.task import Command, PlanTask, attain
+from compplan.planning.task import Command, PlanTask, attain, check_limits
 from compplan.robot import Array
 from compplan.statics.ik import build_arm, refine_ik
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from compplan.planning.dense import KEPT, PathSolution, correct_pose, miss_pose, size_of, solve_path
-from compplan.planning.lost_motion import lead_play, list_plays, without_play
-from compplan.planning.strategies.limits import OUT_OF_REACH, check_limits, name_failures
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.lost_motion import lead_play, without_play
+from compplan.planning.posture.motion import list_plays
+from compplan.planning.task import OUT_OF_REACH, Command, PlanTask, check_limits, name_failures
 from compplan.robot import Array
 
 words = "optimised (nlp)"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from compplan.planning.strategies.limits import check_limits
-from compplan.planning.task import Command, PlanTask
+from compplan.planning.task import Command, PlanTask, check_limits
 
 words = "no correction"
 

@@ -1,6 +1,6 @@
 """The strategies of a study: those of a plan, which command blindly, and those that read sensors while the part is cut.
 
-A new online strategy is one new file with `prepare(task, maps) -> Answer` and one line in
+A new online strategy is one new file with `prepare(task) -> Answer` and one line in
 `compplan.job.names`.
 """
 
@@ -8,36 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from compplan.errors import UnknownNameError
-from compplan.identification.reduce import reduce_model
 from compplan.io.plugins import Registry
 from compplan.job import names
-from compplan.planning.strategies import STRATEGIES, command_path, iterated_mirror
+from compplan.planning.strategies import STRATEGIES, command_path
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
-from compplan.statics.elastic import loaded_compliance
-from compplan.statics.encoders import feedback_scale, gear_compliance
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.encoders import feedback_scale
 from compplan.uncertainty.touch_off import TouchedPart
 
 
 class OnlineStrategy(Protocol):
     """What the file of a strategy that reads sensors offers; `words` say in a few words what it is, on pages."""
 
-    def prepare(self, task: PlanTask, maps: PathMaps) -> Answer:
+    def prepare(self, task: PlanTask) -> Answer:
         """Prepare for a task, from its own model of the robot."""
-        ...
 
 
 #: Every strategy that reads sensors, by the name of its file.
 ONLINE: Registry[OnlineStrategy] = names.ONLINE.held_by(str(__package__))
-
-_OFFLINE_KNOWLEDGE = {"none": "geometry"}
 
 
 def list_strategies(robot: Robot | None = None) -> tuple[str, ...]:
@@ -62,18 +55,14 @@ def prepare_answers(task: PlanTask, strategies: Sequence[str] | None = None) -> 
         UnknownNameError: If there is no such strategy.
         InputError: If a strategy does not suit the robot.
     """
-    maps, answers = PathMaps(task), {}
+    answers = {}
     for name in list_strategies() if strategies is None else strategies:
         if name in ONLINE:
-            answers[name] = ONLINE[name].prepare(task, maps)
+            answers[name] = ONLINE[name].prepare(task)
         elif name in STRATEGIES:
-            command = command_path(task, name)
+            knows = "geometry" if name == "none" else "the full stiffness model and the predicted wrench"
             answers[name] = Answer(
-                name=name,
-                knows=_OFFLINE_KNOWLEDGE.get(name, "the full stiffness model and the predicted wrench"),
-                measures="nothing",
-                commands="a joint program made beforehand",
-                q=command.q,
+                name, knows, "nothing", "a joint program made beforehand", command_path(task, name).q
             )
         else:
             raise UnknownNameError("strategy", name, list(list_strategies()))
@@ -128,78 +117,3 @@ def answer_reading(gain: Array, reading: Array) -> Array:
         for rate, part in zip(rates, reading, strict=True):
             row += rate * part
     return answer
-
-
-#: Poses and loads that a reduced model stands for: their number, and their spread about the path. [rad or m]
-REDUCTION_POSES, REDUCTION_SPREAD = 60, 0.5
-#: Level of force where the task predicts none. [N]
-TYPICAL_FORCE = 500.0
-
-
-@dataclass(frozen=True)
-class PathMap:
-    """A model solved along a path; n waypoints.
-
-    Attributes:
-        task: The task, its chain being the model that was solved.
-        q: Command whose loaded tool stands on the path, rotation about the tool axis held. Shape (n, nq). [rad or m]
-        wrench_gain: Change of the command per change of the wrench. Shape (n, nq, 6). [rad/N, rad/(N m)]
-
-    """
-
-    task: PlanTask
-    q: Array
-    wrench_gain: Array
-
-
-def solve_path_map(task: PlanTask) -> PathMap:
-    """Solve a task's model for the exact command, and differentiate it with respect to the wrench."""
-    q = iterated_mirror.command_path(task).q
-    attained = attain_pose(task.chain, q, task.wrench)
-    inverse = np.asarray(np.linalg.pinv(attained.jacobian), float)
-    compliance = loaded_compliance(task.chain, q, task.wrench)
-    held = task.compensated[:, None, None]
-    return PathMap(task, q, -(inverse @ compliance) * held)
-
-
-@dataclass(frozen=True)
-class PathMaps:
-    """The models of a task, each solved once when it is first asked for."""
-
-    task: PlanTask
-
-    @cached_property
-    def full(self) -> PathMap:
-        """The model as it is."""
-        return solve_path_map(self.task)
-
-    @cached_property
-    def reduced_robot(self) -> Robot:
-        """The model with one spring a joint that stands for everything that bends, as identified near the path."""
-        return reduce_near_path(self.task)
-
-    @cached_property
-    def gear_compliance(self) -> Array:
-        """Compliance between the encoders of each joint, 0 where there is none. Shape (nq,). [rad/(N m)]"""
-        return gear_compliance(self.task.chain)
-
-
-def reduce_near_path(task: PlanTask) -> Robot:
-    """Fit one spring a joint to the model, at poses spread about the path under forces in all directions, seeded.
-
-    The spread keeps the fit from serving the path alone: this is what a careful identification would give.
-    """
-    robot = task.robot
-    rng = np.random.default_rng(20180)
-    rows = rng.integers(0, len(task), REDUCTION_POSES)
-    q = task.q_start[rows] + rng.uniform(-REDUCTION_SPREAD, REDUCTION_SPREAD, (REDUCTION_POSES, robot.nq))
-    q = np.clip(q, robot.lower, robot.upper)
-    level = float(np.linalg.norm(task.wrench[:, :3], axis=1).max(initial=0.0)) or TYPICAL_FORCE
-    return reduce_model(replace(robot, effects=()), q, spread_wrenches(len(q), level, rng)).robot
-
-
-def spread_wrenches(count: int, level: float, rng: np.random.Generator) -> Array:
-    """Draw forces of one level in all directions, with moments of a lever of 0.1 m. Shape (count, 6). [N, N m]"""
-    directions = rng.normal(size=(2, count, 3))
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    return np.hstack([level * directions[0], 0.1 * level * directions[1]])

@@ -5,13 +5,13 @@ What bends beside the encoders stays: links, bearings, and springs beside the ax
 
 from __future__ import annotations
 
-from compplan.planning.strategies.online import Answer, PathMaps
+from compplan.planning.strategies.online import Answer
 from compplan.planning.task import PlanTask
 
 words = "encoders behind the gears"
 
 
-def prepare(task: PlanTask, maps: PathMaps) -> Answer:
+def prepare(task: PlanTask) -> Answer:
     """Command the nominal path, held by the link-side encoders."""
     return Answer(
         name="secondary_encoder",

@@ -22,8 +22,7 @@ from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, Machine
 from compplan.toolpath.readers.cnc.state import INCH, State
 from compplan.toolpath.readers.lines import DECIMAL, count_lines
 from compplan.toolpath.readers.moves import CamFile, MoveLog
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import find_start, refuse_unit
+from compplan.toolpath.readers.options import CamTable, find_start, refuse_unit
 
 name = "apt"
 suffixes = (".apt", ".cls", ".cl", ".ncl", ".clsf", ".aptsource", ".cldata")
@@ -67,12 +66,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     The sense of an arc about the axis of its CIRCLE record follows from the words CLW and CCLW where there are any;
     clockwise in the long records of NX; by the right hand else. Where most arcs then leave the move before them
     backwards and none forwards, the sense is turned round, with a note.
-
-    Args:
-        text: The file.
-        file: Its name, for messages.
-        options: What the file does not say by itself.
-
     """
     reader = _AptReader(options, flipped=False)
     for flipped in (False, True):

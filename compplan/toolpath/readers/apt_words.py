@@ -23,7 +23,7 @@ OTHER = {"1STPECK", "BACKFEED", "BOTTOM", "BRKCHP", "CAM", "CHIP", "CSINK", "DEC
 
 
 def split_records(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each record with its first line; $ continues it, $$ begins a comment; whole lines are yielded."""
+    """Yield each record with the line that it begins in; $ continues it, lines of $$ are comments."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         if not pending and raw.lstrip().startswith("$$"):

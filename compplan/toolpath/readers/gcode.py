@@ -44,16 +44,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
     I J K count from the start of an arc. Where that leaves arcs off their circles, another reading is taken if every
     arc of the file then lies on its circle and at least two different ones prove it: a full circle fits any reading.
-
-    Args:
-        text: The program.
-        file: Its file, for messages.
-        options: What the program does not say by itself.
-
-    Raises:
-        InputError: With file and line, if the program has an arc without centre or off its circle, has two meanings
-            that the options do not settle, or uses what is not read here: splines, conversational blocks.
-
     """
     readings = CENTRE_READINGS if options.arc_centres is None else (options.arc_centres,)
     first_fault: OffCircleError | None = None

@@ -32,15 +32,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
     The path stands in the datum that is in force at the beginning (cycle 247), the tool axis follows from tilted planes
     and vectors.
-
-    Args:
-        text: The program.
-        file: Its file, for messages.
-        options: What the program does not say by itself.
-
-    Raises:
-        InputError: With file and line, if a block is not read and may change the path.
-
     """
     if not HEAD.search(text) and (found := ISO.search(text)):
         message = "a DIN/ISO program of a Heidenhain control is not read; write it in Klartext"

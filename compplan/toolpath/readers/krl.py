@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
@@ -15,7 +16,7 @@ from compplan.toolpath.readers.krl_flow import CALL, KrlFlow
 from compplan.toolpath.readers.lines import count_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, split_fields
+from compplan.toolpath.readers.robot_moves import NUMBER, RobotProgram, make_pose, split_fields
 
 name = "krl"
 suffixes = (".src", ".sub")
@@ -55,12 +56,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read a KRL program: the first one of the file, with those that it calls in the file or beside it.
 
     The path stands in the base that is in force at the first position. PTP moves are rapid.
-
-    Args:
-        text: The program.
-        file: Its file, for messages; NAME.dat beside it holds positions.
-        options: What the program does not say by itself.
-
     """
     reader = _KrlReader(file, options)
     reader.flow.run(text)
@@ -69,14 +64,8 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 def read_pose(numbers: Mapping[str, float]) -> Array:
     """Return the pose of X Y Z A B C: R = Rz(A) Ry(B) Rx(C)."""
-    a, b, c = (math.radians(numbers[key]) for key in ANGLES)
-    sa, ca, sb, cb, sc, cc = math.sin(a), math.cos(a), math.sin(b), math.cos(b), math.sin(c), math.cos(c)
-    return np.array([
-        [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc, numbers["X"]],
-        [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc, numbers["Y"]],
-        [-sb, cb * sc, cb * cc, numbers["Z"]],
-        [0.0, 0.0, 0.0, 1.0],
-    ])  # fmt: skip
+    turn = Rotation.from_euler("ZYX", [numbers[key] for key in ANGLES], degrees=True)
+    return make_pose(np.array([numbers[key] for key in PLACE]), turn.as_matrix())
 
 
 class _KrlReader:
@@ -193,10 +182,7 @@ class _KrlReader:
             return
         if known is None and self.base is None and value == self.base_name:
             return
-        if known is None or self.base is None:
-            before = self.base_name or "the one before"
-            raise InputError(f"base changes from {before} to {value}, and their places are not both known")
-        self.moves.frame = self.moves.frame @ np.linalg.inv(self.base) @ known
+        self.moves.change_frame(self.base, known, f"base changes from {self.base_name or 'the one before'} to {value}")
         self.base, self.base_name, self.last = known, value, {}
 
     def _frame(self, value: str) -> Array:
@@ -245,10 +231,9 @@ class _KrlReader:
             if "$VEL" not in item or "CP" not in item:
                 continue
             speed = re.search(rf"CP\s*=?\s*({NUMBER})\s*(?:[,}}]|$)", item)
-            if speed:
-                self.own = float(speed.group(1)) * 1e3
-            else:
+            if not speed:
                 raise InputError(f"{item.strip()[:40]!r} sets no speed in m/s")
+            self.own = float(speed.group(1)) * 1e3
 
     def _pose(self, numbers: dict[str, float]) -> Array:
         """Return a pose; coordinates that are not named stay."""
@@ -284,13 +269,14 @@ class _KrlReader:
         parts = split_fields(rest, "{", "}")
         named = re.match(r"\$?[A-Z]\w*(\[\w+\])?", parts[0])
         if kind in ("PTP", "SPTP") and named and named.group(0) not in self.positions:
-            note = f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file"
-            self.note(note)
+            self.note(f"joint move to {named.group(0)[:24]} is left out: it is not known here or in the .dat file")
             self.moves.lose()
             return
         numbers = self._target(parts[0])
-        if kind in ("PTP", "SPTP"):
-            self._joint(numbers)
+        if kind in ("PTP", "SPTP") and numbers.keys() & set(AXES):
+            self.moves.lose_joint_move()
+        elif kind in ("PTP", "SPTP"):
+            self.moves.rapid(self._pose(numbers))
         elif kind in ("LIN", "SLIN"):
             self.moves.straight(self._pose(numbers), self._speed())
         elif kind == "SPL":
@@ -299,12 +285,6 @@ class _KrlReader:
             self.spline.append(self._pose(numbers))
         else:
             self._circle(numbers, parts[1:])
-
-    def _joint(self, numbers: dict[str, float]) -> None:
-        if numbers.keys() & set(AXES):
-            self.moves.lose_joint_move()
-        else:
-            self.moves.rapid(self._pose(numbers))
 
     def _circle(self, via: dict[str, float], parts: list[str]) -> None:
         if not parts:
@@ -320,6 +300,5 @@ class _KrlReader:
         feed = self.feed if self.own is None else self.own
         if feed <= 0.0:
             where = f", {self.flow.called} may set it" if self.flow.called else ""
-            note = f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)"
-            self.note(note)
+            self.note(f"cutting moves before any speed $VEL.CP have none{where}; state it with feed_mm_s (--feed)")
         return feed

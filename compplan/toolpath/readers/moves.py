@@ -40,18 +40,9 @@ class CamFacts:
     A cutting move is one block with feed that moves the tip; lengths of arcs are exact, not those of their chords.
 
     Args:
-        file: The file.
-        kind: Language of the file: the name of its reader.
         unit: "mm", "inch", "mm, inch" where the file changes, or "not stated".
-        lines: Number of lines.
-        cutting_moves: Number of cutting moves.
-        cutting_length_mm: Their length.
-        box_mm: Smallest and greatest x, y, z over them, or None without any.
-        rapid_moves: Number of rapid moves.
-        arcs: Number of arcs among the cutting moves.
-        full_circles: Full circles among them.
-        helical_arcs: Arcs with a pitch among them.
-        arc_length_mm: Length of the arcs.
+        box_mm: Smallest and greatest x, y, z over the cutting moves, or None without any.
+        full_circles, helical_arcs: Those among the arcs; an arc is a cutting move.
         unmoved_blocks: Blocks with feed that move nothing.
         rotary_only_moves: Blocks with feed that turn the tool axis and leave the tip.
         cycles: Canned or drilling cycles, holes counted.
@@ -242,45 +233,33 @@ class MoveLog:
         if not self._started:
             self._put(self.position, 0.0, 1.0)
 
-    def _tabulate(self) -> tuple[Array, list[Event]]:
-        """Return the rows, arcs as their chords, shape (n, WIDTH), and the events at them."""
+    def _tabulate(self) -> tuple[Array, list[Event], NDArray[np.bool_]]:
+        """Return the rows, arcs as their chords, shape (n, WIDTH), the events at them, and which belong to holes."""
         table = np.array(self._rows, dtype=np.float64).reshape(-1, WIDTH)
         points, number = sample_arcs(list(self._arcs.values()), self.chord)
-        if not len(points):
-            return table, self.events
         ends = np.array(list(self._arcs), dtype=np.int64)
         repeats = np.ones(len(table), dtype=np.int64)
         repeats[ends] = number
-        full = np.repeat(table, repeats, axis=0)
-        place = np.cumsum(repeats) - 1
-        events = [replace(event, place=int(place[event.place]) if event.place >= 0 else -1) for event in self.events]
-        last = place[ends]  # the end of each arc stays as it was programmed
-        chords = np.repeat(np.isin(np.arange(len(table)), ends), repeats)
-        programmed = full[last, :3].copy()
-        full[chords, :3] = points
+        first = np.concatenate([[0], np.cumsum(repeats)])
+        full, last = np.repeat(table, repeats, axis=0), first[ends + 1] - 1
+        programmed = full[last, :3]  # the end of each arc stays as it was programmed
+        full[np.repeat(np.isin(np.arange(len(table)), ends), repeats), :3] = points
         full[last, :3] = programmed
-        return full, events
-
-    def _drilled(self, number: int) -> NDArray[np.bool_]:
-        """Return which rows belong to holes; arcs make more rows of one."""
-        drilled = np.zeros(number, dtype=bool)
-        if self._holes:
-            repeats = np.ones(len(self._rows) // WIDTH, dtype=np.int64)
-            repeats[list(self._arcs)] = sample_arcs(list(self._arcs.values()), self.chord)[1]
-            place = np.concatenate([[0], np.cumsum(repeats)])
-            for first, last in self._holes:
-                drilled[place[first] : place[last]] = True
-        return drilled
+        drilled = np.zeros(len(full), dtype=bool)
+        for begin, end in self._holes:
+            drilled[first[begin] : first[end]] = True
+        events = [replace(event, place=int(first[event.place + 1]) - 1) for event in self.events]
+        return full, events, drilled
 
     def finish(self, file: Path, kind: str, unit: str, lines: int) -> CamFile:
         """Return toolpath and facts."""
-        table, found = self._tabulate()
+        table, found, drilled = self._tabulate()
         if not np.isfinite(table).all():
             raise InputError("a coordinate is too great to be a number", file=file)
         rapid = table[:, 7] == 1.0
         moved = np.concatenate([[False], np.any(np.abs(np.diff(table[:, :3], axis=0)) > STILL, axis=1)])[: len(table)]
         cut = ~rapid & moved
-        milled = cut & ~self._drilled(len(table))
+        milled = cut & ~drilled
         touched = milled | np.concatenate([milled[1:], [False]])[: len(table)]
         box = None
         if touched.any():

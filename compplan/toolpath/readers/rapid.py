@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
+from compplan.toolpath.readers.cnc.flow import END, CncProgram
 from compplan.toolpath.readers.lines import LONGEST_LINE, count_lines, split_lines
 from compplan.toolpath.readers.moves import FARTHEST, CamFile
 from compplan.toolpath.readers.options import CamTable
@@ -59,12 +60,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read a RAPID module: its procedure main, or the first one, with those of the module that it calls.
 
     The path stands in the work object of the first move. MoveJ moves are rapid.
-
-    Args:
-        text: The module.
-        file: Its file, for messages.
-        options: What the module does not say by itself.
-
     """
     reader = _RapidReader(file, options)
     reader.run(text)
@@ -113,7 +108,8 @@ class _RapidReader:
         self.program = RobotProgram(file, options)
         self.options, self.moves, self.note = options, self.program.moves, self.program.note
         self.data: dict[tuple[str, str], str] = {}
-        self.programs: dict[str, list[tuple[int, str]]] = {}
+        self.flow = self.program.flow
+        self.flow.run_line = self._run_line
         self.wobj = self.tool = ""
         self.first = np.eye(4)
         self.placed = False
@@ -123,39 +119,37 @@ class _RapidReader:
     def run(self, text: str) -> None:
         """Carry out main, or the first procedure."""
         loose: list[tuple[int, str]] = []
+        programs: dict[str, list[tuple[int, str]]] = {}
         current = loose
         try:
             for line, statement in split_statements(text):
                 head = PROC.match(statement)
                 if head:
-                    current = self.programs.setdefault(head.group(1), [])
+                    current = programs.setdefault(head.group(1), [])
                 elif statement.startswith("ENDPROC"):
                     current = loose
                 else:
                     current.append((line, statement))
-                    found = DATA.match(statement)
-                    if found:
+                    if found := DATA.match(statement):
                         self.data[found.group(1), found.group(2)] = found.group(3)
         except ValueError as fault:
-            raise InputError(str(fault), file=self.program.file) from None
-        self._run(self.programs.get("MAIN") or next(iter(self.programs.values()), loose))
+            raise InputError(str(fault), file=self.flow.file) from None
+        for called, lines in programs.items():
+            self.flow.programs[called] = CncProgram(lines, 0, len(lines), self.flow.file)
+        lines = programs.get("MAIN") or next(iter(programs.values()), loose)
+        with self.flow.guard():
+            self.flow.run(CncProgram(lines, 0, len(lines), self.flow.file))
 
-    def _run(self, statements: Sequence[tuple[int, str]]) -> None:
-        program = self.program
-        for program.line, statement in statements:
-            program.count()
-            if re.match(r"(ERROR|UNDO|BACKWARD)\b", statement):
-                return
-            try:
-                if self._carry_out(statement):
-                    return
-            except InputError as fault:
-                raise program.place(fault) from None
+    def _run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a statement; return the next one, or END."""
+        self.flow.line, statement = program.lines[index]
+        ends = re.match(r"(ERROR|UNDO|BACKWARD)\b", statement) or self._carry_out(statement)
+        return END if ends else index + 1
 
     def _carry_out(self, statement: str) -> bool:
         """Carry out a statement; return whether the procedure ends."""
         if statement.startswith("!"):
-            self.moves.log.happen("comment", self.program.line, text=statement[1:].strip())
+            self.moves.log.happen("comment", self.flow.line, text=statement[1:].strip())
         elif OPENS.match(statement):
             self.program.blocks += 0 if re.match(r"IF\b(?!.*\bTHEN$)", statement) else 1
             if "MOVE" in statement:
@@ -173,8 +167,8 @@ class _RapidReader:
             pass
         elif re.match(r"(RETURN|EXIT)\b", statement) and not self.program.blocks:
             return True
-        elif statement in self.programs or statement.split()[0] in self.programs:
-            self._call(statement.split()[0])
+        elif (called := statement.split()[0]) in self.flow.programs:
+            self.program.call(called, called)
         elif not SILENT.match(statement) and not statement.startswith("ELSE"):
             self.note(f"statement {statement.split()[0][:20]} is not read")
             self.program.ask(statement)
@@ -211,14 +205,6 @@ class _RapidReader:
             self.moves.note_tool()
         return True
 
-    def _call(self, called: str) -> None:
-        program, here = self.program, self.program.line
-        program.check_call(called)
-        program.depth += 1
-        self._run(self.programs[called])
-        program.depth -= 1
-        program.line = here
-
     def _move(self, word: str, rest: str) -> None:
         if word in ("MOVEABSJ", "MOVEEXTJ"):
             self.moves.lose_joint_move()
@@ -239,7 +225,7 @@ class _RapidReader:
             self.program.ask(f"{word} {','.join(fields[count + 1 :])}")
         elif word.endswith("DO") and len(fields) >= count + 5:
             state = float(fields[-1].strip() not in ("0", "LOW"))
-            self.moves.log.happen("output", self.program.line, value=state, text=fields[-2].strip())
+            self.moves.log.happen("output", self.flow.line, value=state, text=fields[-2].strip())
 
     def _carry_over(self, word: str, fields: list[str], poses: list[Array], *, circle: bool) -> None:
         """Carry out the motion of a move."""
@@ -270,9 +256,7 @@ class _RapidReader:
             self._work_object(wobj)
             return
         one, other = self._work_object(self.wobj), self._work_object(wobj)
-        if one is None or other is None:
-            raise InputError(f"work object changes from {self.wobj} to {wobj}, and their places are not both known")
-        self.moves.frame = self.moves.frame @ np.linalg.inv(one) @ other
+        self.moves.change_frame(one, other, f"work object changes from {self.wobj} to {wobj}")
         self.wobj = wobj
 
     def _work_object(self, wobj: str) -> Array | None:
@@ -288,8 +272,7 @@ class _RapidReader:
         if fields[0].strip() == "TRUE":
             raise InputError(f"work object {wobj} is held by the robot, which is not read")
         if fields[1].strip() == "FALSE":
-            note = f"work object {wobj} moves with another unit: the path is taken in it as it is written"
-            self.note(note)
+            self.note(f"work object {wobj} moves with another unit: the path is taken in it as it is written")
             return None
         user, thing = (self._pose(field, 2) for field in fields[3:])
         return user @ thing
@@ -297,21 +280,14 @@ class _RapidReader:
     def _target(self, field: str) -> Array:
         """Return the pose of a robtarget: written out, by name, or Offs(target, x, y, z)."""
         field = field.strip()
-        offset = re.fullmatch(r"OFFS\s*\((.*)\)", field)
-        if offset:
-            parts = split_fields(offset.group(1))
+        for word, pattern in (("Offs", r"OFFS\s*\((.*)\)"), ("RelTool", r"RELTOOL\s*\(([^\\]*)\)")):
+            if not (found := re.fullmatch(pattern, field)):
+                continue
+            parts = split_fields(found.group(1))
             if len(parts) != 4:
-                raise InputError(f"Offs with {len(parts)} arguments, expected target, x, y, z")
-            pose = self._target(parts[0])
-            pose[:3, 3] += [self._coordinate(part) for part in parts[1:]]
-            return pose
-        in_tool = re.fullmatch(r"RELTOOL\s*\(([^\\]*)\)", field)
-        if in_tool:
-            parts = split_fields(in_tool.group(1))
-            if len(parts) != 4:
-                raise InputError(f"RelTool with {len(parts)} arguments, expected target, x, y, z")
-            pose = self._target(parts[0])
-            pose[:3, 3] += pose[:3, :3] @ [self._coordinate(part) for part in parts[1:]]
+                raise InputError(f"{word} with {len(parts)} arguments, expected target, x, y, z")
+            pose, step = self._target(parts[0]), np.array([self._coordinate(part) for part in parts[1:]])
+            pose[:3, 3] += step if word == "Offs" else pose[:3, :3] @ step
             return pose
         if not field.startswith("["):
             if ("ROBTARGET", field) not in self.data:
@@ -321,8 +297,7 @@ class _RapidReader:
         if len(parts) == 4:
             external = [self._number(part) for part in split_fields(parts[3].strip()[1:-1])]
             if self.external and any(abs(a - b) > 1e-6 for a, b in zip(external, self.external, strict=False)):
-                note = "external axes move: the path is taken in the work object as it is written"
-                self.note(note)
+                self.note("external axes move: the path is taken in the work object as it is written")
             self.external = external
         return self._pose(field, 4)
 

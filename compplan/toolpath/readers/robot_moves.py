@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.toolpath.readers.arcs import Arc, Point, find_arc, sample_arcs
-from compplan.toolpath.readers.lines import DECIMAL, MOST_LINES
+from compplan.toolpath.readers.arcs import Point, find_arc, sample_arcs
+from compplan.toolpath.readers.cnc.flow import Flow
+from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.moves import HasLine, MoveLog
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import find_start
+from compplan.toolpath.readers.options import CamTable, find_start
 
 #: A number in a robot program, capitals.
 NUMBER = rf"{DECIMAL}(?:E[-+]?\d+)?"
@@ -31,42 +31,29 @@ SPLINE_POINTS = 16
 
 
 class RobotProgram:
-    """Hold a robot program that is followed: its line, blocks that are open and not carried out, calls, its moves."""
+    """Hold a robot program that is followed: its flow, blocks that are open and not carried out, its moves."""
 
     def __init__(self, file: Path, options: CamTable) -> None:
-        self.file, self.options, self.line = file, options, 0
-        self.moves = RobotMoves(options, self)
+        self.options, self.flow = options, Flow(file, deepest=DEEPEST)
+        self.moves = RobotMoves(options, self.flow)
         self.log, self.note = self.moves.log, self.moves.note
-        self.blocks = self.depth = self.executed = 0
-
-    def error(self, message: str) -> InputError:
-        """Return an error at the statement that is read."""
-        return InputError(message, file=self.file, where=self.line)
-
-    def place(self, fault: InputError) -> InputError:
-        """Return an error with its file and line."""
-        return fault if fault.file else self.error(fault.message)
-
-    def count(self) -> None:
-        """Count a statement; refuse more than any program has."""
-        self.executed += 1
-        if self.executed > MOST_LINES:
-            raise self.error(f"more than {MOST_LINES} statements are carried out; no more are read")
+        self.blocks = 0
 
     def check_row(self, statement: str) -> None:
         """Refuse a move in a loop or a branch."""
         if self.blocks:
-            raise self.error(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
+            raise InputError(f"{statement[:30]!r} stands in a loop or a branch; write the moves out in a row")
 
-    def check_call(self, called: str) -> None:
-        """Refuse a call in a loop or a branch, or too deep."""
-        if self.blocks or self.depth >= DEEPEST:
-            raise self.error(f"call of {called} in a loop, a branch or too deep; write the moves out")
+    def call(self, name: str, called: str) -> None:
+        """Carry out a program by its name; refuse calls in a loop or a branch, or too deep."""
+        if self.blocks or self.flow.depth >= DEEPEST:
+            raise InputError(f"call of {called} in a loop, a branch or too deep; write the moves out")
+        self.flow.run_program(name, self.flow.programs[name], 1)
 
     def ask(self, statement: str) -> None:
         """Let the operator do what no program of another language can repeat."""
         where = "in a loop or a branch: " if self.blocks else ""
-        self.log.happen("call", self.line, text=f"{where}{statement}")
+        self.log.happen("call", self.flow.line, text=f"{where}{statement}")
 
     def switch(self, statement: str, *, output: tuple[str, bool] | None, wait: float | None, halts: bool,
                asked: bool) -> bool:  # fmt: skip
@@ -74,11 +61,11 @@ class RobotProgram:
         if self.blocks and (output or wait is not None or asked or halts):
             self.ask(statement)
         elif output:
-            self.log.happen("output", self.line, value=float(output[1]), text=output[0])
+            self.log.happen("output", self.flow.line, value=float(output[1]), text=output[0])
         elif wait is not None:
-            self.log.happen("dwell", self.line, value=max(wait, 0.0))
+            self.log.happen("dwell", self.flow.line, value=max(wait, 0.0))
         elif halts:
-            self.log.happen("stop", self.line)
+            self.log.happen("stop", self.flow.line)
         elif asked:
             self.ask(statement)
         return bool(output or wait is not None or halts or asked)
@@ -120,6 +107,12 @@ class RobotMoves:
         self.pose = self.frame @ pose
         self.log.rapid(_point(self.pose), self._axis(self.pose))
 
+    def change_frame(self, before: Array | None, after: Array | None, change: str) -> None:
+        """Put another frame in force, whose place and that of the one before have to be known."""
+        if before is None or after is None:
+            raise InputError(f"{change}, and their places are not both known")
+        self.frame = self.frame @ np.linalg.inv(before) @ after
+
     def lose(self) -> None:
         """Forget the pose, where a joint move ends."""
         self.pose, self.moved = None, True
@@ -153,12 +146,15 @@ class RobotMoves:
             self.pose = end
             return
         shares, rotations = self._turn(before, end)
-        start, counts = before[:3, 3], dict(self.log.counts)
-        for share, rotation in zip(shares, rotations, strict=True):
-            point = start + share * (end[:3, 3] - start)
+        self._follow(before[:3, 3] + shares[:, None] * (end[:3, 3] - before[:3, 3]), rotations, feed)
+        self.pose = end
+
+    def _follow(self, points: Array, rotations: Array, feed: float) -> None:
+        """Cut from point to point while the tool turns: one move, in pieces."""
+        counts = dict(self.log.counts)
+        for point, rotation in zip(points, rotations, strict=True):
             self.log.line(_tuple(point), feed, self._axis(rotation))
         self.log.count_one(counts)
-        self.pose = end
 
     def circle(self, via: Array, pose: Array, feed: float, *, angle: float | None = None) -> None:
         """Move on the circle through a point to a pose; `angle` [rad]: go on about its axis for this angle instead.
@@ -182,7 +178,12 @@ class RobotMoves:
             self.log.arc(arc, last, feed)
             self.log.axis = self._axis(goal)
         else:
-            self._turning_arc(arc, before, goal, feed)
+            points, length = sample_arcs([arc], self.log.chord)[0], self.log.length
+            turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([before[:3, :3], goal[:3, :3]])))
+            self._follow(points, turn(np.arange(1, len(points) + 1) / len(points)).as_matrix(), feed)
+            self.log.counts["arcs"] += 1
+            self.log.length = length + arc.length
+            self.log.arc_length += arc.length
         self.pose = goal
 
     def spline(self, poses: list[Array], feed: float) -> None:
@@ -202,19 +203,6 @@ class RobotMoves:
         for point, rotation in zip(curve(places), turn(places).as_matrix(), strict=True):
             self.log.line(_tuple(point), feed, self._axis(rotation))
         self.pose = points[-1]
-
-    def _turning_arc(self, arc: Arc, start: Array, goal: Array, feed: float) -> None:
-        """Cut along an arc while the tool turns: one move, in pieces."""
-        counts, before = dict(self.log.counts), self.log.length
-        points = sample_arcs([arc], self.log.chord)[0]
-        shares = np.arange(1, len(points) + 1) / len(points)
-        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.array([start[:3, :3], goal[:3, :3]])))
-        for point, rotation in zip(points, turn(shares).as_matrix(), strict=True):
-            self.log.line(_tuple(point), feed, self._axis(rotation))
-        self.log.count_one(counts)
-        self.log.counts["arcs"] += 1
-        self.log.length = before + arc.length
-        self.log.arc_length += arc.length
 
     def _turn(self, start: Array, end: Array) -> tuple[Array, Array]:
         """Return shares of a move at which the tool has turned by a step, and its rotation there."""

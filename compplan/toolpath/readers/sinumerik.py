@@ -39,15 +39,6 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
     """Read a Sinumerik program: the first main program of the file, with subprograms of the file or beside it.
 
     The path stands in the work offset that is in force at the first move.
-
-    Args:
-        text: The program, or an archive of several.
-        file: Its file, for messages.
-        options: What the program does not say by itself.
-
-    Raises:
-        InputError: With file and line, if a block is not read and may change the path.
-
     """
     reader = Sinumerik(file, options)
     reader.run(text)

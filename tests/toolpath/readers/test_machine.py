@@ -17,7 +17,7 @@ from compplan.toolpath.readers import CamFile, CamTable, read_cam
 from compplan.toolpath.readers.cnc import heidenhain_lexer, sinumerik_lexer
 from compplan.toolpath.readers.cnc.expressions import Grammar, evaluate
 from compplan.toolpath.readers.cnc.rotary import RotaryMachine
-from compplan.toolpath.readers.cnc.rs274_macro import MacroError, Variables, assign, work_out
+from compplan.toolpath.readers.cnc.rs274_macro import Variables
 from compplan.toolpath.readers.machines import list_machines
 
 HEAD = "G21 G90\nG0 X0 Y0 Z10\n"
@@ -350,15 +350,15 @@ NUMBERS = st.floats(-100, 100).map(lambda x: round(x, 3))
 @settings(max_examples=50, deadline=None)
 def test_expressions_are_worked_out_by_the_rules_of_arithmetic(a: float, b: float, c: float) -> None:
     variables = Variables()
-    assert assign(f"#1={a:.3f} #2=[{b:.3f}] #<THREE>={c:.3f}", variables)
-    value, used = work_out("#1 - #2 * #<THREE> + [#1 + #2] * 2", variables)
+    assert variables.assign(f"#1={a:.3f} #2=[{b:.3f}] #<THREE>={c:.3f}")
+    value, used = variables.work_out("#1 - #2 * #<THREE> + [#1 + #2] * 2")
     assert value == pytest.approx(a - b * c + (a + b) * 2) and used == 34
-    assert work_out("ATAN[1]/[-1] + ABS[#1] + ROUND[2.5] + FIX[2.9] + FUP[2.1]", variables)[0] == pytest.approx(
+    assert variables.work_out("ATAN[1]/[-1] + ABS[#1] + ROUND[2.5] + FIX[2.9] + FUP[2.1]")[0] == pytest.approx(
         135 + abs(a) + 3 + 2 + 3
     )
-    assert work_out("[#1 GT #2] OR [#1 LE #2]", variables)[0] == 1.0
-    with pytest.raises(MacroError):
-        work_out("#1 +", variables)
+    assert variables.work_out("[#1 GT #2] OR [#1 LE #2]")[0] == 1.0
+    with pytest.raises(ValueError):
+        variables.work_out("#1 +")
 
 
 @pytest.mark.parametrize("grammar", [heidenhain_lexer.GRAMMAR, sinumerik_lexer.GRAMMAR])

@@ -11,7 +11,7 @@ import pytest
 from compplan.errors import InputError
 from compplan.job.job import check_job
 from compplan.toolpath.readers import CamFile, CamTable, read_cam
-from compplan.toolpath.readers.cnc.rs274_words import check_words, find_geometry
+from compplan.toolpath.readers.cnc.rs274_lexer import check_words, find_geometry
 from compplan.toolpath.reading import read_toolpath
 
 HEAD = "G21 G0 X0 Y0 Z0\n"

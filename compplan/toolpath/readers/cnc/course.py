@@ -13,8 +13,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.moves import HasLine, MoveLog
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import find_start
+from compplan.toolpath.readers.options import CamTable, find_start
 
 #: Greatest turn of the tool between waypoints. [deg]
 TURN_STEP = 1.0

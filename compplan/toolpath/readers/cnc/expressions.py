@@ -15,6 +15,13 @@ DEEPEST = 50
 #: Value of a variable; None: vacant, which counts as 0 in arithmetic (macros of G-code).
 Value = float | None
 Lookup = Callable[[str, tuple[float, ...]], Value]
+#: Functions that all dialects share, angles in degrees, and how many arguments each takes.
+FUNCTIONS: Mapping[str, tuple[int, Callable[..., float]]] = {
+    "SIN": (1, lambda x: math.sin(math.radians(x))), "COS": (1, lambda x: math.cos(math.radians(x))),
+    "TAN": (1, lambda x: math.tan(math.radians(x))), "ASIN": (1, lambda x: math.degrees(math.asin(x))),
+    "ACOS": (1, lambda x: math.degrees(math.acos(x))), "SQRT": (1, math.sqrt), "ABS": (1, abs), "LN": (1, math.log),
+    "EXP": (1, math.exp),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -186,33 +193,3 @@ class Parser:
     def _expect(self, sign: str) -> None:
         if not self._accept(sign):
             raise ValueError(f"expected {sign!r} in {self.text.strip()[:40]!r}")
-
-
-def sin_deg(angle: float) -> float:
-    """Return the sine of an angle in degrees."""
-    return math.sin(math.radians(angle))
-
-
-def cos_deg(angle: float) -> float:
-    """Return the cosine of an angle in degrees."""
-    return math.cos(math.radians(angle))
-
-
-def tan_deg(angle: float) -> float:
-    """Return the tangent of an angle in degrees."""
-    return math.tan(math.radians(angle))
-
-
-def asin_deg(number: float) -> float:
-    """Return the angle in degrees that has this sine."""
-    return math.degrees(math.asin(number))
-
-
-def acos_deg(number: float) -> float:
-    """Return the angle in degrees that has this cosine."""
-    return math.degrees(math.acos(number))
-
-
-def atan_deg(number: float) -> float:
-    """Return the angle in degrees that has this tangent."""
-    return math.degrees(math.atan(number))

@@ -1,8 +1,9 @@
-"""The order of the lines of a CNC program: programs of a file, calls, jumps and loops, all of them bounded."""
+"""The order of the lines of a program: programs of a file, calls, jumps and loops, all of them bounded."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,16 @@ class Flow:
     def error(self, message: str) -> InputError:
         """Return an error at the line that is read."""
         return InputError(message, file=self.file, where=self.line)
+
+    @contextmanager
+    def guard(self) -> Iterator[None]:
+        """Give the errors of a program the file and the line at which they occur."""
+        try:
+            yield
+        except InputError as fault:
+            raise (fault if fault.file else type(fault)(fault.message, file=self.file, where=self.line)) from None
+        except ValueError as fault:
+            raise self.error(str(fault)) from None
 
     def run(self, program: CncProgram, start: int | None = None) -> None:
         """Carry out a program from a line on up to its end."""

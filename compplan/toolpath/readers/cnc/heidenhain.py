@@ -33,9 +33,8 @@ from compplan.toolpath.readers.cnc.heidenhain_lexer import (
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
-from compplan.toolpath.readers.frames import Frame, stretch
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
+from compplan.toolpath.readers.frames import stretch
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 MOST_JUMPS = 200_000
 DEEPEST = 19
@@ -60,6 +59,7 @@ class Klartext:
     """Carry out a conversational program."""
 
     tip_word = "M128"
+    frames: tuple[str, ...] = ("unit", "datum", "plane", "shift", "mirror", "rotation", "scale")
     ends = frozenset({2.0, 30.0})
     silent = SILENT
 
@@ -82,35 +82,27 @@ class Klartext:
 
     def run(self, text: str) -> None:
         """Read every block up to the end of the program."""
-        flow = self.it.flow
-        try:
-            blocks = list(split_blocks(text))
-        except ValueError as fault:
-            raise flow.error(str(fault)) from None
+        self.it.run(lambda: self._load(text), self._check_unit)
+
+    def _load(self, text: str) -> CncProgram:
+        """Return the program, its labels found."""
+        blocks, flow = list(split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
                 found, flow.line = LABEL.match(block.text), block.line
-                word = found.group(1) if found else ""
                 if not found:
-                    raise flow.error(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
+                    raise InputError(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
+                word = found.group(1)
                 if word in self.labels:
-                    first = blocks[self.labels[word]].line
-                    raise flow.error(f"label {word} stands twice, first in line {first}")
+                    raise InputError(f"label {word} stands twice, first in line {blocks[self.labels[word]].line}")
                 if word != "0":
                     self.labels[word] = index
-        self.it.run(CncProgram(blocks, 0, len(blocks), self.it.file))
+        return CncProgram(blocks, 0, len(blocks), self.it.file)
+
+    def _check_unit(self) -> None:
         if not self.begun and self.it.options.unit is None:
-            flow.line = 1
-            raise flow.error(refuse_unit("BEGIN PGM .. MM or INCH").message)
-
-    @property
-    def tilted(self) -> bool:
-        """Whether a tilted plane is in force."""
-        return self.datums.tilted
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        return self.datums.find_frame()
+            self.it.flow.line = 1
+            raise refuse_unit("BEGIN PGM .. MM or INCH")
 
     @property
     def normal(self) -> Point:
@@ -125,7 +117,7 @@ class Klartext:
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a tilted plane where rotary axes are positioned in it."""
-        if not self.tilted or (self.it.state.tip_control and "TILT" not in block.names):
+        if not self.it.tilted or (self.it.state.tip_control and "TILT" not in block.names):
             return False, None
         self.it.note("A B C in a tilted plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
@@ -240,8 +232,7 @@ class Klartext:
         self._set_unit()
 
     def _set_unit(self) -> None:
-        self.datums.unit = stretch(INCH, INCH, INCH) if self.inch else Frame()
-        self.it.set_frame()
+        self.it.put(unit=stretch(INCH, INCH, INCH) if self.inch else None)
         self.words.set_feed_scale()
 
     def _assign(self, text: str) -> None:
@@ -305,22 +296,14 @@ class Klartext:
         self.it.contour.refuse_open()
         self.it.course.lose()
 
-    def run_functions(self, text: str) -> None:
-        """M functions alone."""
-        words, functions = self.words.split(text if text[:1] == "M" or not text else f"M{text}")
+    def run_functions(self, text: str, *, stops: bool = False) -> None:
+        """M functions alone, or beside STOP."""
+        words, functions = self.words.split(text if text[:1] == "M" or not text or stops else f"M{text}")
         if words.keys() - {"F", "FMAX"}:
             raise InputError(f"cannot read the block {text[:40]!r}")
         self.words.start_functions(functions)
-        self._call_cycle(functions & {89, 99})
-        self.words.stop_functions(functions)
-
-    def stop(self, text: str) -> None:
-        """STOP: the program stops."""
-        words, functions = self.words.split(text)
-        if words.keys() - {"F", "FMAX"}:
-            raise InputError(f"cannot read the block {text[:40]!r}")
-        self.words.start_functions(functions)
-        self.it.log.happen("stop", self.it.flow.line)
+        if stops:
+            self.it.log.happen("stop", self.it.flow.line)
         self._call_cycle(functions & {89, 99})
         self.words.stop_functions(functions)
 
@@ -460,7 +443,8 @@ def end_part(dialect: Klartext, rest: str) -> None:
 
 
 STATEMENTS: dict[str, Callable[[Klartext, str], None]] = {
-    "BEGIN": Klartext.begin, "STOP": Klartext.stop, "M": Klartext.run_functions,
+    "BEGIN": Klartext.begin, "M": Klartext.run_functions,
+    "STOP": lambda dialect, rest: dialect.run_functions(rest, stops=True),
     "TOOL": lambda dialect, rest: dialect.words.change_tool(rest),
     "FN": Klartext.run_function, "FUNCTION": Klartext.run_word_function, "TCH": Klartext.probe,
     # frames

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine, cross, dot
@@ -81,12 +81,11 @@ def _begin(way: Way, start: Point, first: Point, direction: Point) -> tuple[Poin
     if way.kind == "CT":
         turn = math.radians(way.angle) * (-1.0 if right_hand else 1.0)
         return _around(centre, first, way.normal, turn), centre, right_hand
-    place = _tangent_point(centre, abs(way.radius), start, way.normal, inwards=True, right_hand=right_hand)
-    return place, centre, right_hand
+    return _tangent_point(centre, abs(way.radius), start, way.normal, right_hand=right_hand), centre, right_hand
 
 
 def depart(way: Way, last: Point, end: Point | None, direction: Point) -> list[Element]:
-    """Return the moves that leave a contour.
+    """Return the moves that leave a contour: those of an approach the other way round.
 
     Args:
         way: What the block says.
@@ -94,23 +93,13 @@ def depart(way: Way, last: Point, end: Point | None, direction: Point) -> list[E
         end: Where LCT goes, else None.
         direction: Direction in which the contour ends.
 
-    Raises:
-        ValueError: If the block does not say enough.
-
     """
-    if way.kind == "LT":
-        return [_line(last, combine(1.0, last, way.length, direction), way.feed, way)]
-    if way.kind == "LN":
-        return [_line(last, combine(1.0, last, way.length, _aside(way, direction)), way.feed, way)]
-    centre, right_hand = _centre(way, last, direction, end or last)
-    if way.kind == "CT":
-        turn = math.radians(way.angle) * (1.0 if right_hand else -1.0)
-        place = _around(centre, last, way.normal, turn)
-        return [Element(last, place, (0, 1, 2), way.feed, way.line, centre, way.normal, right_hand)]
-    assert end is not None
-    place = _tangent_point(centre, abs(way.radius), end, way.normal, inwards=False, right_hand=right_hand)
-    arc = Element(last, place, (0, 1, 2), way.feed, way.line, centre, way.normal, right_hand)
-    return [arc, _line(place, end, way.feed, way)]
+    back = replace(way, side={"L": "R", "R": "L", "": ""}[way.side])
+    place, centre, right_hand = _begin(back, end or last, last, combine(-1.0, direction, 0.0, direction))
+    if centre is None:
+        return [_line(last, place, way.feed, way)]
+    arc = Element(last, place, (0, 1, 2), way.feed, way.line, centre, way.normal, not right_hand)
+    return [arc] if end is None else [arc, _line(place, end, way.feed, way)]
 
 
 def _line(start: Point, end: Point, feed: float | None, way: Way) -> Element:
@@ -144,10 +133,8 @@ def _around(centre: Point, place: Point, normal: Point, angle: float) -> Point:
     return combine(1.0, combine(1.0, centre, math.cos(angle), arm), math.sin(angle), cross(normal, arm))
 
 
-def _tangent_point(
-    centre: Point, radius: float, far: Point, normal: Point, *, inwards: bool, right_hand: bool
-) -> Point:
-    """Return where a straight line to or from a point touches a circle, in the sense of travel."""
+def _tangent_point(centre: Point, radius: float, far: Point, normal: Point, *, right_hand: bool) -> Point:
+    """Return where a straight line from a point touches a circle, in the sense of travel."""
     arm = combine(1.0, far, -1.0, centre)
     arm = combine(1.0, arm, -dot(arm, normal), normal)
     size = math.hypot(*arm)
@@ -156,8 +143,8 @@ def _tangent_point(
     angle = math.acos(min(1.0, radius / max(size, 1e-12)))
     unit = combine(1.0 / size, arm, 0.0, arm)
     along = cross(normal, unit)
-    sign = (1.0 if right_hand else -1.0) * (1.0 if inwards else -1.0)
-    reach = combine(radius * math.cos(angle), unit, sign * radius * math.sin(angle), along)
+    side = radius * math.sin(angle) * (1.0 if right_hand else -1.0)
+    reach = combine(radius * math.cos(angle), unit, side, along)
     return combine(1.0, centre, 1.0, reach)
 
 

@@ -157,7 +157,7 @@ class HeidenhainCycles:
     def _find_feeds(self, cycle: Cycle) -> tuple[float, float | None]:
         """Return feed into and out of a hole in mm/s, None where it is left rapidly."""
         if cycle.number in (207, 209):
-            feed = abs(cycle.get("Q239")) * self.datums.unit.scale * self.it.state.spindle / 60.0
+            feed = abs(cycle.get("Q239")) * self.datums.unit * self.it.state.spindle / 60.0
             return feed, feed
         feed = self.to_mm_s(cycle.get("Q206"))
         back = cycle.values.get("Q208", 0.0) if cycle.number in (201, 202) else 0.0
@@ -185,7 +185,7 @@ class HeidenhainCycles:
         """Carry out cycles 1, 2 and 17: from the level where the tool is, by set-up clearance and depth."""
         way = abs(cycle.part(1)) + abs(cycle.part(2))
         if cycle.number == 17:
-            feed = abs(cycle.part(3)) * self.datums.unit.scale * self.it.state.spindle / 60.0
+            feed = abs(cycle.part(3)) * self.datums.unit * self.it.state.spindle / 60.0
         else:
             feed = self.to_mm_s(cycle.part(5 if cycle.number == 1 else 4))
         if cycle.part(2) > 0.0 and cycle.part(1) >= 0.0:

@@ -10,7 +10,7 @@ from compplan.toolpath.readers.cnc.expressions import evaluate
 from compplan.toolpath.readers.cnc.heidenhain_lexer import GRAMMAR, VALUE
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES
-from compplan.toolpath.readers.frames import NOWHERE, UNIT, Frame, rotate, shift, stand_on, stretch
+from compplan.toolpath.readers.frames import NOWHERE, Frame, rotate, shift, stand_on, stretch
 
 AXIS_VALUE = re.compile(rf"(I?)([XYZ])\s*({VALUE})")
 NAMED = re.compile(rf"(P\d[XYZ]|[A-Z]+)\s*({VALUE})")
@@ -34,15 +34,22 @@ class KlartextDatums:
     def __init__(self, it: Interpreter) -> None:
         self.it = it
         self.values: dict[str, float] = dict.fromkeys(TILT_ANGLES, 0.0)
-        self.unit = Frame()
         self.tool_axis = 2
         #: Datum shifts before a plane is tilted, and in it.
         self.before, self.after = NOWHERE, NOWHERE
-        self.tilt = Frame()
         self.mirror: Point = (1.0, 1.0, 1.0)
         self.turned, self.scale = 0.0, 1.0
         self.preset: float | None = None
-        self.tilted = False
+
+    @property
+    def unit(self) -> float:
+        """Millimetres of a unit of length."""
+        return self.it.frames["unit"].scale if "unit" in self.it.frames else 1.0
+
+    @property
+    def tilt(self) -> Frame:
+        """The tilted plane in force."""
+        return self.it.frames.get("plane", Frame())
 
     def value(self, text: str) -> float:
         """Return a number or the value of a parameter, with its sign."""
@@ -63,17 +70,6 @@ class KlartextDatums:
         why = self.it.unknown.get(name, "the program gives it none")
         raise ValueError(f"parameter {name} has no value that is known: {why}")
 
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        frame = self.unit.then(shift(*self.before)).then(self.tilt).then(shift(*self.after))
-        if self.mirror != (1.0, 1.0, 1.0):
-            frame = frame.then(stretch(*self.mirror))
-        if self.turned:
-            frame = frame.then(rotate(self.tool_axis, self.turned))
-        if self.scale != 1.0:
-            frame = frame.then(stretch(self.scale, self.scale, self.scale))
-        return frame
-
     def define(self, number: int, part: int | None, rest: str) -> bool:
         """Carry out CYCL DEF 7, 8, 10, 11, 19, 26 and 247; return whether the cycle is one of them."""
         if number == 247:
@@ -90,6 +86,7 @@ class KlartextDatums:
         if part == 0 or (not rest and number not in (8, 19)):
             if part == 0 and number == 8:
                 self.mirror = (1.0, 1.0, 1.0)
+                self.it.put(mirror=None)
             return True
         carry_out = {7: self.shift_datum, 8: self._mirror, 10: self._rotate, 11: self._scale, 19: self._tilt_19,
                      26: self._scale_26}  # fmt: skip
@@ -103,19 +100,19 @@ class KlartextDatums:
             raise InputError(f"datum table {rest[:20]!r} is not read; write the shift out")
         if not found or re.sub(r"[ABCUVW]\s*[-+]?0*\.?0*(?=\s|$)", "", AXIS_VALUE.sub("", rest)).strip():
             raise InputError(f"datum shift {rest[:30]!r} is not read, expected X Y Z with numbers")
-        tilted = self.tilt.rows != UNIT
-        old = list(self.after if tilted else self.before)
+        old = list(self.after if self.it.tilted else self.before)
         for step, letter, text in found:
             axis = AXES.index(letter)
             old[axis] = self.value(text) + (old[axis] if step else 0.0)
         new = old[0], old[1], old[2]
         if new != NOWHERE and (self.turned or self.mirror != (1.0, 1.0, 1.0)):
             raise InputError("a datum shift after a rotation or a mirror is not read; shift first")
-        if tilted:
+        if self.it.tilted:
             self.after = new
+            self.it.put(shift=shift(*new))
         else:
             self.before = new
-        self.it.set_frame()
+            self.it.put(datum=shift(*new))
 
     def _mirror(self, rest: str) -> None:
         letters = re.findall(r"[XYZ]", rest)
@@ -125,7 +122,7 @@ class KlartextDatums:
         self.mirror = x, y, z
         if letters and self.turned:
             raise InputError("a mirror after a rotation is not read; mirror first, rotate then")
-        self.it.set_frame()
+        self.it.put(mirror=stretch(x, y, z))
 
     def _rotate(self, rest: str) -> None:
         found = re.fullmatch(rf"(I?)ROT\s*({VALUE})", rest)
@@ -135,14 +132,14 @@ class KlartextDatums:
         if angle and self.mirror != (1.0, 1.0, 1.0):
             raise InputError("a rotation in a mirrored frame is not read")
         self.turned = angle
-        self.it.set_frame()
+        self.it.put(rotation=rotate(self.tool_axis, angle))
 
     def _scale(self, rest: str) -> None:
         found = re.fullmatch(rf"SCL\s*({VALUE})", rest)
         if not found or not 1e-6 <= self.value(found.group(1)) <= 100.0:
             raise InputError(f"scale {rest[:20]!r} is not read, expected SCL and a factor")
         self.scale = self.value(found.group(1))
-        self.it.set_frame()
+        self.it.put(scale=stretch(self.scale, self.scale, self.scale))
 
     def _scale_26(self, rest: str) -> None:
         factors = [self.value(text) for _, _, text in AXIS_VALUE.findall(re.sub(r"CC[XYZ]\s*[-+\d.,]+", "", rest))]
@@ -163,19 +160,23 @@ class KlartextDatums:
     def _stand(self, tilt: Frame) -> None:
         """Put a tilted plane in force, or take it back."""
         self.it.contour.refuse_open()
-        self.tilted = not tilt.plain
         if tilt == self.tilt:
             return
         if self.turned or self.scale != 1.0 or self.mirror != (1.0, 1.0, 1.0) or self.after != NOWHERE:
             raise InputError("a plane is tilted, or tilted back, while a shift made in it, a rotation, a mirror or a "
                              "scale is in force; take that back first")  # fmt: skip
-        self.tilt = tilt
         for name in TILT_ANGLES:
             self.values.pop(name, None)
             self.it.unknown[name] = "the machine works it out from the tilted plane"
         if tilt.plain:
             self.values.update(dict.fromkeys(TILT_ANGLES, 0.0))
-        self.it.set_frame()
+        self.it.put(plane=None if tilt.plain else tilt)
+        self.point_tool()
+
+    def use_axis(self, axis: int) -> None:
+        """Take another tool axis, that of TOOL CALL."""
+        self.tool_axis = axis
+        self.it.put(rotation=rotate(axis, self.turned))
         self.point_tool()
 
     def point_tool(self) -> None:

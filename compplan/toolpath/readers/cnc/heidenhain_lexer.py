@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from compplan.toolpath.readers.cnc.expressions import Grammar, acos_deg, asin_deg, atan_deg, cos_deg, sin_deg, tan_deg
+from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar
 from compplan.toolpath.readers.lines import DECIMAL, LONGEST_LINE, cut_comment, split_lines
 
 NUMBER = r"(?:\d+(?:[.,]\d*)?|[.,]\d+)"
@@ -37,16 +37,11 @@ M_WORDS = re.compile(
 )
 
 
-def _frac(number: float) -> float:
-    return number - math.trunc(number)
-
-
 GRAMMAR = Grammar(
     functions={
-        "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
-        "ATAN": (1, atan_deg), "SQRT": (1, math.sqrt), "SQ": (1, lambda x: x * x), "LN": (1, math.log),
-        "LOG": (1, math.log10), "EXP": (1, math.exp), "NEG": (1, lambda x: -x), "INT": (1, lambda x: x - _frac(x)),
-        "ABS": (1, abs), "FRAC": (1, _frac), "SGN": (1, lambda x: float((x > 0.0) - (x < 0.0))),
+        **FUNCTIONS, "ATAN": (1, lambda x: math.degrees(math.atan(x))), "SQ": (1, lambda x: x * x),
+        "LOG": (1, math.log10), "NEG": (1, lambda x: -x), "INT": (1, lambda x: float(math.trunc(x))),
+        "FRAC": (1, lambda x: x - math.trunc(x)), "SGN": (1, lambda x: float((x > 0.0) - (x < 0.0))),
         "PI": (0, lambda: math.pi),
     },
     operators={

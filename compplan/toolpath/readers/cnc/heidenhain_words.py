@@ -11,7 +11,6 @@ from compplan.toolpath.readers.cnc.heidenhain_lexer import M_WORDS, VALUE, split
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.motion import POLAR
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock
-from compplan.toolpath.readers.frames import UNIT
 
 REFUSED_M = {130: "coordinates that are not tilted", 114: "the old compensation of rotary axes",
              **dict.fromkeys(range(200, 205), "laser")}  # fmt: skip
@@ -48,8 +47,8 @@ class KlartextWords:
     def to_mm_s(self, number: float) -> float:
         """Return a feed in mm/s; in programs in inches F counts tenths of an inch a minute."""
         if self.per_turn:
-            return number * self.datums.unit.scale * self.it.state.spindle / 60.0
-        return number * (1.0 if self.datums.unit.rows == UNIT else 0.1 * INCH) / 60.0
+            return number * self.datums.unit * self.it.state.spindle / 60.0
+        return number * (1.0 if self.datums.unit == 1.0 else 0.1 * INCH) / 60.0
 
     def control_tip(self, on: bool, *, spatial: bool = False) -> None:
         """Let X Y Z be the tip in the part frame, however the rotary axes stand, or not."""
@@ -160,10 +159,8 @@ class KlartextWords:
                 it.state.tool, it.state.tool_name = number, called[1:-1] if called.startswith('"') else ""
                 it.machine.change_tool(it.flow.line)
         if axis in ("X", "Y", "Z") and AXES.index(axis) != self.datums.tool_axis:
-            self.datums.tool_axis = AXES.index(axis)
-            it.state.plane = PLANES[self.datums.tool_axis]
-            it.set_frame()
-            self.datums.point_tool()
+            it.state.plane = PLANES[AXES.index(axis)]
+            self.datums.use_axis(AXES.index(axis))
         if "S" in words and it.state.turning:
             it.log.happen(it.state.turning, it.flow.line, value=it.state.spindle)
         functions = {int(number) for number in re.findall(r"M\s*(\d+)", bare)}
@@ -191,7 +188,7 @@ class KlartextWords:
                 raise InputError("F AUTO, but TOOL CALL states no F")
             self._set_feed(self.tool_feed)
         elif "FU" in words:
-            self._set_feed(self.datums.value(words["FU"]) * self.datums.unit.scale * self.it.state.spindle / 60.0)
+            self._set_feed(self.datums.value(words["FU"]) * self.datums.unit * self.it.state.spindle / 60.0)
         elif "FZ" in words or "FT" in words:
             raise InputError("feeds per tooth (FZ) or as a time (FT) are not read; write F")
         elif "F" in words:
@@ -211,7 +208,7 @@ class KlartextWords:
             if word in words or "I" + word in words:
                 text, turns = words.get(word) or words.get("I" + word) or "", word in LETTERS
                 by_plane = turns and any(name in text for name in TILT_ANGLES)
-                unread = turns and (self.it.rotary.ignored or (by_plane and self.datums.tilted))
+                unread = turns and (self.it.rotary.ignored or (by_plane and self.it.tilted))
                 block.values[address] = 0.0 if unread else self.datums.value(text)
                 if word not in words:
                     block.relative.add(address)

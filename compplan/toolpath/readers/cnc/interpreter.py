@@ -14,12 +14,12 @@ from typing import Protocol
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.contour import Contour
 from compplan.toolpath.readers.cnc.course import Course
-from compplan.toolpath.readers.cnc.dialect import Dialect
 from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
 from compplan.toolpath.readers.cnc.machine import Machine
 from compplan.toolpath.readers.cnc.motion import TURNING, MotionReader
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock, Dialect, State
+from compplan.toolpath.readers.frames import Frame
 from compplan.toolpath.readers.moves import CamFile
 from compplan.toolpath.readers.options import CamTable, ask_compensation
 
@@ -92,6 +92,8 @@ class Interpreter:
         self.log, self.note = self.course.log, self.course.note
         self.contour = Contour(self.course, unit)
         self.rotary = Rotary(options)
+        #: Frames in force, by the names that the dialect gives them.
+        self.frames: dict[str, Frame] = {}
         self.motion = MotionReader(self.course, self.contour, self.rotary, state, dialect, self.set_frame)
         self.machine = Machine(state, self.log, dialect.silent, dialect.ends)
         #: Why variables have no value.
@@ -100,18 +102,12 @@ class Interpreter:
         self.steady = False
         flow.run_line = dialect.run_line
 
-    def run(self, program: CncProgram, finish: Callable[[], None] = lambda: None) -> None:
-        """Carry out a program, refuse a corner that no move follows, and stop what still turns."""
-        try:
-            self.flow.run(program)
+    def run(self, load: Callable[[], CncProgram], finish: Callable[[], None] = lambda: None) -> None:
+        """Load a program and carry it out, refuse a corner that no move follows, and stop what still turns."""
+        with self.flow.guard():
+            self.flow.run(load())
             self.contour.refuse_open()
             finish()
-        except ValueError as fault:
-            raise self.flow.error(str(fault)) from None
-        except InputError as fault:
-            raise (
-                fault if fault.file else type(fault)(fault.message, file=self.flow.file, where=self.flow.line)
-            ) from None
         self.machine.end(self.flow.line)
 
     def finish(self, kind: str, unit: str, lines: int) -> CamFile:
@@ -139,21 +135,40 @@ class Interpreter:
             takes = entry.takes if entry.takes == "machine" else takes or entry.takes
         return takes
 
+    @property
+    def tilted(self) -> bool:
+        """Whether a tilted plane is in force."""
+        return "plane" in self.frames
+
+    def find_frame(self) -> Frame:
+        """Return where the coordinates of the program stand, rotary axes aside."""
+        whole = Frame()
+        for name in self.dialect.frames:
+            whole = whole.then(self.frames[name]) if name in self.frames else whole
+        return whole
+
+    def put(self, **frames: Frame | None) -> None:
+        """Put frames in force, or out of it (None)."""
+        for name, frame in frames.items():
+            self.frames.pop(name, None)
+            if frame is not None:
+                self.frames[name] = frame
+        self.set_frame()
+
     def set_frame(self, *, carried: bool = False) -> None:
         """Put in force where the coordinates stand; carried: rotary axes have carried tool or part along.
 
         Moves while rotary axes stand turned of which nobody says what they turn are left out.
         """
-        tilted, tip = self.dialect.tilted, self.state.tip_control or self.options.tip_control
-        frame = self.dialect.find_frame()
-        if not (tilted or tip) and self.rotary.turned:
+        frame, tip = self.find_frame(), self.state.tip_control or self.options.tip_control
+        if not (self.tilted or tip) and self.rotary.turned:
             frame = self.rotary.place().then(frame)
         if carried:
             self.course.move_frame(frame)
         elif frame != self.course.frame:
             self.contour.refuse_open()
             self.course.use(frame)
-        if self.rotary.unknown and not tilted:
+        if self.rotary.unknown and not self.tilted:
             if UNKNOWN_MACHINE not in self.course.muted:
                 refusal = (
                     f"rotary words {self.rotary.words} (line {self.flow.line}) turn the tool or the part; state which "

@@ -10,9 +10,8 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
-from compplan.toolpath.readers.cnc.dialect import Dialect
 from compplan.toolpath.readers.cnc.rotary import Rotary
-from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
+from compplan.toolpath.readers.cnc.state import AXES, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, Dialect, State
 from compplan.toolpath.readers.lines import DECIMAL
 
 NUMBER = rf"({DECIMAL})"

@@ -9,6 +9,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point, combine
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, LETTERS, CncBlock
+from compplan.toolpath.readers.frames import shift
 
 DECLARED = "moves after the G92 origin is dropped are left out: how it lies to the work offset is not known"
 OUTSIDE = "cuts in other work offsets than the part frame's (wcs) are left out"
@@ -81,7 +82,7 @@ class Origins:
         elif OUTSIDE not in course.muted:
             self.bases[before] = self.base
             self._leave_part_frame(code)
-        self.it.set_frame()
+        self.it.put(origin=shift(*self.zero))
 
     def _leave_part_frame(self, code: float) -> None:
         """Leave out the moves in another work offset; refuse cuts there unless the part frame is stated."""
@@ -126,7 +127,7 @@ class Origins:
             origin[axis] = place
         if cutting:
             self.base = combine(1.0, self.base, 1.0, (moved[0], moved[1], moved[2]))
-            self.it.set_frame()
+            self.it.put(origin=shift(*self.zero))
 
     def go_home(self, code: float, block: CncBlock) -> None:
         """Carry out G28 and G30: through the intermediate point to the machine's home, which nobody knows.
@@ -151,7 +152,7 @@ class Origins:
         for axis, number in numbers.items():
             shifted[axis] = number * self.state.scale
         self.shifted = shifted[0], shifted[1], shifted[2]
-        self.it.set_frame()
+        self.it.put(origin=shift(*self.zero))
 
     def declare(self, block: CncBlock) -> None:
         """Give the present position new coordinates (G92).
@@ -177,7 +178,7 @@ class Origins:
         if found:
             course.rapid(course.position)
         self.origin = self.kept = (origin[0], origin[1], origin[2])
-        self.it.set_frame()
+        self.it.put(origin=shift(*self.zero))
 
     def drop(self, code: float) -> None:
         """Carry out G92.1 and G92.2, which drop what G92 set, and G92.3, which brings back what G92.2 dropped."""
@@ -197,7 +198,7 @@ class Origins:
                     "the work offset is not known; end the cuts before it, or let a move to X Y Z come before G92"
                 )
                 self.course.mute(DECLARED, refusal)
-        self.it.set_frame()
+        self.it.put(origin=shift(*self.zero))
 
     def move_in_machine(self, block: CncBlock) -> None:
         """Carry out a move in machine coordinates (G53) where the work offset in force is known, else leave it out."""

@@ -97,60 +97,33 @@ def _turn(letter: str, angle: float, vector: Point) -> Point:
     return cosine * x - sine * y, sine * x + cosine * y, z
 
 
-def order_axes(kind: str, letters: Iterable[str], stated: Iterable[str] | None) -> tuple[list[str], list[str]]:
-    """Return the axes of head and table, each with its sign, the one that carries the other first.
-
-    Args:
-        kind: "head", "table" or "head_table".
-        letters: Letters that the file turns.
-        stated: Order as the user states it; the first axis is the head's in a head_table.
-
-    Raises:
-        RotaryError: If the order is not known.
-
-    """
-    used = sorted(set(letters))
-    if stated is not None:
-        order = list(stated)
-        missing = [letter for letter in used if letter not in {axis[-1] for axis in order}]
-        if missing:
-            raise RotaryError(f"rotary_axes with {missing[0]}, which the file turns")
-    elif set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used):
-        example = "C" if kind == "table" else "B"
-        raise RotaryError(f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first')
-    else:
-        order = used if kind != "head" else used[::-1]
-    if kind == "head":
-        return order, []
-    if kind == "table":
-        return [], order
-    if len(order) == 1:
-        raise RotaryError('rotary = "head" or "table": one axis alone is not both')
-    return order[:1], order[1:]
-
-
 def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
-    """Return the machine that the user states.
+    """Return the machine that the user states: its axes in head and table, the one that carries the other first.
 
     Args:
-        options: Its kind, axes and distances.
+        options: Its kind, axes (the first is the head's in a head_table) and distances.
         letters: Letters that the file turns.
 
-    Raises:
-        RotaryError: If the order of the axes is not known.
-
     """
-    try:
-        head, table = order_axes(options.rotary or "", letters, options.rotary_axes)
-    except RotaryError as fault:
-        used = ", ".join(sorted(letters))
-        raise RotaryError(
-            f"of rotary axes {used}, which carries the other is not known; state {fault.message}"
-        ) from None
-    signed = [tuple((axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in axes) for axes in (head, table)]
+    used, kind, missing = sorted(set(letters)), options.rotary, ""
+    order = list(options.rotary_axes or (used[::-1] if kind == "head" else used))
+    unnamed = [letter for letter in used if letter not in {axis[-1] for axis in order}]
+    if unnamed:
+        missing = f"rotary_axes with {unnamed[0]}, which the file turns"
+    elif options.rotary_axes is None and (
+        set(used) >= TILTS or (kind == "head_table" and len(used) == 2 and "C" not in used)
+    ):
+        example = "C" if kind == "table" else "B"
+        missing = f'rotary_axes = ["A", "{example}"], the axis that carries the other (or the head\'s) first'
+    elif kind == "head_table" and len(order) == 1:
+        missing = 'rotary = "head" or "table": one axis alone is not both'
+    if missing:
+        raise RotaryError(f"of rotary axes {', '.join(used)}, which carries the other is not known; state {missing}")
+    signed = [(axis[-1], -1.0 if axis[0] == "-" else 1.0) for axis in order]
+    head = {"head": len(order), "head_table": 1}.get(kind or "", 0)
     centre, offset = options.rotary_centre_mm, options.rotary_offset_mm
     return RotaryMachine(
-        signed[0], signed[1], None if centre is None else (centre[0], centre[1], centre[2]),
+        tuple(signed[:head]), tuple(signed[head:]), None if centre is None else (centre[0], centre[1], centre[2]),
         (offset[0], offset[1], offset[2]), options.pivot_mm,
     )  # fmt: skip
 

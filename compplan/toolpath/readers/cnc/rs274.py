@@ -21,12 +21,9 @@ from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
 from compplan.toolpath.readers.cnc.rs274_flow import MOST_JUMPS, MacroFlow
 from compplan.toolpath.readers.cnc.rs274_frames import Layers
-from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, Lexer
-from compplan.toolpath.readers.cnc.rs274_words import PLACING, owns_words
+from compplan.toolpath.readers.cnc.rs274_lexer import LENGTHS, PLACING, Lexer, owns_words
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, CncBlock, State
-from compplan.toolpath.readers.frames import Frame
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Words that a move may have, and those of them that say where it goes.
 MOVING = frozenset((*"XYZABCIJKRUVW", "A3", "B3", "C3"))
@@ -55,6 +52,7 @@ class Rs274:
     """Carry out a program of the RS-274 family."""
 
     tip_word = ""
+    frames: tuple[str, ...] = ("plane", "rotation", "scale", "mirror", "origin")
     ends = ENDS
     silent = frozenset({6.0, 48.0, 49.0, 61.0, 97.0, 98.0, 128.0, 129.0})
 
@@ -68,16 +66,7 @@ class Rs274:
 
     def run(self, lines: Sequence[str]) -> None:
         """Read every line of the first program of a file."""
-        self.it.run(self.macros.find_programs(lines, self.it.file), self.origins.check_used)
-
-    @property
-    def tilted(self) -> bool:
-        """Whether a tilted plane is in force."""
-        return "plane" in self.layers.layers
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        return self.layers.find_frame()
+        self.it.run(lambda: self.macros.find_programs(lines, self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
@@ -85,7 +74,7 @@ class Rs274:
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Let rotary axes set the tool square to a tilted plane; where its tip then is nobody knows."""
-        if not self.tilted:
+        if not self.it.tilted:
             return False, None
         angles = self.it.rotary.angles
         for letter in LETTERS:
@@ -104,7 +93,7 @@ class Rs274:
             return index + 1
         block = self.lexer.read(raw)
         ended = block is not None and self.run_block(block)
-        it.steady = self.lexer.begun and not self.layers.layers and it.motion.is_steady()
+        it.steady = self.lexer.begun and self.it.frames.keys() <= {"origin"} and it.motion.is_steady()
         if self.macros.next is not None:
             index, self.macros.next = self.macros.next - 1, None
         return END if ended else index + 1
@@ -240,7 +229,7 @@ class Rs274:
             it.note(TRAVEL)
             it.course.rapid(*it.motion.target(block))
             return
-        if self.layers.layers and state.motion != 0.0 and block.has(STRAIGHT):
+        if state.motion != 0.0 and block.has(STRAIGHT):
             self.layers.check_plane()
         it.motion.move(block)
 
@@ -372,12 +361,12 @@ G_CODES: dict[float, Code] = {
     28.0: HOME, 30.0: HOME, 53.0: ignore("machine"), 153.0: ignore("machine"), 52.0: Code(shift, 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
-    50.0: Code(lambda dialect, block, code: dialect.layers.set(scale=None), 2, "once"),
+    50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
     51.0: Code(lambda dialect, block, code: dialect.layers.scale(block), 2, "once"),
     50.1: MIRROR, 51.1: MIRROR, 53.1: TO_PLANE, 53.6: TO_PLANE, 254.0: DYNAMIC, 255.0: DYNAMIC,
     68.0: Code(lambda dialect, block, code: dialect.layers.rotate(block), 2, "once"),
     68.2: Code(lambda dialect, block, code: dialect.layers.tilt(block), 2, "once"),
-    69.0: Code(lambda dialect, block, code: dialect.layers.set(rotation=None, plane=None), 2, "once"),
+    69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
     # compensation and probing
     **dict.fromkeys((41.0, 41.1, 42.0, 42.1), Code(compensate_radius)),
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), LENGTH),

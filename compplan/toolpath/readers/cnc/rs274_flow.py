@@ -8,8 +8,7 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.cnc.flow import CncProgram, Flow
-from compplan.toolpath.readers.cnc.rs274_macro import MacroError, Variables, assign, spell_out, work_out
-from compplan.toolpath.readers.cnc.rs274_words import CALL, GEOMETRY, HARMLESS, TEXT
+from compplan.toolpath.readers.cnc.rs274_macro import Variables
 
 #: Greatest number of jumps, and of letters of macro blocks that are carried out again: a hundred a jump (assumed).
 MOST_JUMPS = 20_000
@@ -75,7 +74,7 @@ class MacroFlow:
         return program.labels[str(number)][0]
 
     def run_macro(self, line: str) -> str | None:
-        """Carry out the macro words of a line in capitals; return the block left to be read, None without any."""
+        """Carry out the macro words of a line in capitals; return the block that is left, None without any."""
         if self.flow.executed > self.file_lines:
             self.letters += len(line)
             if self.letters > MOST_LETTERS:
@@ -83,20 +82,20 @@ class MacroFlow:
                                  "calls; no more are read")  # fmt: skip
         bare = re.sub(r"^N\s*\d+\s*", "", line)
         try:
-            if self._control(bare) or (bare.startswith("#") and assign(bare, self.variables)):
+            if self._control(bare) or (bare.startswith("#") and self.variables.assign(bare)):
                 return None
-            return spell_out(line, self.variables)
-        except MacroError as fault:
+            return self.variables.spell_out(line)
+        except (ValueError, OverflowError) as fault:
             raise InputError(f"{fault}, in {bare[:40]!r}") from None
 
     def _control(self, line: str) -> bool:
         """Carry out IF, GOTO, WHILE DO and END; return whether the line is one of them."""
         unread = f"program control {line[:40]!r} is not read, expected"
         if found := IF.match(line):
-            condition, used = work_out(line[found.end() :], self.variables)
+            condition, used = self.variables.work_out(line[found.end() :])
             rest = line[found.end() + used :].strip()
             if rest.startswith("THEN"):
-                if condition and not assign(rest[4:].strip(), self.variables):
+                if condition and not self.variables.assign(rest[4:].strip()):
                     raise InputError(f"{unread} IF [..] THEN #1 = ..")
             elif not GOTO.match(rest):
                 raise InputError(f"{unread} IF [..] GOTO or THEN")
@@ -104,12 +103,12 @@ class MacroFlow:
                 self._control(rest)
             return True
         if found := GOTO.match(line):
-            number, used = work_out(found.group(1), self.variables)
+            number, used = self.variables.work_out(found.group(1))
             if number is None or number != int(number) or found.group(1)[used:].strip():
                 raise InputError(f"{unread} GOTO and the number of a block")
             self._jump(self._find_number(int(number)))
         elif found := WHILE.match(line):
-            if found.group(1) and not work_out(found.group(1), self.variables)[0]:
+            if found.group(1) and not self.variables.work_out(found.group(1))[0]:
                 self._jump(self._find_loop(self.flow.line, 1, found.group(2)) + 1)
         elif found := END_LOOP.match(line):
             self._jump(self._find_loop(self.flow.line - 2, -1, found.group(1)))
@@ -126,17 +125,6 @@ class MacroFlow:
                 return index
             index += step
         raise InputError(f"loop {label} has no {'END' if step > 0 else 'DO'} {label} in this program")
-
-    def call_name(self, line: str) -> tuple[str, int] | None:
-        """Return the subprogram that a line calls (L100 P3, or its name) and how often, None where it calls none."""
-        found = CALL.match(line)
-        if not found:
-            return None
-        called = found.group(1)
-        known = called in HARMLESS or called in TEXT or GEOMETRY.fullmatch(called)
-        if called not in self.flow.programs and (known or not self.flow.find_beside(called)):
-            return (called, 1) if re.fullmatch(r"L\d+", called) else None
-        return called, int(found.group(2) or 1)
 
     def call_number(self, values: Mapping[str, float], *, macro: bool = False, local: bool = False) -> None:
         """Carry out M98 and G65 (subprogram O number), and M97 (block N number of this program).

@@ -10,43 +10,24 @@ from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, CncBlock
-from compplan.toolpath.readers.frames import Frame, rotate, scale_about, shift, turn_about
+from compplan.toolpath.readers.frames import rotate, scale_about, shift, turn_about
 
 #: From this factor on, a scale P without a decimal point counts in thousandths.
 LEAST_THOUSANDTHS = 100.0
-#: Order in which frames act on a coordinate, from the word outwards.
-LAYERS = ("mirror", "scale", "rotation", "plane")
 
 
 class Layers:
-    """Hold the frames in force on top of the program's origin."""
+    """Put frames in force on top of the program's origin."""
 
     def __init__(self, it: Interpreter, origins: Origins) -> None:
         self.it, self.origins = it, origins
-        self.layers: dict[str, Frame] = {}
         self.mirrors: dict[int, float] = {}
         self.turned_to_plane = False
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand."""
-        whole = shift(*self.origins.zero)
-        for name in LAYERS:
-            if name in self.layers:
-                whole = self.layers[name].then(whole)
-        return whole
 
     @property
     def plane_axis(self) -> Point | None:
         """Axis of the tilted plane in force, None without one."""
-        return self.layers["plane"].turn(UP) if "plane" in self.layers else None
-
-    def set(self, **layers: Frame | None) -> None:
-        """Put frames in force or out of it."""
-        for name, layer in layers.items():
-            self.layers.pop(name, None)
-            if layer is not None:
-                self.layers[name] = layer
-        self.it.set_frame()
+        return self.it.frames["plane"].turn(UP) if self.it.tilted else None
 
     def _find_centre(self, block: CncBlock, letters: str = AXES) -> Point:
         """Return the centre of a rotation or scale: coordinates of the block, the tool's place where there is none."""
@@ -64,7 +45,7 @@ class Layers:
     def rotate(self, block: CncBlock) -> None:
         """Carry out G68: a turn by R degrees in the plane in force, counter-clockwise."""
         values, plane = block.values, self.it.state.plane
-        if "plane" in self.layers and not values.keys().isdisjoint("IJK"):
+        if self.it.tilted and not values.keys().isdisjoint("IJK"):
             raise InputError("G68 in space within a tilted plane is not read; post-process without it")
         if "R" not in values or not values.keys().isdisjoint("IJK"):
             raise InputError("G68 has no angle R in the plane, other forms of it are not read; post-process without it")
@@ -72,7 +53,7 @@ class Layers:
             raise InputError("G68 in G91 has two meanings, state it in G90")
         axis = DEEP_AXIS[plane]
         centre = self._find_centre(block, "".join(letter for letter in AXES if letter != AXES[axis]))
-        self.set(rotation=turn_about(centre, rotate(axis, values["R"])))
+        self.it.put(rotation=turn_about(centre, rotate(axis, values["R"])))
 
     def scale(self, block: CncBlock) -> None:
         """Carry out G51: P scales all axes, I J K each its own; whole numbers from 100 on count in thousandths."""
@@ -83,7 +64,7 @@ class Layers:
                 scales[number] = scale * 1e-3
         if any(abs(scale) < 1e-4 or abs(scale) > LEAST_THOUSANDTHS for scale in scales):
             raise InputError(f"G51 scales by {scales}, expected factors from 0.0001 to 100")
-        self.set(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
+        self.it.put(scale=scale_about(self._find_centre(block), (scales[0], scales[1], scales[2])))
 
     def mirror(self, code: float, block: CncBlock) -> None:
         """Carry out G51.1 (mirror about X.. Y.. Z..) and G50.1 (take mirrors back)."""
@@ -96,7 +77,7 @@ class Layers:
         at = [self.mirrors.get(axis, 0.0) for axis in range(3)]
         sense = [-1.0 if axis in self.mirrors else 1.0 for axis in range(3)]
         centre, senses = (at[0], at[1], at[2]), (sense[0], sense[1], sense[2])
-        self.set(mirror=scale_about(centre, senses) if self.mirrors else None)
+        self.it.put(mirror=scale_about(centre, senses) if self.mirrors else None)
 
     def tilt(self, block: CncBlock) -> None:
         """Carry out G68.2: origin X Y Z, and I J K as Euler angles z x' z'', or with P1 as turns about fixed X Y Z."""
@@ -107,7 +88,7 @@ class Layers:
         order = ((2, k), (1, j), (0, i)) if form == 1.0 else ((2, i), (0, j), (2, k))
         turn = rotate(*order[0]).then(rotate(*order[1])).then(rotate(*order[2]))
         x, y, z = (values.get(letter, 0.0) * self.it.state.scale for letter in AXES)
-        self.set(plane=shift(x, y, z).then(turn_about(self.origins.zero, turn)), rotation=None)
+        self.it.put(plane=shift(x, y, z).then(turn_about(self.origins.zero, turn)), rotation=None)
         self.turned_to_plane = False
 
     def turn_to_plane(self, code: float, *, stays: bool) -> None:

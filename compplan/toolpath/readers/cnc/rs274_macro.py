@@ -1,4 +1,4 @@
-"""Macro variables and expressions of G-code (Fanuc, Haas, LinuxCNC): #1 = [#2 + 3] * SIN[30], X#1, conditions."""
+"""Macros of G-code (Fanuc, Haas, LinuxCNC): #1 = [#2 + 3] * SIN[30], X#1, conditions."""
 
 from __future__ import annotations
 
@@ -7,17 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from compplan.toolpath.readers.cnc.expressions import (
-    Grammar,
-    Parser,
-    Value,
-    acos_deg,
-    asin_deg,
-    cos_deg,
-    need,
-    sin_deg,
-    tan_deg,
-)
+from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, Parser, Value, need
 
 #: Greatest number of variables, and greatest distance of a result from 0.
 MOST_VARIABLES = 10_000
@@ -27,68 +17,56 @@ WORD_START = re.compile(r"([A-Z,])\s*=?\s*([-+]?)\s*(?=[#\[])")
 ASSIGNMENT = re.compile(r"\s*(#[^=]*?)\s*=\s*")
 
 
-class MacroError(ValueError):
-    """Tell why an expression cannot be worked out."""
-
-
 def _finite(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
     """Return an operator on values that may be vacant, whose result is bounded."""
 
     def work(left: Value, right: Value) -> float:
         value = rule(need(left), need(right))
         if not abs(value) < GREATEST:
-            raise MacroError(f"an expression gives {value:g}, less than {GREATEST:g} is allowed")
+            raise ValueError(f"an expression gives {value:g}, less than {GREATEST:g} is allowed")
         return value
 
     return work
-
-
-def _equal(left: Value, right: Value) -> bool:
-    """Return whether two values are equal; a vacant variable equals another vacant one alone."""
-    return left == right
 
 
 def _logic(name: str, rule: Callable[[bool, bool], bool]) -> Callable[[Value, Value], float]:
     def work(left: Value, right: Value) -> float:
         one, other = need(left), need(right)
         if {one, other} - {0.0, 1.0}:
-            raise MacroError(f"{name} of {one:g} and {other:g}, of conditions only it has one meaning")
+            raise ValueError(f"{name} of {one:g} and {other:g}, of conditions only it has one meaning")
         return float(rule(bool(one), bool(other)))
 
     return work
 
 
-def _divide(rule: Callable[[float, float], float]) -> Callable[[Value, Value], float]:
-    def work(left: float, right: float) -> float:
-        if right == 0.0:
-            raise MacroError("division by 0")
-        return rule(left, right)
-
-    return _finite(work)
+def _divide(left: float, right: float) -> float:
+    if right == 0.0:
+        raise ValueError("division by 0")
+    return left / right
 
 
 def _power(left: float, right: float) -> float:
     try:
         return math.pow(left, right)
     except (ValueError, OverflowError):
-        raise MacroError(f"{left:g} ** {right:g} has no value") from None
+        raise ValueError(f"{left:g} ** {right:g} has no value") from None
 
 
+#: A vacant variable equals another vacant one alone, and counts as 0 in arithmetic.
 GRAMMAR = Grammar(
     functions={
-        "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
-        "ATAN": (2, lambda y, x=None: math.degrees(math.atan(y) if x is None else math.atan2(y, x))),
-        "SQRT": (1, math.sqrt), "SQR": (1, math.sqrt), "ABS": (1, abs), "LN": (1, math.log), "EXP": (1, math.exp),
+        **FUNCTIONS, "ATAN": (2, lambda y, x=None: math.degrees(math.atan(y) if x is None else math.atan2(y, x))),
+        "SQR": (1, math.sqrt), "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, _power),
         "ROUND": (1, lambda x: math.copysign(math.floor(abs(x) + 0.5), x)), "RND": (1, lambda x: math.floor(x + 0.5)),
-        "FIX": (1, math.floor), "FUP": (1, math.ceil), "POW": (2, _power),
     },
     operators={
-        "EQ": (1, lambda a, b: float(_equal(a, b))), "NE": (1, lambda a, b: float(not _equal(a, b))),
+        "EQ": (1, lambda a, b: float(a == b)), "NE": (1, lambda a, b: float(a != b)),
         "GT": (1, lambda a, b: float(need(a) > need(b))), "LT": (1, lambda a, b: float(need(a) < need(b))),
         "GE": (1, lambda a, b: float(need(a) >= need(b))), "LE": (1, lambda a, b: float(need(a) <= need(b))),
         "+": (2, _finite(lambda a, b: a + b)), "-": (2, _finite(lambda a, b: a - b)),
         "OR": (2, _logic("OR", lambda a, b: a or b)), "XOR": (2, _logic("XOR", lambda a, b: a != b)),
-        "*": (3, _finite(lambda a, b: a * b)), "/": (3, _divide(lambda a, b: a / b)), "MOD": (3, _divide(math.fmod)),
+        "*": (3, _finite(lambda a, b: a * b)), "/": (3, _finite(_divide)),
+        "MOD": (3, _finite(lambda a, b: math.fmod(a, b) if b else _divide(a, b))),
         "AND": (3, _logic("AND", lambda a, b: a and b)), "**": (4, _finite(_power)),
     },
     token=re.compile(
@@ -109,96 +87,58 @@ class Variables:
 
     def _home(self, name: str) -> dict[str, float]:
         """Return where a variable is kept."""
-        number = int(name) if name.isdigit() else None
-        private = (number is not None and number <= 33) or (number is None and not name.startswith("_"))
+        private = int(name) <= 33 if name.isdigit() else not name.startswith("_")
         return self.local[-1] if private else self.shared
 
-    def get(self, name: str, indices: tuple[float, ...] = ()) -> float | None:
-        """Return a variable, None where it is vacant (#0, and locals of a called macro that no argument set).
-
-        Raises:
-            MacroError: If nothing in the file has set it.
-
-        """
+    def get(self, name: str, indices: tuple[float, ...] = ()) -> Value:
+        """Return a variable, None where it is vacant (#0, and locals of a called macro that no argument set)."""
         value = self._home(name).get(name)
         if value is None and name != "0" and not (len(self.local) > 1 and name.isdigit() and int(name) <= 33):
             shown = f"#{name}" if name.isdigit() else f"#<{name}>"
-            raise MacroError(f"{shown} is read before the file has set it")
+            raise ValueError(f"{shown} is read before the file has set it")
         return value
 
-    def set(self, name: str, value: float | None) -> None:
-        """Give a variable a value; None makes it vacant.
-
-        Raises:
-            MacroError: If it is #0, one of the control's own, or one too many.
-
-        """
+    def set(self, name: str, value: Value) -> None:
+        """Give a variable a value; None makes it vacant."""
         if name == "0" or (name.isdigit() and int(name) >= 1000):
-            raise MacroError(f"#{name} belongs to the control, the file may set #1 to #999")
+            raise ValueError(f"#{name} belongs to the control, the file may set #1 to #999")
         home = self._home(name)
         if value is None:
             home.pop(name, None)
             return
         home[name] = value
         if len(home) > MOST_VARIABLES:
-            raise MacroError(f"more than {MOST_VARIABLES} variables are set")
+            raise ValueError(f"more than {MOST_VARIABLES} variables are set")
 
-
-def work_out(text: str, variables: Variables) -> tuple[Value, int]:
-    """Return the value of the expression at the beginning of a text, and where it ends.
-
-    Raises:
-        MacroError: If it cannot be worked out.
-
-    """
-    parser = Parser(text, 0, GRAMMAR, variables.get)
-    try:
+    def work_out(self, text: str) -> tuple[Value, int]:
+        """Return the value of the expression at the beginning of a text, and where it ends."""
+        parser = Parser(text, 0, GRAMMAR, self.get)
         return parser.parse_all(), parser.place
-    except ValueError as fault:
-        raise MacroError(str(fault)) from None
 
-
-def assign(line: str, variables: Variables) -> bool:
-    """Carry out the assignments of a line (#1 = 5 #2 = #1); return whether it is nothing else.
-
-    Raises:
-        MacroError: If one of them cannot be worked out.
-
-    """
-    place = 0
-    results: list[tuple[str, Value]] = []
-    try:
+    def assign(self, line: str) -> bool:
+        """Carry out the assignments of a line (#1 = 5 #2 = #1); return whether it is nothing else."""
+        place = 0
+        results: list[tuple[str, Value]] = []
         while found := ASSIGNMENT.match(line, place):
-            name = Parser(found.group(1), 0, GRAMMAR, variables.get).read_name()
-            value, used = work_out(line[found.end() :], variables)
+            name = Parser(found.group(1), 0, GRAMMAR, self.get).read_name()
+            value, used = self.work_out(line[found.end() :])
             place = found.end() + used
             results.append((name, value))
-    except ValueError as fault:
-        raise MacroError(str(fault)) from None
-    if line[place:].strip():
-        return False
-    for name, value in results:  # those of one line count from before it
-        variables.set(name, value)
-    return bool(results)
+        if line[place:].strip():
+            return False
+        for name, value in results:  # those of one line count from before it
+            self.set(name, value)
+        return bool(results)
 
-
-def spell_out(line: str, variables: Variables) -> str:
-    """Return a block with numbers in place of variables and expressions; words with a vacant variable are left out.
-
-    Raises:
-        MacroError: If one cannot be worked out.
-
-    """
-    parts: list[str] = []
-    place = 0
-    while found := WORD_START.search(line, place):
-        parts.append(line[place : found.start()])
-        parser = Parser(line[found.end() :], 0, GRAMMAR, variables.get)
-        try:
+    def spell_out(self, line: str) -> str:
+        """Return a block with numbers in place of its expressions; words with a vacant variable are left out."""
+        parts: list[str] = []
+        place = 0
+        while found := WORD_START.search(line, place):
+            parts.append(line[place : found.start()])
+            parser = Parser(line[found.end() :], 0, GRAMMAR, self.get)
             value = parser.operand()
-        except (ValueError, OverflowError) as fault:
-            raise MacroError(str(fault)) from None
-        place = found.end() + parser.place
-        if value is not None:
-            parts.append(f"{found.group(1)}{-value if found.group(2) == '-' else value:.12f} ")
-    return "".join([*parts, line[place:]])
+            place = found.end() + parser.place
+            if value is not None:
+                parts.append(f"{found.group(1)}{-value if found.group(2) == '-' else value:.12f} ")
+        return "".join([*parts, line[place:]])

@@ -15,7 +15,7 @@ from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.interpreter import MOTIONS, MOVING, Code, Interpreter, ignore, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
-from compplan.toolpath.readers.cnc.rs274_words import HARMLESS, VALUES
+from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS, VALUES
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
 from compplan.toolpath.readers.cnc.sinumerik_lexer import (
@@ -26,7 +26,6 @@ from compplan.toolpath.readers.cnc.sinumerik_lexer import (
     cut_comment,
     read_brackets,
     split_block,
-    split_plain,
 )
 from compplan.toolpath.readers.cnc.state import (
     AXES,
@@ -40,8 +39,7 @@ from compplan.toolpath.readers.cnc.state import (
 )
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
-from compplan.toolpath.readers.options import CamTable
-from compplan.toolpath.readers.start import refuse_unit
+from compplan.toolpath.readers.options import CamTable, refuse_unit
 
 #: Lengths of a motion block; addresses that say nothing of the path.
 LENGTHS = (*AXES, *"IJK", *MIDDLES, "CR", "RP")
@@ -64,14 +62,13 @@ class Sinumerik:
     """Carry out a Sinumerik program."""
 
     tip_word = "TRAORI"
+    frames: tuple[str, ...] = ("shift", "plane", "program", "origin")
     ends = frozenset({2.0, 17.0, 30.0})
     silent = frozenset(map(float, (6, 40, 41, 42, 43, 44, 45, 70, 19, 10, 11, 21, 22)))
 
     def __init__(self, file: Path, options: CamTable) -> None:
         scale = INCH if options.unit == "inch" else 1.0
-        #: Frames of TRANS and ROT, and of a swivelled plane.
-        self.program, self.swivel = Frame(), Frame()
-        self.swivelled = self.stated = False
+        self.stated = False
         self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
         self.origins = Origins(self.it)
         self.values = SinumerikVariables(self.it.unknown)
@@ -81,25 +78,19 @@ class Sinumerik:
 
     def run(self, text: str) -> None:
         """Read the first main program of a file."""
-        program = self.flow.find_programs(split_lines(text), self.it.file)
-        self.it.run(program, self.origins.check_used)
-
-    @property
-    def tilted(self) -> bool:
-        """Whether a swivelled plane is in force."""
-        return self.swivelled
-
-    def find_frame(self) -> Frame:
-        """Return where the coordinates of the program stand, rotary axes aside."""
-        return self.swivel.then(self.program)
+        self.it.run(lambda: self.flow.find_programs(split_lines(text), self.it.file), self.origins.check_used)
 
     def square(self) -> Point:
         """Return the tool axis where all rotary axes stand at 0."""
-        return self.swivel.turn(PLANE_NORMALS[17])
+        return self.point_square(17)
+
+    def point_square(self, plane: int) -> Point:
+        """Return the tool axis of G17 to G19 in the swivelled plane in force."""
+        return self.it.frames.get("plane", Frame()).turn(PLANE_NORMALS[plane])
 
     def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
         """Take the axis of a swivelled plane where rotary axes are positioned in it."""
-        if not self.swivelled or self.it.state.tip_control:
+        if not self.it.tilted or self.it.state.tip_control:
             return False, None
         self.it.note("A B C in a swivelled plane position the rotary axes as the plane asks: its axis is taken")
         return True, None
@@ -132,12 +123,10 @@ class Sinumerik:
             text = text[label.end() :]
         if not text:
             return index + 1
-        block = split_plain(text)
-        if block is None:
-            if word := FLOW.match(text):
-                return self.flow.run_flow(word.group(1), text, raw, program, index)
-            values = self.values
-            block = split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
+        if word := FLOW.match(text):
+            return self.flow.run_flow(word.group(1), text, raw, program, index)
+        values = self.values
+        block = split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
         ended = self.run_block(block, raw)
         it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1
@@ -282,9 +271,8 @@ class Sinumerik:
             step = stretch(factors[0], factors[0], factors[0])
         else:
             step = stretch(*(-1.0 if letter in values else 1.0 for letter in AXES))
-        self.program = self.program.then(step) if word.startswith("A") else step
         self.it.contour.refuse_open()
-        self.it.set_frame()
+        self.it.put(program=self.it.frames.get("program", Frame()).then(step) if word.startswith("A") else step)
 
     def _find_rotation(self, values: dict[str, float], numbers: list[float]) -> Frame:
         """Return a rotation: in the plane (RPL), or about Z, then the new Y, then the new X."""
@@ -293,7 +281,7 @@ class Sinumerik:
             if len(values) > 1:
                 raise InputError("RPL beside rotations about axes is not read")
             return rotate(deep, values["RPL"])
-        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.swivelled:
+        if any(numbers[axis] for axis in range(3) if axis != deep) and not self.it.tilted:
             self.it.note("ROT tilts the coordinates; the tool axis stays until rotary axes or CYCLE800 turn it")
         return rotate(2, numbers[2]).then(rotate(1, numbers[1])).then(rotate(0, numbers[0]))
 
@@ -315,10 +303,9 @@ class Sinumerik:
             turn = turn.then(rotate(axis, angle)) if angle else turn
         k = self.it.state.scale
         step = shift(x0 * k, y0 * k, z0 * k).then(turn).then(shift(x1 * k, y1 * k, z1 * k))
-        self.swivel = self.swivel.then(self.program).then(step) if status % 10 == 1 else step
-        self.swivelled, self.program = not self.swivel.plain, Frame()
-        self.it.set_frame()
-        self.it.course.aim(self.swivel.turn(PLANE_NORMALS[self.it.state.plane]))
+        step = self.it.find_frame().then(step) if status % 10 == 1 else step
+        self.it.put(shift=step if step.plain else None, plane=None if step.plain else step, program=None)
+        self.it.course.aim(self.point_square(self.it.state.plane))
 
 
 def set_motion(dialect: Sinumerik, block: CncBlock, code: float | str) -> None:

@@ -5,25 +5,12 @@ from __future__ import annotations
 import math
 import re
 
-from compplan.toolpath.readers.cnc.expressions import (
-    Grammar,
-    Lookup,
-    acos_deg,
-    asin_deg,
-    cos_deg,
-    evaluate,
-    evaluate_at,
-    sin_deg,
-    tan_deg,
-)
+from compplan.toolpath.readers.cnc.expressions import FUNCTIONS, Grammar, Lookup, evaluate, evaluate_at
 from compplan.toolpath.readers.cnc.state import CncBlock
 from compplan.toolpath.readers.lines import DECIMAL
 from compplan.toolpath.readers.lines import cut_comment as cut_after
 
 NUMBER = rf"{DECIMAL}(?:EX[-+]?\d+)?"
-#: A block that holds nothing but letters with numbers; most blocks of CAM systems do.
-PLAIN = re.compile(rf"(?:[A-Z]\s*=?\s*{DECIMAL}(?![\d.]|\s*[=(\[])\s*)+")
-PLAIN_WORD = re.compile(rf"([A-Z])\s*=?\s*({DECIMAL})")
 LETTER = re.compile(rf"([A-Z])\s*({NUMBER})(?![\d.]|\s*[=(\[])")
 EXTENDED = re.compile(r"([A-Z])(\d{1,4})\s*=\s*")
 NAMED = re.compile(r"([$A-Z_][$\w]*)\s*", re.ASCII)
@@ -37,12 +24,10 @@ QUOTED = re.compile(r'"[^"]*"')
 
 GRAMMAR = Grammar(
     functions={
-        "SIN": (1, sin_deg), "COS": (1, cos_deg), "TAN": (1, tan_deg), "ASIN": (1, asin_deg), "ACOS": (1, acos_deg),
-        "ATAN2": (2, lambda y, x: math.degrees(math.atan2(y, x))),
-        "SQRT": (1, math.sqrt), "POT": (1, lambda x: x * x), "ABS": (1, abs),
+        **FUNCTIONS, "ATAN2": (2, lambda y, x: math.degrees(math.atan2(y, x))), "POT": (1, lambda x: x * x),
         "TRUNC": (1, lambda x: float(math.trunc(x))), "ROUND": (1, lambda x: math.floor(x + 0.5)),
-        "ROUNDUP": (1, lambda x: float(math.ceil(x))), "LN": (1, math.log), "EXP": (1, math.exp),
-        "MINVAL": (2, min), "MAXVAL": (2, max), "BOUND": (3, lambda low, high, x: min(max(x, low), high)),
+        "ROUNDUP": (1, lambda x: float(math.ceil(x))), "MINVAL": (2, min), "MAXVAL": (2, max),
+        "BOUND": (3, lambda low, high, x: min(max(x, low), high)),
     },
     operators={
         "OR": (1, lambda a, b: float(bool(a) or bool(b))), "XOR": (2, lambda a, b: float(bool(a) != bool(b))),
@@ -100,29 +85,6 @@ class SinumerikVariables:
     def evaluate(self, text: str) -> float:
         """Return the value of an expression."""
         return evaluate(text, GRAMMAR, self.look_up)
-
-
-def split_plain(text: str) -> CncBlock | None:
-    """Return the words of a block that holds letters with numbers alone, None of others.
-
-    Raises:
-        ValueError: If an address stands twice.
-
-    """
-    if not PLAIN.fullmatch(text):
-        return None
-    words = CncBlock()
-    values = words.values
-    for letter, number in PLAIN_WORD.findall(text):
-        if letter == "G":
-            words.codes.append(float(number))
-        elif letter == "M":
-            words.machine.append(float(number))
-        elif letter in values:
-            raise ValueError(f"word {letter} stands twice in this block, expected once")
-        else:
-            values[letter] = float(number)
-    return words
 
 
 def split_block(text: str, lookup: Lookup, variables: set[str]) -> CncBlock:

@@ -1,12 +1,14 @@
-"""Modal state of a CNC program: modes, unit, feed, spindle, tool. Millimetres throughout."""
+"""A block of a CNC program, its modal state (modes, unit, feed, spindle, tool; millimetres), what a dialect gives."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc.flow import CncProgram
 
 AXES, LETTERS = "XYZ", "ABC"
 INCH = 25.4
@@ -136,3 +138,28 @@ class State:
         pole, (first, second) = self.pole or (0.0, 0.0, 0.0), PLANE_AXES[plane]
         dx, dy = place[first] - pole[first], place[second] - pole[second]
         return {"RP": math.hypot(dx, dy) / self.scale, "AP": math.degrees(math.atan2(dy, dx))}
+
+
+class Dialect(Protocol):
+    """What a dialect gives its interpreter.
+
+    `tip_word` is what it calls control of the tip, where cuts that turn axes without it are not read, else "";
+    `frames` the names of its frames, the outermost first, that of a tilted plane is "plane".
+    """
+
+    tip_word: str
+    frames: tuple[str, ...]
+    silent: frozenset[float]
+    ends: frozenset[float]
+
+    def square(self) -> Point:
+        """Return the tool axis where all rotary axes stand at 0."""
+        ...
+
+    def turn_in_plane(self, block: CncBlock) -> tuple[bool, Point | None]:
+        """Tell whether rotary words are those of a tilted plane, and the tool axis then."""
+        ...
+
+    def run_line(self, program: CncProgram, index: int) -> int:
+        """Carry out a line; return the next one, or END."""
+        ...
