@@ -1,10 +1,10 @@
 """Robots of a study, drawn from the uncertainty of the robot folder.
 
 A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
-one coordinate for each cause with rivals picks by their weights; and one of what no parameter explains. Compliances of
-driven springs, zeros, lost motion and gear waves act where the samples have them,
-so that encoders see them; everything else moves the tip to first order. Where a measured part taught force and robot
-together, level and turns of the force go with the parameters, as in the promise.
+one coordinate for each cause with rivals picks by their weights; and one of what the parameters leave unexplained.
+Compliances of driven springs, zeros, lost motion and gear waves act where the samples have them, so that encoders see
+them; everything else moves the tip to first order. Where force and robot were learned from a measured part together,
+level and turns of the force go with the parameters, as in the error band.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
 def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
     """Find where the parameters of a task's robot act; `travel`: direction of travel of each joint, shape (nq, n).
 
-    `force` is how surely the force is known where measured parts said it, or None.
+    `force` is uncertainty of the force where measured parts said it, or None.
     """
     known = robot_uncertainty(task.robot)
     found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_alternatives(known))
