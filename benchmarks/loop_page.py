@@ -12,7 +12,7 @@ from compplan.io.palette import CATEGORIES
 from compplan.io.quantities import format_length, format_percent
 from compplan.io.tables import write_text
 from compplan.reporting.charts import Figure
-from compplan.reporting.page import Block, Cell, Chart, Provenance, Row, Section, Table, render_page
+from compplan.reporting.page import Block, Cell, Chart, DataTable, Provenance, Row, Section, render_page
 
 #: Programs of a shop, by folder, and what people call them.
 ROUNDS = {
@@ -107,7 +107,7 @@ def _draw(shops: Sequence[ShopResult], before: str, after: str) -> Figure:
     return figure
 
 
-def _table(shops: Sequence[ShopResult]) -> Table:
+def _table(shops: Sequence[ShopResult]) -> DataTable:
     rows: list[Row] = []
     for shop in shops:
         row: Row = [shop.seed, shop.robot]
@@ -121,4 +121,4 @@ def _table(shops: Sequence[ShopResult]) -> Table:
     columns = ["shop", "robot"]
     for words in ROUNDS.values():
         columns += [f"{words} [mm]", "band [mm]", "held"]
-    return Table([*columns, "hidden"], rows, "True rms, widest band, share of tips held.", scroll=24)
+    return DataTable([*columns, "hidden"], rows, "True rms, widest band, share of tips held.", scroll=24)

@@ -121,12 +121,7 @@ def settle_questions(
 ) -> list[str]:
     """Return the questions that a log raises before anything is fitted, as sentences, where they are assumed answered.
 
-    Args:
-        robot: The nominal robot.
-        campaign: What was measured.
-        parts: Frames that are fitted.
-        assume_ok: Whether every question is taken as answered.
-        events: Whether what follows models events of the campaign: they are stated then and not asked about.
+    `events`: whether what follows models events of the campaign: they are stated then and not asked about.
 
     Raises:
         InputError: With the first question that is not answered.

@@ -58,13 +58,9 @@ class Stations:
 
 
 def place_stations(position: Array, time: Array, cut: NDArray[np.bool_], failures: Iterable[int] = ()) -> Stations:
-    """Return where the waypoints of a path are; what is not in the cut is shaded.
+    """Return where the waypoints of a path are; what is not in the cut is shaded, failures are marked.
 
-    Args:
-        position: Wanted tip. Shape (n, 3). [m]
-        time: Time of each waypoint. Shape (n,). [s]
-        cut: Waypoints that are judged. Shape (n,).
-        failures: Waypoints to mark.
+    position: wanted tip, shape (n, 3) [m]; time: shape (n,) [s]; cut: waypoints that are judged, shape (n,).
     """
     length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))]
     spans = find_spans(~cut)
@@ -79,7 +75,7 @@ def find_spans(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1])
 
 
-class Panel(NamedTuple):
+class PathPanel(NamedTuple):
     """One small chart of quantities along a path.
 
     Attributes:
@@ -100,19 +96,13 @@ class Panel(NamedTuple):
 
 
 def draw_panels(
-    stations: Stations, panels: Sequence[Panel], *, columns: int = 1, shared: str = "x",
+    stations: Stations, panels: Sequence[PathPanel], *, columns: int = 1, shared: str = "x",
     colours: Sequence[str] = CATEGORIES, shaded: bool = True, gaps: tuple[float, float] | None = None,
 ) -> Figure:  # fmt: skip
-    """Draw small charts of quantities along a path.
+    """Draw small charts of quantities along a path, row by row.
 
-    Args:
-        stations: Where the waypoints are.
-        panels: The charts, row by row.
-        columns: Charts in a row.
-        shared: Axis that the charts share, "" for none.
-        colours: One a series.
-        shaded: Whether the intervals that the stations name are shaded.
-        gaps: Share of width and height between charts.
+    `shared`: the axis that charts share, "" for none; `colours`: one a series; `gaps`: share of width and height
+    between charts; `shaded`: whether the intervals that the stations name are shaded.
     """
     lines = -(-len(panels) // columns)
     figure = Figure(
@@ -143,7 +133,7 @@ def draw_panels(
 
 
 def _add_lines(
-    figure: Figure, stations: Stations, panel: Panel, number: int, colours: Sequence[str], limit: int
+    figure: Figure, stations: Stations, panel: PathPanel, number: int, colours: Sequence[str], limit: int
 ) -> None:
     """Add the series of a panel, thinned, with waypoint and time on hovering."""
     rows = thin_rows(list(panel.series.values()), limit)
@@ -162,20 +152,13 @@ def draw_lines(
     stations: Stations, series: Mapping[str, Array], unit: str, *, title: str, colours: Sequence[str] = CATEGORIES,
     log: bool = False, limit: tuple[float, str] | None = None, zero: bool = False,
 ) -> Figure:  # fmt: skip
-    """Draw series along the path on one axis.
+    """Draw series along the path on one axis, already in the unit shown, shape (n,) each.
 
-    Args:
-        stations: Where the waypoints are.
-        series: Values by name, already in the unit shown. Shape (n,) each.
-        unit: The unit shown.
-        title: Title of the vertical axis, without unit.
-        colours: One a series.
-        log: Whether the axis is logarithmic; the unit is then mm.
-        limit: A level to mark by a dashed line, and what it is called.
-        zero: Whether the axis starts at zero.
+    `log`: a logarithmic axis, the unit is then mm; `limit`: a level to mark, and what it is called; `zero`: the axis
+    starts at zero.
     """
     label = title if log or not unit else f"{title}, {unit}"
-    figure = draw_panels(stations, [Panel(series, label, unit)], colours=colours)
+    figure = draw_panels(stations, [PathPanel(series, label, unit)], colours=colours)
     if log:
         use_decades(figure, "y", *_span_positive(series.values()))
     if zero:
@@ -198,17 +181,13 @@ def draw_strategies(
 ) -> Figure:
     """Draw deviations along the path, one small chart a strategy, all with the same axes.
 
-    Args:
-        stations: Where the waypoints are.
-        deviations: By title of the chart: series by name, the same names in each. Shape (n,) each. [mm]
-        tolerance: Level that is marked. [mm]
-        log: Whether the vertical axes are logarithmic.
+    deviations: by title of the chart, series by name, shape (n,) each [mm]; tolerance: level that is marked [mm].
     """
     together = [values for series in deviations.values() for values in series.values()]
     least, greatest = _span_positive(together)
     most = max(greatest, 1.3 * tolerance)
     label = "deviation" if log else "deviation, mm"
-    panels = [Panel(series, label, "mm", name, (0.0, 1.06 * most)) for name, series in deviations.items()]
+    panels = [PathPanel(series, label, "mm", name, (0.0, 1.06 * most)) for name, series in deviations.items()]
     figure = draw_panels(stations, panels, columns=min(COLUMNS, len(panels)), shared="y")
     figure.level(tolerance, width=1.2)
     if log:
@@ -227,13 +206,7 @@ def draw_joints(
 ) -> Figure:
     """Draw each joint's position between its limits, one small chart a joint.
 
-    Args:
-        stations: Where the waypoints are.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        lower: Lower limits. Shape (nq,). [rad or m]
-        upper: Upper limits. Shape (nq,). [rad or m]
-        names: Names of the joints.
-        slides: Which joints are prismatic. Shape (nq,).
+    q: commanded positions, shape (n, nq); lower, upper: limits, shape (nq,) [rad or m]; slides: which are prismatic.
     """
     panels = []
     for k, name in enumerate(names):
@@ -249,7 +222,7 @@ def draw_joints(
         sides = ((bottom - room, low), (high, top + room))
         beyond = [(start, end) for start, end in sides if np.isfinite([start, end]).all() and end > start]
         title = f'<b>{name}</b><br><span style="font-size: 11px">{text}</span>'
-        panels.append(Panel({name: values}, unit, unit, title, (bottom - room, top + room), beyond))
+        panels.append(PathPanel({name: values}, unit, unit, title, (bottom - room, top + room), beyond))
     gaps = (0.075, 0.26 / -(-len(names) // COLUMNS) + 0.04)
     figure = draw_panels(stations, panels, columns=COLUMNS, shared="", shaded=False, gaps=gaps)
     figure.axis("y", nticks=6)
@@ -259,9 +232,7 @@ def draw_joints(
 def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[str]]]) -> Figure:
     """Draw rates as shares of their limits, one chart a rate, one line a joint.
 
-    Args:
-        stations: Where the waypoints are.
-        shares: By rate ("velocity"): share of each joint's limit, shape (n, nq), 1 at the limit; and the joints' names.
+    shares: by rate ("velocity"), share of each joint's limit, shape (n, nq), and the joints' names.
     """
     panels = []
     for title, (share, names) in shares.items():
@@ -269,19 +240,16 @@ def draw_shares(stations: Stations, shares: Mapping[str, tuple[Array, Sequence[s
         top = max(1.2 * used, 1e-6) if used < NEAR_LIMIT else max(110.0, 1.05 * used)
         series = {name: 100 * share[:, k] for k, name in enumerate(names)}
         beyond = [(100.0, top)] if top > 100 else []
-        panels.append(Panel(series, f"{title}, % of limit", "%", "", (0.0, top), beyond))
+        panels.append(PathPanel(series, f"{title}, % of limit", "%", "", (0.0, top), beyond))
     return draw_panels(stations, panels, shaded=False)
 
 
 def draw_wrench(stations: Stations, wrench: Array) -> Figure:
-    """Draw the force on the tool, and its moment where there is one.
-
-    Args:
-        stations: Where the waypoints are.
-        wrench: Wrench of the environment on the tool at the tip, base axes. Shape (n, 6). [N, N m]
-    """
+    """Draw the wrench on the tool at its tip, base axes, shape (n, 6) [N, N m]; its moment where there is one."""
     force = {f"f{axis}": wrench[:, k] for k, axis in enumerate("xyz")}
     if not (np.abs(wrench[:, 3:]) > 1e-9).any():
         return draw_lines(stations, force, "N", title="force on the tool, base axes")
     moment = {f"m{axis}": wrench[:, 3 + k] for k, axis in enumerate("xyz")}
-    return draw_panels(stations, [Panel(force, "force, N", "N"), Panel(moment, "moment, N m", "N m")], shaded=False)
+    return draw_panels(
+        stations, [PathPanel(force, "force, N", "N"), PathPanel(moment, "moment, N m", "N m")], shaded=False
+    )

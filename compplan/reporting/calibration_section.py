@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from compplan.io.display import Curve, Curves
-from compplan.io.quantities import format_number, format_percent
+from compplan.io.quantities import format_percent
 from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
 
@@ -16,18 +16,14 @@ if TYPE_CHECKING:
     from compplan.diagnosis.results.accuracy import Assessment, Learning
     from compplan.diagnosis.results.calibration import Correction, Pose
 
-#: Regions that are listed as the worst.
-WORST_REGIONS = 3
 #: A change of less than this share of its half width is none: poses that see a parameter by noise alone give it more.
 UNSEEN = 0.01
 #: Digits behind the point, by unit.
 DIGITS = {"mm": 3, "deg": 4}
 
 
-def show_calibration(
-    assessment: Assessment, regions: Sequence[Mapping[str, Any]], joints: Sequence[str]
-) -> page.Section:
-    """Show what a diagnosis is worth to the one who calibrates; `regions`: `by_region` of the gap."""
+def show_calibration(assessment: Assessment, joints: Sequence[str]) -> page.Section:
+    """Show what a diagnosis is worth to the one who calibrates."""
     blocks: list[page.Block] = [page.Columns([[_accuracy(assessment)], _more_poses(assessment.learning)], (0.5, 0.5))]
     if assessment.corrections:
         zeros = [c for c in assessment.corrections if c.effect == "joint_offset"]
@@ -42,18 +38,20 @@ def show_calibration(
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
     blocks.append(_frames(assessment.frames))
-    blocks.append(page.Columns([[_regions(regions)], [_poses(assessment, joints)]], (0.5, 0.5)))
+    blocks.append(_poses(assessment, joints))
     return page.Section("For the controller", blocks)
 
 
-def _accuracy(assessment: Assessment) -> page.Table:
+def _accuracy(assessment: Assessment) -> page.DataTable:
     rows: list[page.Row] = []
     for name, word in (("before", "nominal model"), ("after", "delivered model, not in the fit")):
         a = assessment.accuracy[name]
         rows.append([word, *(1e3 * value for value in (a.mean, a.largest, a.three_sigma, a.rms))])
     poses = assessment.accuracy["before"].poses
     caption = f"Distance between command and mean attained position (AP of ISO 9283) over {poses} poses."
-    return page.Table(["pose accuracy", "mean [mm]", "largest [mm]", "mean + 3 sigma [mm]", "rms [mm]"], rows, caption)
+    return page.DataTable(
+        ["pose accuracy", "mean [mm]", "largest [mm]", "mean + 3 sigma [mm]", "rms [mm]"], rows, caption
+    )
 
 
 def _more_poses(learning: Learning | None) -> list[page.Block]:
@@ -73,7 +71,7 @@ def _more_poses(learning: Learning | None) -> list[page.Block]:
     return [page.Chart(draw_curves(Curves("", "poses given", "rms of the others [mm]", lines)), text, 260)]
 
 
-def _corrections(corrections: Sequence[Correction], caption: str) -> page.Table:
+def _corrections(corrections: Sequence[Correction], caption: str) -> page.DataTable:
     rows: list[page.Row] = []
     for c in corrections:
         if abs(c.value) < UNSEEN * (c.high - c.value):
@@ -82,10 +80,10 @@ def _corrections(corrections: Sequence[Correction], caption: str) -> page.Table:
         digits = DIGITS[c.unit]
         value = page.Cell(f"{c.value:.{digits}f}", "strong" if c.plain else "muted")
         rows.append([what, value, f"{c.low:.{digits}f} to {c.high:.{digits}f}", c.unit, "named" if c.named else ""])
-    return page.Table(["what", "change", "95 %", "unit", ""], rows, caption, 12)
+    return page.DataTable(["what", "change", "95 %", "unit", ""], rows, caption, 12)
 
 
-def _frames(frames: Sequence[Pose]) -> page.Table:
+def _frames(frames: Sequence[Pose]) -> page.DataTable:
     def show(values: Any, digits: int, sign: str = "") -> str:
         return "–" if values is None else sign + ", ".join(f"{v:.{digits}f}" for v in values)
 
@@ -97,21 +95,12 @@ def _frames(frames: Sequence[Pose]) -> page.Table:
         "Tool: TCP in the controller's flange frame. Base: robot base in the measurement frame. A, B, C turn about z, "
         "the new y and the new x; half widths are along and about the frame's own axes."
     )
-    return page.Table(["frame", "x, y, z [mm]", "95 % [mm]", "A, B, C [deg]", "95 % [deg]"], rows, caption)
+    return page.DataTable(["frame", "x, y, z [mm]", "95 % [mm]", "A, B, C [deg]", "95 % [deg]"], rows, caption)
 
 
-def _regions(regions: Sequence[Mapping[str, Any]]) -> page.Table:
-    rows: list[page.Row] = []
-    for e in sorted(regions, key=lambda entry: -float(entry["after_rms_mm"]))[:WORST_REGIONS]:
-        reach, height = (" to ".join(format_number(float(v), 4) for v in e[k]) for k in ("reach_mm", "height_mm"))
-        rows.append([reach, height, int(e["rows"]), float(e["rms_mm"]), float(e["after_rms_mm"])])
-    heads = ["reach [mm]", "height [mm]", "rows", "before [mm]", "after [mm]"]
-    return page.Table(heads, rows, "Worst regions, rms of the fitted rows.")
-
-
-def _poses(assessment: Assessment, joints: Sequence[str]) -> page.Table:
+def _poses(assessment: Assessment, joints: Sequence[str]) -> page.DataTable:
     rows: list[page.Row] = [
         [pose.row, ", ".join(f"{v:.1f}" for v in pose.joints), 1e3 * pose.distance] for pose in assessment.worst
     ]
     names = f"{joints[0]} … {joints[-1]}" if len(joints) > 1 else str(joints[0])
-    return page.Table(["row", f"{names} [deg or mm]", "not in the fit [mm]"], rows, "Worst poses.")
+    return page.DataTable(["row", f"{names} [deg or mm]", "not in the fit [mm]"], rows, "Worst poses.")

@@ -69,12 +69,7 @@ def write_log(campaign: PoseCampaign, file: Path) -> None:
 
 
 def sight_columns(sights: Observations | None, poses: int) -> dict[str, object]:
-    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose.
-
-    Args:
-        sights: What the instrument sees; None: positions.
-        poses: How many poses.
-    """
+    """Return the columns to fill in: positions, or what another instrument sees, in the second of two rows a pose."""
     empty = np.full(2 * poses, np.nan)
     if sights is None:
         return {f"{axis}_mm": empty for axis in "xyz"}
@@ -196,7 +191,7 @@ def _render(campaign: PoseCampaign) -> str:
         page.Section("What it brings", [_compare(campaign)], f"The 95 % band of the true tip {place}."),
         page.Section("Poses", [_draw_poses(campaign), _list_poses(campaign)],
                      "In the order of measuring. Approach each from the stated side, let it settle, then measure."),
-        page.Section("What remains", [page.Table(heads, rest or [["nothing stands out", None]])],
+        page.Section("What remains", [page.DataTable(heads, rest or [["nothing stands out", None]])],
                      "What would narrow the band most afterwards."),
     ]  # fmt: skip
     if campaign.stands:
@@ -204,7 +199,7 @@ def _render(campaign: PoseCampaign) -> str:
         stands = [[stand.label, *(float(v) for v in 1e3 * stand.place), stand.says] for stand in campaign.stands]
         columns = ["label", *(f"{name} [mm, 4]" for name in "xyz"), "put up"]
         about = "In the robot's base frame; within centimetres is enough where nothing else is said."
-        sections.insert(2, page.Section("Where it stands", [page.Table(columns, stands)], about))
+        sections.insert(2, page.Section("Where it stands", [page.DataTable(columns, stands)], about))
     warning = ""
     if len(campaign.touching):
         numbers = ", ".join(str(k + 1) for k in campaign.touching)
@@ -245,7 +240,7 @@ def _open(campaign: PoseCampaign) -> page.Summary:
     return page.Summary(verdict, tone, figures, page.Chart(chart, caption, 340), todo)
 
 
-def _compare(campaign: PoseCampaign) -> page.Table:
+def _compare(campaign: PoseCampaign) -> page.DataTable:
     count, designed = len(campaign.choice.rows), 1e3 * campaign.model_part(campaign.choice.covariance)
     rows: list[page.Row] = [
         ["now", 1e3 * campaign.model_part(campaign.start)],
@@ -253,7 +248,7 @@ def _compare(campaign: PoseCampaign) -> page.Table:
     ]
     sigma = f"{1e3 * campaign.design.sigma:g} mm per axis"
     caption = f"Instrument {sigma}."
-    return page.Table(["after", "band of the parameters alone, rms [mm]"], rows, caption)
+    return page.DataTable(["after", "band of the parameters alone, rms [mm]"], rows, caption)
 
 
 def _draw_poses(campaign: PoseCampaign) -> page.Chart:
@@ -266,7 +261,7 @@ def _draw_poses(campaign: PoseCampaign) -> page.Chart:
     return page.Chart(figure, "Dots: the tip at the poses, numbered. Line: the path.", 460)
 
 
-def _list_poses(campaign: PoseCampaign) -> page.Table:
+def _list_poses(campaign: PoseCampaign) -> page.DataTable:
     robot, poses = campaign.plan.robot, campaign.poses
     scale = np.where(robot.prismatic, 1e3, 180 / np.pi)
     rows: list[page.Row] = []
@@ -284,7 +279,7 @@ def _list_poses(campaign: PoseCampaign) -> page.Table:
     tip = [f"{name} [mm, 5]" for name in "xyz"]
     columns = ["pose", "worth", *joints, "joints come", "weight", "pull [base axes]", *tip]
     caption = "Worth: 1 brings the most. The tip's place is that of the loaded tip."
-    return page.Table(columns, rows, caption, scroll=24)
+    return page.DataTable(columns, rows, caption, scroll=24)
 
 
 def _describe_pull(pull: Array) -> str:

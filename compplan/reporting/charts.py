@@ -176,15 +176,9 @@ def draw_bars(
     names: Sequence[str], series: Mapping[str, Bars], title: str, *, level: float | None = None, dots: bool = False,
     hover: str = "%{x:.3g}",
 ) -> Figure:  # fmt: skip
-    """Draw horizontal bars, the first name on top.
+    """Draw horizontal bars, the first name on top; `dots` draws dots in their place.
 
-    Args:
-        names: One a row.
-        series: Bars by name; a single one needs no name.
-        title: Title of the horizontal axis.
-        level: Value that is marked by a dashed line.
-        dots: Whether dots are drawn in place of bars.
-        hover: Words shown on hovering.
+    `title` is that of the horizontal axis, `level` a value that a dashed line marks, `hover` what is shown on hovering.
     """
     figure = Figure()
     for name, bars in series.items():

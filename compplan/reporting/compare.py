@@ -185,7 +185,7 @@ def _show_cells(comparison: Comparison) -> page.Section:
     if drawn is not None:
         caption += f" Drawn robots: rms, median and its 95 % interval (what 95 % stay below); {drawn.source}."
     within = f"{own}: cut within {format_set_value(1e3 * tolerance)} mm"
-    table = page.Table(["strategy", *first, *cells, within], rows, caption)
+    table = page.DataTable(["strategy", *first, *cells, within], rows, caption)
     series = {}
     for number, cell in enumerate(wrong or [own]):
         rms, high = ([1e3 * getattr(run, key) for run in runs[cell].values()]

@@ -43,11 +43,11 @@ def render_toolpath(toolpath: Toolpath, facts: CamFacts) -> str:
     box: list[page.Row] = [[axis, low, high, high - low] for axis, low, high in sides]
     heads = ["axis", *(f"{title} [mm, 6]" for title in ("least", "greatest", "extent"))]
     sections = [
-        page.Section("Box of the cut", [page.Table(heads, box)], open=True),
+        page.Section("Box of the cut", [page.DataTable(heads, box)], open=True),
         page.Section("Tools", [_list_tools(toolpath, tools, number)], open=True),
     ]
     if facts.notes:
-        notes = page.Table(["number", "what"], [[k, note] for k, note in enumerate(facts.notes, start=1)])
+        notes = page.DataTable(["number", "what"], [[k, note] for k, note in enumerate(facts.notes, start=1)])
         sections.append(page.Section("Assumed or read past", [notes], open=True))
     origin = [("language", facts.kind), ("lines", str(facts.lines)), ("unit", facts.unit)]
     opening = page.Summary(verdict, tone, figures, scene, todo)
@@ -60,7 +60,7 @@ def render_refusal(camfile: Path, error: InputError) -> str:
     """Return the page of a CAM file that is refused: the line, why, and what to do."""
     place = f"line {error.where}" if error.where else camfile.name
     opening = page.Summary(f"{camfile.name} is refused.", "bad", next=f"{place}: {error.message}")
-    section = page.Section("Refused", [page.Table(["where", "what"], [[place, error.message]])], open=True)
+    section = page.Section("Refused", [page.DataTable(["where", "what"], [[place, error.message]])], open=True)
     return page.render_page(camfile.name, opening.verdict, [section], kind="CAM file", opening=opening)
 
 
@@ -75,7 +75,7 @@ def _number_tools(toolpath: Toolpath) -> tuple[list[str], Array]:
     return names, number
 
 
-def _list_tools(toolpath: Toolpath, tools: list[str], number: Array) -> page.Table:
+def _list_tools(toolpath: Toolpath, tools: list[str], number: Array) -> page.DataTable:
     steps, rows = np.r_[0.0, toolpath.steps], list[page.Row]()
     for k, name in enumerate(tools):
         own = ~toolpath.rapid & (number == k) & (steps > 0.0)
@@ -85,4 +85,4 @@ def _list_tools(toolpath: Toolpath, tools: list[str], number: Array) -> page.Tab
             rows.append([name, 1e3 * float(steps[own].sum()), float(feeds.min()), float(feeds.max()), deepest])
     columns = ["tool", "cut [mm, 5]", "least feed [mm/min, 4]",
                "greatest feed [mm/min, 4]", "least z [mm, 5]"]  # fmt: skip
-    return page.Table(columns, rows)
+    return page.DataTable(columns, rows)

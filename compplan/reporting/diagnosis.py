@@ -30,7 +30,6 @@ from compplan.reporting import page
 from compplan.reporting.calibration_section import show_calibration
 from compplan.reporting.effect_text import describe_change, describe_effect, describe_parameters, name_effect
 from compplan.reporting.gap_figures import (
-    draw_factors,
     draw_gap_shares,
     draw_histogram,
     draw_residuals,
@@ -63,13 +62,7 @@ def deliver_diagnosis(
 ) -> tuple[dict[str, Any], page.Summary]:
     """Find where the gap lies, what the folders are worth and what to measure next; write all of it.
 
-    Args:
-        diagnosis: The diagnosis.
-        out: The folder.
-        progress: Called with what is being done.
-
-    Returns:
-        What diagnosis.json holds, and the first screen of the page.
+    Returns what diagnosis.json holds, and the first screen of the page.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -90,13 +83,6 @@ def write_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment, table: Mapping[str, Any], out: Path
 ) -> dict[str, Any]:
     """Write diagnosis.json, report.html and the updated robot folders; return what diagnosis.json holds.
-
-    Args:
-        diagnosis: The diagnosis.
-        split: Where the gap lies.
-        assessment: What it is worth to the one who calibrates.
-        table: What `Diagnosis.to_table` gave.
-        out: The folder.
 
     Raises:
         InputError: If the folder cannot be written; nothing is written then.
@@ -144,7 +130,7 @@ def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: 
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _UsedRows:
     """The measured rows that count, as charts take them; k rows, base axes.
 
     Attributes:
@@ -165,28 +151,21 @@ class _Rows:
 def render_diagnosis(
     diagnosis: Diagnosis, split: Split, assessment: Assessment | None, table: Mapping[str, Any]
 ) -> str:
-    """Return the page of a diagnosis.
-
-    Args:
-        diagnosis: The diagnosis.
-        split: Where the gap lies.
-        assessment: What it is worth to the one who calibrates; left out of the page if None.
-        table: What diagnosis.json holds.
-    """
+    """Return the page of a diagnosis; `table` is what diagnosis.json holds, without `assessment` no advice is given."""
     campaign, before, after = diagnosis.fit.problem.campaign, diagnosis.residual_before, diagnosis.residual_after
     used = campaign.usable & np.isfinite(before).all(1) & np.isfinite(after).all(1)
     used[diagnosis.outliers] = False
-    rows = _Rows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
+    rows = _UsedRows(used, np.nan_to_num(campaign.q[used]), diagnosis.points[used], before[used], after[used])
     structure, robot, kind = words.describe_structure(diagnosis), diagnosis.robot, diagnosis.deliveries[0].kind
     verdict, gap, steps = table["verdict"], table["gap"], table["next_measurement"]
     taken_up = words.reaches_noise(gap, kind)
     sections = [
         _show_where(diagnosis, split, rows),
         _show_which(table, structure),
-        _show_how_far(diagnosis, table, split, rows),
+        _show_how_far(diagnosis, gap, rows),
     ]
     if assessment is not None:
-        sections.append(show_calibration(assessment, split.spread.by_region, robot.joint_names))
+        sections.append(show_calibration(assessment, robot.joint_names))
     sections += [_show_next(steps)] if steps else []
     notes = [
         f"Considered and not named: {name_effect(effect)} "
@@ -224,13 +203,8 @@ def open_diagnosis(
 ) -> page.Summary:  # fmt: skip
     """Return the first screen: what is wrong with the robot, and how much of the gap that explains.
 
-    Args:
-        verdict_table: `verdict` of diagnosis.json.
-        gap: `gap` of diagnosis.json.
-        delivered: Kind of the robot folder that is written: "nominal" where nothing predicts better.
-        picture: The picture.
-        small: Share of the gap that small errors everywhere carry.
-        listed: Whether poses to measure next stand below.
+    delivered: kind of the robot folder that is written; small: share of the gap that small errors everywhere carry;
+    listed: whether poses to measure next stand below.
     """
     status, effects = verdict_table["status"], verdict_table["effects"]
     after, before = gap.get("held_out_after_rms_mm"), gap.get("held_out_before_rms_mm")
@@ -282,7 +256,7 @@ def _name_log(campaign: Campaign) -> str:
     return f"{campaign.file.stem}, {folder}" if folder else campaign.file.stem
 
 
-def _list_facts(diagnosis: Diagnosis, rows: _Rows) -> list[tuple[str, str]]:
+def _list_facts(diagnosis: Diagnosis, rows: _UsedRows) -> list[tuple[str, str]]:
     campaign, left, outliers = diagnosis.fit.problem.campaign, int((~rows.used).sum()), diagnosis.outliers
     apart = f", of which {left} are left out as outliers or incomplete" if left else ""
     shown = f"rows {', '.join(str(int(row)) for row in outliers[:20])}{', …' if len(outliers) > 20 else ''}"
@@ -296,7 +270,7 @@ def _list_facts(diagnosis: Diagnosis, rows: _Rows) -> list[tuple[str, str]]:
     ]
 
 
-def _show_where(diagnosis: Diagnosis, split: Split, rows: _Rows) -> page.Section:
+def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> page.Section:
     shares = split.shares
     figure = draw_residuals(diagnosis.robot, rows.q, rows.point, rows.before, rows.after)
     magnified = describe_magnification(rows.point, rows.before)
@@ -347,16 +321,16 @@ def _list_splits(split: Split) -> list[page.Block]:
         shown = page.Cell(size, "strong" if abs(size) > 4 * error else "")
         approach.append([name, shown, error, key.rsplit("_", 1)[1]])
     blocks: list[page.Block] = [
-        page.Table(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
-        page.Table(["rows of the log", "time [s]", *end], times, "By time."),
-        *([page.Table(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
-        page.Table(["reach [mm]", "height [mm]", *end], regions,
+        page.DataTable(["run", *end], [[name, *tail(entry)] for name, entry in spread.by_run.items()], "By run.", 12),
+        page.DataTable(["rows of the log", "time [s]", *end], times, "By time."),
+        *([page.DataTable(["force [N]", *end], loads, "By load.")] if len(loads) > 1 else []),
+        page.DataTable(["reach [mm]", "height [mm]", *end], regions,
                    "By region: distance from the axis of the base, and height."),
-        page.Table(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
+        page.DataTable(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
     if approach:
         caption = "Difference of a joint's position between approaches from either side; positive: it lags behind."
-        blocks.append(page.Table(["joint", "lost motion", "standard error", "unit"], approach, caption))
+        blocks.append(page.DataTable(["joint", "lost motion", "standard error", "unit"], approach, caption))
     return blocks
 
 
@@ -371,21 +345,18 @@ def _show_which(table: Mapping[str, Any], structure: Sequence[str]) -> page.Sect
             told = describe_parameters(effect.get("parameters", {}), effect.get("interval95"))
             rows.append([name_effect(effect), sure, page.Cell(describe_change(effect) or None, "strong"), told, rivals])
         heads = ["effect", "probability", "change of the model's value, 95 %", "parameters", "may also be"]
-        blocks.append(page.Table(heads, rows, "Effects present together, the largest share of the gap first."))
+        blocks.append(page.DataTable(heads, rows, "Effects present together, the largest share of the gap first."))
     blocks += [f"What is left: {sentence}" for sentence in structure]
     if candidates:
         rows = [[name_effect(c), float(c["probability"]), c.get("held_out_rms_mm")] for c in candidates]
         heads = ["candidate", "probability", "rms, rows not in the fit [mm, 4]"]
-        blocks.append(page.Table(heads, rows, "All candidates, ranked.", 12))
+        blocks.append(page.DataTable(heads, rows, "All candidates, ranked.", 12))
     return page.Section("Which effect", blocks)
 
 
-def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, measured: _Rows) -> page.Section:
-    gap, parts = table["gap"], diagnosis.fit.problem.register
-    held_out, floor = (
-        page.Cell(gap.get("held_out_after_rms_mm"), "strong"),
-        page.Cell(gap.get("noise_floor_mm"), "muted"),
-    )
+def _show_how_far(diagnosis: Diagnosis, gap: Mapping[str, Any], measured: _UsedRows) -> page.Section:
+    parts, floor = diagnosis.fit.problem.register, page.Cell(gap.get("noise_floor_mm"), "muted")
+    held_out = page.Cell(gap.get("held_out_after_rms_mm"), "strong")
     rivals = {f"registration only ({', '.join(parts)})": diagnosis.gap.registration_only} if parts else {}
     for number, delivery in reversed(list(enumerate(diagnosis.deliveries[1:], start=1))):
         rivals[f"{delivery.folder(number)}: {DELIVERED[delivery.kind]}"] = delivery.held.rms
@@ -398,36 +369,11 @@ def _show_how_far(diagnosis: Diagnosis, table: Mapping[str, Any], split: Split, 
     rows += [[name, None, 1e3 * rms] for name, rms in rivals.items()]
     rows.append([page.Cell("noise floor", "muted"), floor, floor])
     heads = ["model", "all rows [mm]", "rows left out of the choice [mm]"]
-    figures = page.Table(heads, rows, "Rms of the 3D distance, outliers left out.")
+    figures = page.DataTable(heads, rows, "Rms of the 3D distance, outliers left out.")
     before, after = (np.linalg.norm(side, axis=1) for side in (measured.before, measured.after))
     histogram = draw_histogram(before, after, 1e-3 * float(gap.get("noise_floor_mm") or 0.0))
     bars = page.Chart(histogram, "Deviations of all rows; dashed: what noise alone would give.", 320)
-    factors = _list_factors(diagnosis, split, measured)
-    height = 70 + 230 * -(-len(factors) // 3)
-    chart = page.Chart(draw_factors(factors, before, after), "The deviation along each factor.", height)
-    return page.Section("How far it shrinks", [page.Columns([[figures], [bars]], (0.45, 0.55)), chart])
-
-
-def _list_factors(diagnosis: Diagnosis, split: Split, rows: _Rows) -> dict[str, tuple[Array, str]]:
-    campaign, used, point, robot = diagnosis.fit.problem.campaign, rows.used, rows.point, diagnosis.robot
-    factors: dict[str, tuple[Array, str]] = {"row": (np.flatnonzero(used).astype(float), "")}
-    if campaign.time is not None:
-        factors = {"time": (campaign.time[used], "s")}
-    if campaign.load_varies:
-        factors["force on the tool"] = np.linalg.norm(np.nan_to_num(campaign.wrench[used, :3]), axis=1), "N"
-    factors["reach from the base axis"] = 1e3 * np.hypot(point[:, 0], point[:, 1]), "mm"
-    factors["height"] = 1e3 * point[:, 2], "mm"
-    if campaign.temperature is not None:
-        factors["temperature"] = campaign.temperature[used], "°C"
-    speed = np.abs(campaign.speed[used]).max(axis=1)
-    if speed.max(initial=0.0) > 0:
-        factors["fastest joint"] = speed, "rad/s"
-    for name, share in sorted(split.shares.by_place.items(), key=lambda item: -item[1].share)[:2]:
-        if name in robot.joint_names and share.share > 0.05 and len(factors) < 6:
-            k = robot.joint_names.index(name)
-            scale, unit = (1e3, "mm") if robot.prismatic[k] else (180 / np.pi, "deg")
-            factors[f"position of {name}"] = campaign.q[used, k] * scale, unit
-    return factors
+    return page.Section("How far it shrinks", [page.Columns([[figures], [bars]], (0.45, 0.55))])
 
 
 def _show_next(steps: Sequence[Mapping[str, Any]]) -> page.Section:
@@ -441,5 +387,5 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> page.Section:
         separates = " from ".join(map(name, step.get("separates", [])))
         rows.append([separates, how, len(step.get("poses", [])), len(step.get("wrenches", [])), gain])
     text = "Poses and loads are in diagnosis.json; all are within joint limits and the loads of this campaign."
-    table = page.Table(["separates", "how", "poses", "loads", "expected gain"], rows)
+    table = page.DataTable(["separates", "how", "poses", "loads", "expected gain"], rows)
     return page.Section("What to measure next", [table, text])

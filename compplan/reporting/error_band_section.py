@@ -31,7 +31,7 @@ def show_error_band(promise: ErrorBand, stations: Stations, tolerance: float) ->
     if promise.leading:
         rows = [[name, format_percent(share)] for name, share in promise.leading]
         columns = ["if this were exact", "the variance of the tip would shrink by"]
-        blocks.append(page.Table(columns, rows, "What would narrow the band most, mean over the path."))
+        blocks.append(page.DataTable(columns, rows, "What would narrow the band most, mean over the path."))
     if promise.assumed:
         blocks.append(page.Fold("What is assumed", list(promise.assumed)))
     return page.Section("95 % band", blocks, describe_error_band(promise, tolerance))
@@ -58,7 +58,7 @@ def describe_error_band(promise: ErrorBand, tolerance: float) -> str:
     return text
 
 
-def _list_parts(promise: ErrorBand) -> page.Table:
+def _list_parts(promise: ErrorBand) -> page.DataTable:
     rows: list[page.Row] = []
     cut, widest = promise.cut, promise.widest
     total = promise.radius[widest] ** 2
@@ -75,10 +75,10 @@ def _list_parts(promise: ErrorBand) -> page.Table:
         rows.append(["between waypoints, on top", None, 1e3 * promise.between, None, None])
     rows.append(["the whole path at once", None, page.Cell(1e3 * promise.whole, "strong"), None, None])
     columns = ["95 % band by", "rms [mm]", "at its widest [mm]", "share of its square", "greatest without it [mm]"]
-    return page.Table(columns, rows, f"The band is widest at waypoint {widest}.")
+    return page.DataTable(columns, rows, f"The band is widest at waypoint {widest}.")
 
 
-def _list_steps(promise: ErrorBand) -> page.Table:
+def _list_steps(promise: ErrorBand) -> page.DataTable:
     """List the measurements that narrow the band, cheapest first."""
     rows: list[page.Row] = [
         [DO.get(rung.step, "as it is now"), 1e3 * rung.band, 1e3 * rung.alone, "yes" if rung.keeps else "no",
@@ -88,4 +88,4 @@ def _list_steps(promise: ErrorBand) -> page.Table:
     columns = ["measure, one after the other", "band of the whole cut then [mm]", "after this alone [mm]", "keeps",
                "work, assumed [min]", "with"]  # fmt: skip
     cheapest = " and ".join(DO[step] for step in promise.cheapest)
-    return page.Table(columns, rows, f"Cheapest that keeps the tolerance: {cheapest}." if cheapest else "")
+    return page.DataTable(columns, rows, f"Cheapest that keeps the tolerance: {cheapest}." if cheapest else "")

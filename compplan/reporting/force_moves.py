@@ -18,25 +18,14 @@ NO_FORCE = 1e-3
 
 
 def mark_force(wrench: Array, cut: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mark the moves of the cut that carry force, by the waypoint that they end at.
-
-    Args:
-        wrench: Wrench on the tool. Shape (n, 6). [N, N m]
-        cut: Waypoints of the cut. Shape (n,).
-    """
+    """Mark the moves of the cut (n,) that carry force, by the waypoint that they end at; wrench: (n, 6) [N, N m]."""
     size = np.linalg.norm(wrench[:, :3], axis=1)
     acts = size > NO_FORCE * max(float(size.max(initial=0.0)), 1e-12)
     return np.asarray(cut & (acts | np.r_[acts[:1], acts[:-1]]))
 
 
 def describe_force(length: Array, cut: NDArray[np.bool_], pushed: NDArray[np.bool_]) -> str:
-    """Say which share of the cut carries force.
-
-    Args:
-        length: Length up to each waypoint. Shape (n,). [m]
-        cut: Waypoints of the cut. Shape (n,).
-        pushed: Those of them whose move carries force. Shape (n,).
-    """
+    """Say which share of the cut carries force; length up to each waypoint (n,) [m], masks (n,)."""
     steps = np.r_[0.0, np.diff(length)]
     whole, share = float(steps[cut].sum()), float(steps[pushed].sum())
     if not pushed.any() or whole <= 0:
@@ -59,13 +48,7 @@ def list_rates(task: PlanTask, timing: Timing) -> list[tuple[str, Array, Array]]
 
 
 def busiest_rate(rates: Sequence[tuple[str, Array, Array]], joints: Sequence[str], row: int) -> str:
-    """Say which rate of which joint is used the most around a waypoint.
-
-    Args:
-        rates: Name, rates (n, nq) and limits (nq,).
-        joints: Names of the joints.
-        row: The waypoint.
-    """
+    """Say which rate of which joint is used the most around a waypoint; rates: name, values (n, nq), limits (nq,)."""
     best, said = 0.0, "–"
     for name, values, limits in rates:
         near = np.abs(values[max(row - 3, 0) : row + 4]) / limits

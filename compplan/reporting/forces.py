@@ -330,7 +330,7 @@ def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations
                    "Axial depth and radial width of what the cutter meets.", height=300),
         page.Chart(draw_lines(stations, angles, "deg", title="angle", colours=colours),
                    "First and last engaged angle, from the travel to the left; none in the air.", height=280),
-        page.Table(columns, table, "At even steps of the cut; forces.csv has every waypoint.", scroll=14),
+        page.DataTable(columns, table, "At even steps of the cut; forces.csv has every waypoint.", scroll=14),
     ]  # fmt: skip
 
 
@@ -346,4 +346,4 @@ def _show_fit(fit: ForceFit) -> list[page.Block]:
     before, after, level = (format_number(v) for v in (fit.rms_before, fit.rms_after, fit.level))
     text = (f"{fit.rows} rows of the log lie in the cut. The prediction is off by {before} N (rms), of {level} N "
             f"measured; with the fitted numbers by {after} N.")  # fmt: skip
-    return [text, *fit.notes, page.Table(columns, table, "Intervals from leaving out blocks of the path.")]
+    return [text, *fit.notes, page.DataTable(columns, table, "Intervals from leaving out blocks of the path.")]

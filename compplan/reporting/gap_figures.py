@@ -44,12 +44,8 @@ def thin_dots(size: Array, limit: int) -> NDArray[np.int_]:
 def draw_residuals(robot: Robot, q: Array, point: Array, before: Array, after: Array) -> Figure:
     """Draw residual vectors in space, before and after, with the robot in a middle pose.
 
-    Args:
-        robot: The robot.
-        q: Joint positions of the rows. Shape (n, nq). [rad or m]
-        point: Measured points, base frame. Shape (n, 3). [m]
-        before: Measured minus predicted by the nominal model. Shape (n, 3). [m]
-        after: Measured minus predicted by the updated model. Shape (n, 3). [m]
+    q: joints of the rows, shape (n, nq) [rad or m]; point: measured points, base frame; before, after: measured minus
+    predicted by the nominal and the updated model, shape (n, 3) [m].
     """
     sizes = [np.linalg.norm(side, axis=1) for side in (before, after)]
     rows = thin_dots(sizes[0], VECTORS)
@@ -131,12 +127,9 @@ def draw_traces(traces: Sequence[Trace]) -> Figure:
 
 
 def draw_histogram(before: Array, after: Array, noise: float) -> Figure:
-    """Draw how often deviations of each size occur, before and after, and what noise alone would give.
+    """Draw how often distances of each size occur, before and after, shape (n,) [m], and what noise alone would give.
 
-    Args:
-        before: Distances before. Shape (n,). [m]
-        after: Distances after. Shape (n,). [m]
-        noise: Noise floor, rms of the 3D distance. [m]
+    noise: noise floor, rms of the 3D distance [m].
     """
     from scipy.stats import maxwell
 
@@ -155,26 +148,4 @@ def draw_histogram(before: Array, after: Array, noise: float) -> Figure:
         figure.line(middle, share, "noise alone", line=line, hovertemplate=hover)
     use_decades(figure, "x", 1e3 * low, 1e3 * high, title="deviation")
     figure.axis("y", title="share of rows, %", rangemode="tozero")
-    return figure
-
-
-def draw_factors(factors: Mapping[str, tuple[Array, str]], before: Array, after: Array) -> Figure:
-    """Draw the deviation along each factor, before and after, one small chart a factor.
-
-    Args:
-        factors: Values and unit by name of the factor. Shape (n,) each.
-        before: Distances before. Shape (n,). [m]
-        after: Distances after. Shape (n,). [m]
-    """
-    figure, rows = Figure([""] * len(factors), 3, gaps=(0.07, 0.26 / -(-len(factors) // 3))), thin_dots(before, DOTS)
-    for panel, (name, (values, unit)) in enumerate(factors.items()):
-        for (label, colour), side in zip(MODELS, (before, after), strict=True):
-            figure.line(
-                values[rows], 1e3 * side[rows], label, panel, mode="markers", legendgroup=label,
-                marker={"size": 3, "color": colour, "opacity": 0.5}, showlegend=panel == 0,
-                hovertemplate=f"%{{x:.4g}} {unit}: %{{y:.3g}} mm<extra></extra>",
-            )  # fmt: skip
-        figure.axis("x", panel, title=f"{name}, {unit}" if unit else name)
-        figure.axis("y", panel, title="deviation, mm" if panel % 3 == 0 else None, rangemode="tozero")
-    figure.layout["legend"] = {"itemsizing": "constant"}
     return figure

@@ -34,13 +34,7 @@ FRAMES = ("geometry", "base", "tool", "contact")
 
 
 def write_identification(result: Identification, out: Path, log_notes: Sequence[str] = ()) -> dict[str, Any]:
-    """Write identify.json, report.html and the updated robot folder, and return the summary.
-
-    Args:
-        result: The identification.
-        out: Folder to write into; made if needed.
-        log_notes: What the reading of the log noted.
-    """
+    """Write identify.json, report.html and the updated robot folder with what the reading of the log noted."""
     said = {"log_notes": list(log_notes), "made_by": describe_origin()}
     summary = {**summarise_identification(result), **said}
     with replace_folder(out, "identify") as part:
@@ -183,7 +177,7 @@ def _render(summary: Mapping[str, Any]) -> str:
     sections = [
         page.Section("Compliances", [*changes, _list_parameters(compliances)], about),
         page.Section("What cannot be determined",
-                     [page.Table(["parameter", "together with", "reason"], held, scroll=24)],
+                     [page.DataTable(["parameter", "together with", "reason"], held, scroll=24)],
                      "Held at their nominal values, and why."),
         page.Section("Gap", [gaps], "Root mean square of the distance between measured and predicted positions."),
         page.Section("Which parameters were added", [_list_rounds(summary["structure"])],
@@ -258,17 +252,17 @@ def _chart_gap(gap: Mapping[str, Any]) -> page.Chart:
     return page.Chart(draw_bars(list(rows), series, "gap, rms, mm"), "", height=110 + 60 * len(rows))
 
 
-def _list_parameters(entries: Sequence[Mapping[str, Any]]) -> page.Table:
+def _list_parameters(entries: Sequence[Mapping[str, Any]]) -> page.DataTable:
     rows: list[page.Row] = [
         [entry["name"], entry["unit"].replace(" ", "\u00a0"), entry["before"], page.Cell(entry["value"], "strong"),
          *entry["interval_95"],
          page.Cell("written", "good") if entry["written"] else page.Cell("not written", "muted")]
         for entry in entries
     ]  # fmt: skip
-    return page.Table(["parameter", "unit", "before", "value", "from", "to", "robot folder"], rows, scroll=24)
+    return page.DataTable(["parameter", "unit", "before", "value", "from", "to", "robot folder"], rows, scroll=24)
 
 
-def _list_rounds(rounds: Sequence[Mapping[str, Any]]) -> page.Table:
+def _list_rounds(rounds: Sequence[Mapping[str, Any]]) -> page.DataTable:
     rows: list[page.Row] = []
     for number, entry in enumerate(rounds, 1):
         rows.append(
@@ -282,4 +276,4 @@ def _list_rounds(rounds: Sequence[Mapping[str, Any]]) -> page.Table:
     columns = [
         "round", "candidate", "value", "unit", "gap on poses not in the fit [mm]", "gain [standard errors]", "",
     ]  # fmt: skip
-    return page.Table(columns, rows, scroll=24)
+    return page.DataTable(columns, rows, scroll=24)

@@ -185,7 +185,7 @@ def _draw_bands(teaching: LearnedPart) -> Any:
     return draw_curves(Curves("", "along the path [mm]", "95 % band [mm]", lines))
 
 
-def _list_causes(teaching: LearnedPart) -> page.Table:
+def _list_causes(teaching: LearnedPart) -> page.DataTable:
     lesson = teaching.lesson
     held = 1e3 * lesson.held_out if np.isfinite(lesson.held_out) else None
     rows: list[page.Row] = [
@@ -196,10 +196,10 @@ def _list_causes(teaching: LearnedPart) -> page.Table:
         ["left on stretches that were not used", page.Cell(held, "strong")],
     ]
     caption = "Robot, force and path can have the same effect; this is the likeliest division."
-    return page.Table(["", "rms [mm]"], rows, caption)
+    return page.DataTable(["", "rms [mm]"], rows, caption)
 
 
-def _list_learned(teaching: LearnedPart) -> page.Table:
+def _list_learned(teaching: LearnedPart) -> page.DataTable:
     rows: list[page.Row] = []
     for one in teaching.learned:
         place = page.Cell("robot folder", "good") if one.kept else page.Cell("this path", "muted")
@@ -208,4 +208,4 @@ def _list_learned(teaching: LearnedPart) -> page.Table:
         rows.append([name, moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = ["parameter", "change", "known before, ±", "ratio [, 2]", "kept in"]
     caption = "The greatest changes and the standard deviation of each value before."
-    return page.Table(columns, rows, caption)
+    return page.DataTable(columns, rows, caption)

@@ -110,7 +110,7 @@ def _render(result: RobotMaps, pictures: dict[str, page.Picture]) -> str:
     ]  # fmt: skip
     caption = "Over the reached points, in the stiffer elbow configuration."
     sections = [
-        page.Section("Figures", [page.Table(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
+        page.Section("Figures", [page.DataTable(["plane", "quantity", "least", "mean", "greatest"], rows, caption)]),
         *(page.Section(f"{name.capitalize()} plane", [pictures[f"map_{name}.png"]]) for name in result.planes),
         page.Section("Dexterity over the second and third joint", [page.Columns([[pictures["dexterity.png"]], []])]),
     ]

@@ -141,8 +141,8 @@ def _show_strategies(result: JobStudy) -> page.Section:
         [page.Cell(name_strategy(name), "strong"), answer.knows, answer.measures, answer.commands]
         for name, answer in result.run.study.answers.items()
     ]
-    known = page.Table(["strategy", "knows", "measures", "commands"], about)
-    table = page.Table(columns, rows, "Deviation of the loaded tool tip from the path.")
+    known = page.DataTable(["strategy", "knows", "measures", "commands"], about)
+    table = page.DataTable(columns, rows, "Deviation of the loaded tool tip from the path.")
     return page.Section("Strategies", [table, page.Fold("What each strategy knows, measures and commands", [known])])
 
 
@@ -190,7 +190,7 @@ def _show_pairs(summary: Mapping[str, Any]) -> page.Section:
         f"rms deviation of each strategy less that of {name_strategy(main)}, cell by cell; 95 % interval of the mean."
     )
     heads = ["first", "second", "second less first", "95 % interval", "second closer in"]
-    fold = page.Fold("All pairs", [page.Table(heads, rows, scroll=14)])
+    fold = page.Fold("All pairs", [page.DataTable(heads, rows, scroll=14)])
     about = "All strategies meet the same cells, so that differences are paired."
     return page.Section("Differences", [page.Chart(figure, caption, 90 + 26 * len(names)), fold], about)
 
@@ -210,7 +210,10 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> page.Section:
     series = {"": Bars(total, CATEGORIES[0], total - half, total + half)}
     chart = draw_bars(names, series, f"total index, strategy {name_strategy(strategy)}")
     blocks: list[page.Block]
-    blocks = [page.Chart(chart, caption, 90 + 40 * len(names)), page.Fold("All strategies", [page.Table(heads, rows)])]
+    blocks = [
+        page.Chart(chart, caption, 90 + 40 * len(names)),
+        page.Fold("All strategies", [page.DataTable(heads, rows)]),
+    ]
     return page.Section("Which uncertainty matters", blocks, "Total Sobol indices.")
 
 

@@ -33,12 +33,7 @@ CHANGE = 1.0
 
 
 def write_operations(plans: Sequence[Plan], folder: str | Path, name: str) -> list[Path]:
-    """Write the plans of all operations of a job, all files or none, and return the files.
-
-    Args:
-        plans: One an operation, in order.
-        folder: Folder to write to; made if needed.
-        name: Name of the job.
+    """Write the plans of all operations of a job, one an operation, all files or none, and return the files.
 
     Raises:
         InputError: If the folder cannot be written, or a program does not fit its language; nothing is written then.
@@ -147,8 +142,8 @@ def _render(summary: Mapping[str, Any]) -> str:
     files = [[tool["label"], ", ".join(tool["programs"]) or "none asked for"] for tool in tools]
     files += [["all, in order", ", ".join(mains)]] if mains else []
     sections = [
-        page.Section("Tools", [page.Table(columns, rows)], "One plan a tool; its name opens its page.", True),
-        page.Section("Programs", [page.Table(["tool", "files"], files)],
+        page.Section("Tools", [page.DataTable(columns, rows)], "One plan a tool; its name opens its page.", True),
+        page.Section("Programs", [page.DataTable(["tool", "files"], files)],
                      "In this order; each begins with its tool change.", True),
     ]  # fmt: skip
     return page.render_page(

@@ -47,7 +47,7 @@ Row = list[Cell | str | float | int | None]
 
 
 @dataclass(frozen=True)
-class Table:
+class DataTable:
     """Show rows of values under columns with units.
 
     Args:
@@ -86,13 +86,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Picture:
-    """Show a PNG picture, kept inside the page.
-
-    Args:
-        png: The bytes of the picture.
-        caption: What to see in it.
-        description: What is said to those who cannot see it; default: the caption.
-    """
+    """Show a PNG picture, kept inside the page; `description` is for those who cannot see it (default: the caption)."""
 
     png: bytes
     caption: str = ""
@@ -115,7 +109,7 @@ class Fold:
     blocks: Sequence[Block]
 
 
-Block = str | Table | Chart | Picture | Columns | Fold
+Block = str | DataTable | Chart | Picture | Columns | Fold
 
 
 @dataclass(frozen=True)
@@ -256,7 +250,7 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
     if isinstance(block, Chart):
         charts.append({**block.figure.to_dict(), "linked": block.linked_scenes, "along": block.along})
         return {"kind": "chart", "number": len(charts) - 1, "caption": block.caption, "height": block.height}
-    if isinstance(block, Table):
+    if isinstance(block, DataTable):
         return _describe_table(block)
     if isinstance(block, Picture):
         data = base64.b64encode(block.png).decode("ascii")
@@ -268,7 +262,7 @@ def _describe(block: Block, charts: list[dict[str, Any]]) -> dict[str, Any]:
     return {"kind": "columns", "groups": groups, "template": " ".join(f"minmax(0, {width:g}fr)" for width in widths)}
 
 
-def _describe_table(table: Table) -> dict[str, Any]:
+def _describe_table(table: DataTable) -> dict[str, Any]:
     heads = [_read_head(text) for text in table.columns]
     rows = [
         [cell if isinstance(cell, Cell) else Cell(cell) for cell, _ in zip(row, heads, strict=True)]

@@ -112,16 +112,16 @@ def draw_place_map(result: PlaceResult) -> Figure:
     return figure
 
 
-def _table(summary: Mapping[str, Any]) -> page.Table:
+def _table(summary: Mapping[str, Any]) -> page.DataTable:
     here = summary["sensitivity_here_mm"] or {"expected_rms": None, "p95": None}
     rows: list[page.Row] = [
         [name, here[key], page.Cell(summary["sensitivity_mm"][key], "strong")]
         for name, key in (("expected, rms", "expected_rms"), ("95 %", "p95"))
     ]
-    return page.Table(["remaining deviation", "job's place [mm]", "chosen place [mm]"], rows)
+    return page.DataTable(["remaining deviation", "job's place [mm]", "chosen place [mm]"], rows)
 
 
-def _turns(grids: Sequence[Mapping[str, Any]]) -> page.Table:
+def _turns(grids: Sequence[Mapping[str, Any]]) -> page.DataTable:
     rows: list[page.Row] = []
     for grid in grids:
         bound = np.array(grid["bound_mm"], float)
@@ -133,4 +133,4 @@ def _turns(grids: Sequence[Mapping[str, Any]]) -> page.Table:
         "turn [deg]", *(f"{axis} [mm, 4]" for axis in "xyz"), "least remaining deviation (lower bound) [mm]",
         "places from which the path can be followed",
     ]  # fmt: skip
-    return page.Table(columns, rows, scroll=12)
+    return page.DataTable(columns, rows, scroll=12)

@@ -184,7 +184,7 @@ def _draw_band(plan: Plan, stations: Stations) -> page.Chart:
     return page.Chart(figure, said, height=340, along=True)
 
 
-def _list_figures(plan: Plan) -> page.Table:
+def _list_figures(plan: Plan) -> page.DataTable:
     """Return the figures of the plan, uncorrected and planned."""
     task, sides, between, bending = plan.task, (plan.before, plan.after), plan.between, plan.bending
     names = {"rms": "deviation, rms", "mean": "deviation, mean", "max": "deviation, largest"}
@@ -225,7 +225,7 @@ def _list_figures(plan: Plan) -> page.Table:
     planned["path"] = f"{length} mm in {format_number(len(task))} waypoints"
     planned["time"] = f"{format_number(float(plan.timing.time[-1]), 4)} s"
     rows: list[page.Row] = [[words, *values] for words, values in both.items()]
-    return page.Table(
+    return page.DataTable(
         ["", "uncorrected", "planned"], [*rows, *([words, None, value] for words, value in planned.items())]
     )
 
@@ -255,7 +255,7 @@ def _show_deviation(plan: Plan, stations: Stations) -> page.Section:
     return page.Section("Deviation", [scene, fold, *failed], about)
 
 
-def _list_failures(plan: Plan, after: Array) -> page.Table:
+def _list_failures(plan: Plan, after: Array) -> page.DataTable:
     failures, length = plan.command.failures, plan.task.nominal.arc_length
     failed = np.array(sorted(failures))
     reasons = np.array([failures[i] for i in failed.tolist()])
@@ -268,7 +268,9 @@ def _list_failures(plan: Plan, after: Array) -> page.Table:
     more = f" The first {LISTED} of {len(rows)} stretches." if len(rows) > LISTED else ""
     columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "stopped by",
                "deviation left [mm]"]  # fmt: skip
-    return page.Table(columns, rows[:LISTED], f"Waypoints that fail and the limit that stops them.{more}", scroll=12)
+    return page.DataTable(
+        columns, rows[:LISTED], f"Waypoints that fail and the limit that stops them.{more}", scroll=12
+    )
 
 
 def _show_joints(plan: Plan, stations: Stations) -> page.Section:
@@ -316,7 +318,7 @@ def _show_feed(plan: Plan, stations: Stations) -> page.Section:
     return page.Section("Feed and rates", blocks, lede)
 
 
-def _list_lowered(plan: Plan, slow: NDArray[np.bool_], rates: Sequence[tuple[str, Array, Array]]) -> page.Table:
+def _list_lowered(plan: Plan, slow: NDArray[np.bool_], rates: Sequence[tuple[str, Array, Array]]) -> page.DataTable:
     length, wanted, feed = plan.task.nominal.arc_length, plan.task.nominal.feed, plan.timing.feed
     spans = find_spans(slow)
     share = feed / np.maximum(wanted, 1e-12)
@@ -329,4 +331,4 @@ def _list_lowered(plan: Plan, slow: NDArray[np.bool_], rates: Sequence[tuple[str
     columns = ["from waypoint", "to", "from [mm, 4]", "to [mm, 4]", "programmed [mm/s]",
                "lowest [mm/s]", "busiest there"]  # fmt: skip
     more = f" The {LISTED} deepest of {len(spans)} stretches." if len(spans) > LISTED else ""
-    return page.Table(columns, rows, f"Where the feed is lowered.{more}", scroll=12)
+    return page.DataTable(columns, rows, f"Where the feed is lowered.{more}", scroll=12)

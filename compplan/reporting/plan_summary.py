@@ -41,12 +41,7 @@ NO_PROGRAM_NAMES = {"deviation.csv", "forces.csv"}
 
 
 def open_plan(plan: Plan, folder: Path | None = None) -> page.Summary:
-    """Return the first screen of a plan.
-
-    Args:
-        plan: The plan.
-        folder: Folder that its programs are written to already, for their checksums; None where there are none.
-    """
+    """Return the first screen of a plan; programs that stand in a folder already are listed with their checksums."""
     verdict = plan.verdict
     tone = TONES[verdict.word]
     band = "not known" if verdict.band is None else format_mm(verdict.band)
@@ -83,13 +78,13 @@ def write_sheet(plan: Plan, folder: Path | None) -> page.Section:
     rows: list[page.Row] = [[page.Cell(name, "strong"), words] for name, words in lines]
     rows += [[page.Cell("Before the machine moves", "bad"), stop] for stop in list_stops(plan.notes)]
     blocks: list[page.Block] = [
-        page.Table(["Setup", ""], rows),
+        page.DataTable(["Setup", ""], rows),
         "Set up by ______________________   Checked by ______________________   Date ______________",
     ]
     programs = [] if folder is None else list_programs(folder)
     if programs:
         caption = "The file on the controller is this one if its checksum is the same."
-        blocks.append(page.Table(["Program", "lines", "SHA-256, first 16 digits"], programs, caption))
+        blocks.append(page.DataTable(["Program", "lines", "SHA-256, first 16 digits"], programs, caption))
     return page.Section("Setup sheet", blocks, "Check each line at the machine before the program runs.", True)
 
 

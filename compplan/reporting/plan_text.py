@@ -26,13 +26,7 @@ FIRST_RUN = "run without a part at reduced override, then cut and measure one pa
 
 
 def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
-    """Return what the terminal says of a plan.
-
-    Args:
-        plan: The plan.
-        folder: Folder that it was written to.
-        files: Files written.
-    """
+    """Return what the terminal says of a plan that was written to a folder."""
     cause = f"largest cause: {plan.verdict.largest_cause}"
     step = NEXT.get(plan.status) or plan.verdict.change or FIRST_RUN
     if plan.job is not None:

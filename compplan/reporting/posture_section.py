@@ -133,7 +133,7 @@ def _draw_clearance(stations: Stations, clearance: ClearanceProfile) -> page.Cha
     return page.Chart(figure, caption, 280)
 
 
-def _list_costs(plan: Plan, choice: PostureSummary) -> page.Table:
+def _list_costs(plan: Plan, choice: PostureSummary) -> page.DataTable:
     """List what the posture costs, beside the plain one where that is known."""
     both = None
     if plan.job is not None and plan.task.start is not None and plan.robot.nq >= 6:
@@ -153,28 +153,10 @@ def _list_costs(plan: Plan, choice: PostureSummary) -> page.Table:
         told = "; ".join(f"waypoint {waypoint}: {before} to {after}" for waypoint, before, after in choice.changes)
         rows.append(["configuration changes", told, *none])
     if not plain:
-        return page.Table(["what the posture costs", ""], rows)
+        return page.DataTable(["what the posture costs", ""], rows)
     names = ["the graph's way", "tool's x as the job has it"]
     names[choice.instead_of is not None] += ": chosen"
-    return page.Table(["what the posture costs", *names], rows, _weigh(chosen, plain))
-
-
-def _weigh(found: dict[str, float], plain: dict[str, float]) -> str:
-    """Set what the graph's way gains in accuracy against what it travels."""
-    parts = []
-    for key, words in (
-        ("sensitivity_rms_mm", "remains after compensation"),
-        ("travel_error_rms_mm", "comes from gears and lost motion (figures of the job or assumed)"),
-        ("inertia_rms_mm", "from the inertia of the joints (estimated)"),
-    ):
-        gain = plain[key] - found[key]
-        if abs(gain) > 1e-5:
-            parts.append(f"{format_length(1e-3 * abs(gain))} {'less' if gain > 0 else 'more'} {words}")
-    travel = format_number(found["joint_travel_deg"]), format_number(plain["joint_travel_deg"])
-    return (
-        f"Accuracy against joint travel: the graph's way travels {travel[0]} deg where the plain posture travels "
-        f"{travel[1]}; {', '.join(parts) or 'both are as accurate'}."
-    )
+    return page.DataTable(["what the posture costs", *names], rows)
 
 
 def list_uncertainties(choice: PostureSummary) -> str:

@@ -37,13 +37,7 @@ def describe_grade(robot: Robot) -> str:
 def describe_robot(
     robot: Robot, facts: list[tuple[str, str]] | None = None, assumptions: list[str] | None = None
 ) -> Provenance:
-    """Describe a robot for the foot of a page: grade, sources, and which of them are assumed.
-
-    Args:
-        robot: The robot.
-        facts: Further facts, placed before the robot's.
-        assumptions: Further assumptions, placed after the robot's.
-    """
+    """Describe a robot for the foot of a page: grade, sources, which of them are assumed; further facts first."""
     rows = [*(facts or []), ("robot", robot.name), ("robot model", explain_grade(robot))]
     rows += [(f"source of {name}", text) for name, text in robot.sources.items()]
     rows.append(("elastic model", _elastic_model(robot)))

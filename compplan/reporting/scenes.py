@@ -72,15 +72,10 @@ class Shape:
 
 
 def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
-    """Locate every link of the URDF at a pose; joints beside the chain stand at zero.
+    """Locate every link of the URDF at a pose q (nq,) [rad or m]; joints beside the chain stand at zero.
 
-    Args:
-        robot: The robot.
-        q: Joint positions. Shape (nq,). [rad or m]
-
-    Returns:
-        Pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the part, in
-        the frame of the ground. Shape (4, 4) each. [m]
+    Returns the pose of each link's frame in the robot base frame, by the link's name; where a positioner carries the
+    part, in the frame of the ground. Shape (4, 4) each. [m]
 
     Raises:
         ShapeError: If q does not have the shape above.
@@ -95,13 +90,7 @@ def locate_links(robot: Robot, q: Array) -> dict[str, Array]:
 
 
 def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]) -> dict[str, Array]:
-    """Locate the links of a chain; shape (4, 4) each [m].
-
-    Args:
-        base: Link that stands still.
-        joints: Joints from there, each after the one that carries it.
-        value: Positions of the actuated ones, by name. [rad or m]
-    """
+    """Locate the links of a chain from its base, shape (4, 4) each [m]; value: positions of actuated joints by name."""
     poses = {base: np.eye(4)}
     for joint in joints:
         position = value.get(joint.name, 0.0)
@@ -112,17 +101,10 @@ def follow_joints(base: str, joints: Sequence[Joint], value: Mapping[str, float]
 
 
 def place_shapes(robot: Robot, q: Array) -> list[Shape]:
-    """Build the triangles of a robot at a pose, one entry a visual; meshes whose file is missing are left out.
+    """Build the triangles of a robot at joints q (nq,), one entry a visual; meshes whose file is missing are left out.
 
     A tool that a job mounts takes the place of the folder's tool: what the URDF hangs on the flange is then left out,
     and a rod from flange to tool centre point is drawn.
-
-    Args:
-        robot: The robot.
-        q: Joint positions. Shape (nq,). [rad or m]
-
-    Raises:
-        ShapeError: If q does not have the shape above.
     """
     root = ElementTree.fromstring(robot.urdf)
     paints = {
@@ -144,13 +126,7 @@ def place_shapes(robot: Robot, q: Array) -> list[Shape]:
 
 
 def place_meshes(robot: Robot, q: Array, meshes: Sequence[tuple[str, str, Any]]) -> list[Shape]:
-    """Put meshes of a cell where they stand at a pose of the arm.
-
-    Args:
-        robot: The robot.
-        q: Joint positions. Shape (nq,). [rad or m]
-        meshes: Name, link that carries it or "", mesh in that link's frame or in the base frame [m].
-    """
+    """Put meshes of a cell where they stand at joints q: name, link that carries it or "", mesh in its frame [m]."""
     poses, shapes = locate_links(robot, q), []
     for name, link, mesh in meshes:
         pose, (corners, faces) = poses[link or robot.base], simplify_mesh(mesh)
@@ -192,14 +168,9 @@ def shade_faces(shapes: Sequence[Shape]) -> Array:
 
 
 def frame_scenes(figure: Figure, points: Array, *, margin: float = 0.03, size: float = 2.1, top: float = 0.0) -> None:
-    """Show points with one scale on all axes, in every scene of a figure.
+    """Show points (n, 3) [mm] with one scale on all axes, in every scene of a figure.
 
-    Args:
-        figure: The figure.
-        points: What has to be seen. Shape (n, 3). [mm]
-        margin: Free room around it, as a share of its largest extent.
-        size: How large the scene is drawn, whatever its proportions.
-        top: Room above the scenes. [px]
+    margin: free room as a share of their extent; size: how large a scene is drawn; top: room above the scenes [px].
     """
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     room = margin * max(float((high - low).max()), 1e-6)
@@ -224,18 +195,9 @@ def add_path(
     figure: Figure, points: Array, name: str, colour: str | Array, width: float, *, panel: int = 0, custom: Any = None,
     hover: str | None = None, **line: Any,
 ) -> None:  # fmt: skip
-    """Add a line in space to a scene.
+    """Add a line through points (n, 3) [mm] to a scene; NaN leaves a gap.
 
-    Args:
-        figure: The figure.
-        points: NaN leaves a gap. Shape (n, 3). [mm]
-        name: What it is.
-        colour: Of the line, or a value at each point.
-        width: Width. [px]
-        panel: Number of the scene.
-        custom: Data of each point for hovering.
-        hover: Words on hovering; None: nothing is shown.
-        line: Further keys of the line.
+    colour: of the line, or a value at each point; width [px]; hover: words shown with the custom data.
     """
     told = {"hoverinfo": "skip"} if hover is None else {"hovertemplate": hover}
     figure.add(
@@ -250,13 +212,8 @@ def add_moves(
 ) -> Array:  # fmt: skip
     """Add a path by kinds of moves, one line a kind, and return the points drawn [mm].
 
-    Args:
-        figure: The figure.
-        position: The path. Shape (n, 3). [m]
-        kind: Kind of the move to each waypoint: a number of `styles`. Shape (n,).
-        styles: Name, colour and width of each kind.
-        limit: About how many points are drawn.
-        hover: Words on hovering; None: the waypoint is known and nothing is shown.
+    position: shape (n, 3) [m]; kind: that of the move to each waypoint, a number of `styles`, shape (n,); styles: name,
+    colour and width of each; limit: about how many points are drawn.
     """
     rows = thin_path(position, np.column_stack([position, 1e-3 * kind]), limit)
     points, waypoint = 1e3 * position[rows], rows[:, None].astype(np.float32)
@@ -275,15 +232,10 @@ def draw_cell(
     robot: Robot, q: Array, path: Array, *, start: int = 0, around: Sequence[Shape] = (),
     kinds: NDArray[np.int_] | None = None,
 ) -> Figure:  # fmt: skip
-    """Draw the robot at one waypoint, and its path.
+    """Draw the robot at one waypoint, its path, and what stands around: part, fixture, tool.
 
-    Args:
-        robot: The robot.
-        q: Commanded joint positions. Shape (n, nq). [rad or m]
-        path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
-        start: The waypoint that the robot is drawn at.
-        around: What else stands there: part, fixture, tool.
-        kinds: What the tool does in the move to each waypoint, as numbers of `KINDS`; not told if left out. Shape (n,).
+    q: commanded joints, shape (n, nq); path: nominal path of the tip, base frame, shape (n, 3) [m]; kinds: what the
+    tool does in the move to each waypoint, as numbers of `KINDS`.
     """
     figure, own = Figure(scenes=True), place_shapes(robot, q[start])
     add_shapes(figure, own, robot.name, 1.0)
@@ -300,14 +252,7 @@ def draw_cell(
 def draw_deviation_paths(
     path: Array, before: Array, after: Array, *, names: tuple[str, str] = ("before", "after")
 ) -> Figure:
-    """Draw the path twice, with the deviation before and after as colour and, magnified, as shape.
-
-    Args:
-        path: Nominal path of the tool tip, base frame. Shape (n, 3). [m]
-        before: Deviation (attained - nominal) without correction. Shape (n, 3). [m]
-        after: Deviation with correction. Shape (n, 3). [m]
-        names: What the two are called.
-    """
+    """Draw the path twice, with the deviation before and after as colour and, magnified, as shape; (n, 3) each [m]."""
     sizes = [np.linalg.norm(deviation, axis=1) for deviation in (before, after)]
     rows = thin_path(path, np.column_stack([before, *sizes]), POINTS)
     titles = [f"{name}: largest {format_length(float(size.max()))}" for name, size in zip(names, sizes, strict=True)]

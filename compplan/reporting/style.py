@@ -33,12 +33,7 @@ def style_line(number: int, colours: Sequence[str] = CATEGORIES) -> dict[str, st
 
 
 def mark_decades(low: float, high: float) -> tuple[list[float], list[str]]:
-    """Choose round lengths for a logarithmic axis, and their names; 1, 2, 5 where it spans less than two decades.
-
-    Args:
-        low: Smallest length. [m]
-        high: Largest length. [m]
-    """
+    """Choose round lengths [m] for a logarithmic axis, and their names; 1, 2, 5 where it spans under two decades."""
     steps = (1, 2, 5) if high < 100 * low else (1,)
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
     lengths = [step * 10.0**power for power in powers for step in steps]

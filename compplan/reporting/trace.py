@@ -60,12 +60,7 @@ class Traced:
 
 
 def trace_logs(logs: Sequence[Path], programs: Sequence[Path], robot: Robot) -> Traced:
-    """Hold logs against their programs and identify the controller.
-
-    Args:
-        logs: LOG.csv files.
-        programs: One program a log, in the same order; one alone is every log's.
-        robot: The robot; [motion] of its controller.toml is where the search begins.
+    """Hold logs against their programs, one each in the same order or one for all, and identify the controller.
 
     Raises:
         InputError: If a file is not what it has to be, or the numbers of logs and programs differ.
@@ -223,10 +218,10 @@ def _render(robot: str, summary: Mapping[str, Any], found: Identified) -> str:
     ]  # fmt: skip
     heads = ["log", "rows", "cycle [ms]", "torn readings", "late [%]", "missing [%]", "begins at [mm, 4]"]
     sections = [
-        page.Section("Causes", [page.Table(["cause", "share [%]", "rms [mm]"], causes, text)]),
-        page.Section("Models", [page.Table(["model", "median [mm]", "95 % [mm]"], tried,
+        page.Section("Causes", [page.DataTable(["cause", "share [%]", "rms [mm]"], causes, text)]),
+        page.Section("Models", [page.DataTable(["model", "median [mm]", "95 % [mm]"], tried,
                                            f"Distances of rows left out: {held} were left out in turn.")]),
-        page.Section("Logs", [page.Table(heads, logs, "Clocks of the logs, and where along the program they begin.")]),
+        page.Section("Logs", [page.DataTable(heads, logs, "Clocks of the logs, and where in the program they begin.")]),
     ]  # fmt: skip
     return page.render_page(
         f"Executed path of {robot}", lede, sections, kind="Trace", opening=_open(summary, found),

@@ -53,7 +53,7 @@ def _render(result: Reproduction) -> str:
         sections.append(page.Section("Redrawn", pictures))
     gaps = [["missing", text] for text in result.missing] + [["inconsistent", text] for text in result.inconsistencies]
     if gaps:
-        table = page.Table(["", "in the paper"], gaps)
+        table = page.DataTable(["", "in the paper"], gaps)
         sections.append(page.Section("What the paper leaves out, and where it contradicts itself", [table]))
     parts = [describe_robot(robot) for robot in result.robots]
     provenance = page.Provenance(
@@ -81,7 +81,7 @@ def _picture(figure: Any) -> page.Picture:
     return page.Picture(figure.png, figure.caption, figure.title)
 
 
-def _table(rows: tuple[Row, ...]) -> page.Table:
+def _table(rows: tuple[Row, ...]) -> page.DataTable:
     columns = ["quantity", "unit", "paper", "ours", "ours / paper", "verdict", "assumed"]
     marks = {text: f"[{number}]" for number, text in enumerate(list_assumptions(rows), start=1)}
     body: list[page.Row] = []
@@ -91,7 +91,7 @@ def _table(rows: tuple[Row, ...]) -> page.Table:
         mark = page.Cell(marks.get(row.assumption, ""), "assumed")
         ours, verdict = page.Cell(_show(row.ours), "strong"), page.Cell(row.verdict, tone)
         body.append([row.quantity, row.unit, _show(row.paper), ours, ratio, verdict, mark])
-    return page.Table(columns, body)
+    return page.DataTable(columns, body)
 
 
 def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
@@ -99,9 +99,9 @@ def list_assumptions(rows: tuple[Row, ...]) -> list[str]:
     return list(dict.fromkeys(row.assumption for row in rows if row.assumption))
 
 
-def _assumption_table(rows: tuple[Row, ...]) -> page.Table:
+def _assumption_table(rows: tuple[Row, ...]) -> page.DataTable:
     body = [[f"[{number}]", text] for number, text in enumerate(list_assumptions(rows), start=1)]
-    return page.Table(["", "assumed for the rows that point here"], body)
+    return page.DataTable(["", "assumed for the rows that point here"], body)
 
 
 def _show(value: float | str | None) -> str:

@@ -28,7 +28,7 @@ from compplan.reporting.along_path import Stations, draw_lines, draw_strategies
 from compplan.reporting.charts import Figure
 from compplan.reporting.compare import describe_comparison, render_comparison
 from compplan.reporting.force_moves import describe_force, mark_force
-from compplan.reporting.page import Cell, Chart, Section, Table, render_page
+from compplan.reporting.page import Cell, Chart, DataTable, Section, render_page
 from compplan.reporting.plan_page import describe_plan, write_plan_page
 from compplan.reporting.provenance import describe_robot
 from compplan.reporting.scenes import draw_cell, locate_links, place_meshes, place_shapes
@@ -129,13 +129,13 @@ def test_a_page_of_a_shipped_plan_has_at_most_a_megabyte_and_a_half(tmp_path: Pa
 def test_text_from_outside_cannot_become_markup() -> None:
     evil = "<script>alert(1)</script>"
     chart = Chart(draw_line(evil), evil)
-    html = own_part(render_page(evil, evil, [Section(evil, [evil, Table([evil], [[evil]]), chart])]))
+    html = own_part(render_page(evil, evil, [Section(evil, [evil, DataTable([evil], [[evil]]), chart])]))
     assert evil not in html
     assert page_data(html)["charts"][0]["data"][0]["name"] == evil  # type: ignore[index]
 
 
 def test_a_table_shows_units_dashes_and_tones() -> None:
-    table = Table(["joint", "margin [deg]"], [["q1", Cell(1.2345, "assumed")], ["q2", None]])
+    table = DataTable(["joint", "margin [deg]"], [["q1", Cell(1.2345, "assumed")], ["q2", None]])
     html = render_page("T", "L", [Section("S", [table])])
     assert '<span class="unit">deg</span>' in html
     assert "1.23</td>" in html
@@ -154,10 +154,10 @@ def test_the_foot_names_grade_sources_and_what_was_assumed() -> None:
 
 
 def test_a_head_holds_unit_and_digits_and_a_row_of_another_length_is_refused() -> None:
-    html = render_page("T", "L", [Section("S", [Table(["x [mm, 5]", "y [, 2]"], [[1.23456, 1.23456]])])])
+    html = render_page("T", "L", [Section("S", [DataTable(["x [mm, 5]", "y [, 2]"], [[1.23456, 1.23456]])])])
     assert "1.2346</td>" in html and "1.2</td>" in html
     with pytest.raises(ValueError, match="zip"):
-        render_page("T", "L", [Section("S", [Table(["a"], [["x", "y"]])])])
+        render_page("T", "L", [Section("S", [DataTable(["a"], [["x", "y"]])])])
 
 
 def test_thinning_keeps_the_ends_and_every_extreme() -> None:

@@ -55,12 +55,6 @@ def _describe_lesson(job: Job, name: str) -> str:
 def carry_out(job: Job, folder: Path, *, as_json: bool, note: str = "") -> None:
     """Plan a job, a plan for each tool that it calls, write what came of it, and say so.
 
-    Args:
-        job: The job.
-        folder: Folder to write to.
-        as_json: Whether plan.json is printed in place of sentences.
-        note: What the plan's notes begin with, "" for nothing.
-
     Raises:
         InfeasibleError: If a plan is not what was asked for; it is written all the same.
     """

@@ -70,13 +70,9 @@ class DeflectionMap:
 
 
 def map_deflection(robot: Robot, reached: ReachedPlane, wrench: Array, reduced: Robot | None = None) -> DeflectionMap:
-    """Map the deflection of a robot over a plane.
+    """Map the deflection of a robot over a plane, beside a reduced model of the same robot where one is given.
 
-    Args:
-        robot: The robot.
-        reached: Joint positions on the plane, of the same geometry.
-        wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
-        reduced: A reduced model of the same robot to compare with.
+    wrench: of the environment on the tool at the TCP, base axes. Shape (6,). [N, N m]
     """
     chain = build_chain(robot)
     other = None if reduced is None else build_chain(reduced)

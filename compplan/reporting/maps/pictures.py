@@ -81,15 +81,7 @@ def draw_deflection(robot: Robot, deflection: DeflectionMap, panels: list[Panel]
 def draw_joint_map(
     quality: DexterityMap, zones: list[Zone], names: tuple[str, str], title: str, *, high_is_good: bool = True
 ) -> bytes:
-    """Draw a quantity over two joints, with zones outlined, as a PNG picture.
-
-    Args:
-        quality: The map of the inverse condition number, or of another quantity.
-        zones: Boxes to outline.
-        names: Names of the two joints.
-        title: Title of the figure.
-        high_is_good: Whether a high value is good.
-    """
+    """Draw the inverse condition number or another quantity over two joints, with zones outlined, as a PNG picture."""
     from matplotlib.patches import Rectangle
 
     figure, axes = _make_figure(1, 1, width=5.6, height=4.6)

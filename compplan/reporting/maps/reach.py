@@ -63,14 +63,9 @@ class ReachedPlane:
 
 
 def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None = None) -> Plane:
-    """Build a horizontal plane at a height, or a vertical one in a direction.
+    """Build a horizontal plane at a height, or a vertical one in a direction: `level` [m or rad].
 
-    Args:
-        name: "horizontal" or "vertical".
-        u: First coordinate. Shape (a,). [m]
-        v: Second coordinate. Shape (b,). [m]
-        level: Height [m], or direction [rad].
-        centre: Point that a vertical plane passes through, from which u counts; the base origin if left out. [m]
+    u, v: coordinates, shapes (a,) and (b,) [m]; centre: point of a vertical plane, from which u counts.
 
     Raises:
         InputError: If there is no such plane.
@@ -87,13 +82,9 @@ def make_plane(name: str, u: Array, v: Array, level: float, centre: Array | None
 
 
 def reach_plane(arm: Arm, plane: Plane, posture: str = "down") -> ReachedPlane:
-    """Find joint positions inside the limits for every point of a plane.
+    """Find joint positions inside the limits for every point of a plane, the tool's x axis in its vertical plane.
 
-    Args:
-        arm: The arm.
-        plane: The plane.
-        posture: "straight": the last three joints at zero; "down": the tool points down; "outward": it points away from
-            axis one. The tool's x axis then lies in the vertical plane of the point.
+    posture: "straight": the last three joints at zero; "down": the tool points down; "outward": away from axis one.
 
     Raises:
         InputError: If there is no such posture, or the robot has fewer than six joints.

@@ -93,12 +93,7 @@ class RobotMaps:
 
 
 def map_robot(robot: Robot, settings: MapSettings, reduced: Robot | None = None) -> RobotMaps:
-    """Map a robot over a horizontal and a vertical plane.
-
-    Args:
-        robot: The robot.
-        settings: What to map.
-        reduced: A reduced model to compare with; fitted if left out and the robot bends elsewhere than in its joints.
+    """Map a robot over a horizontal and a vertical plane; a reduced model to compare with is fitted if left out.
 
     Raises:
         InputError: If nothing bends in the robot, it has fewer than six joints, or it reaches no place of a plane.

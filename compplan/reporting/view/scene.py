@@ -53,12 +53,7 @@ def read_colour(text: str) -> Bytes:
 
 
 def paint_sizes(size: Array, tolerance: float) -> Bytes:
-    """Colour deviations against the tolerance: blue is none, yellow the tolerance, dark red twice of it and more.
-
-    Args:
-        size: NaN is grey. Shape (n,). [m]
-        tolerance: [m]
-    """
+    """Colour deviations (n,) against the tolerance, both [m]: blue none, yellow the tolerance, dark red twice of it."""
     place = np.clip(np.nan_to_num(size) / (LAST * tolerance), 0.0, 1.0)
     stops = [stop for stop, _ in SEQUENTIAL]
     shades = np.stack([read_colour(colour) for _, colour in SEQUENTIAL]).astype(float)
@@ -82,13 +77,7 @@ def join_rows(points: Array, colours: Bytes) -> Lines:
 
 
 def pick_point(points: Array, origin: Array, direction: Array) -> int:
-    """Return the point that a ray from the eye passes nearest to, by angle; points behind the eye are left out.
-
-    Args:
-        points: Shape (n, 3). [m]
-        origin: Where the eye is. Shape (3,). [m]
-        direction: Shape (3,).
-    """
+    """Return the point of (n, 3) that a ray from the eye passes nearest to, by angle; none behind the eye."""
     away, unit = points - origin, direction / np.linalg.norm(direction)
     along, across = away @ unit, np.linalg.norm(np.cross(away, unit), axis=1)
     angle = np.where(along > 0, across / np.maximum(along, 1e-9), np.inf)
@@ -112,12 +101,7 @@ def locate_chain(cell: ViewCell, q: Array) -> dict[str, Array]:
 def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
     """Return how the tip moves with each joint: axis x (tip - axis point) of a turning joint, axis of a sliding one.
 
-    Args:
-        cell: The cell.
-        poses: Where its links are, of `locate_chain`. Shape (4, 4) each. [m]
-
-    Returns:
-        Shape (3, nq). [m/rad or 1]
+    poses: where its links are, of `locate_chain`. Shape (3, nq). [m/rad or 1]
     """
     column = {joint.name: number for number, joint in enumerate(cell.actuated)}
     slope = np.zeros((3, len(column)))
@@ -132,13 +116,7 @@ def slope_tip(cell: ViewCell, poses: dict[str, Array]) -> Array:
 
 
 def bend_arm(cell: ViewCell, q: Array, tip: Array) -> Array:
-    """Move the joints as little as need be until the tip is at a place, for drawing: damped least squares.
-
-    Args:
-        cell: The cell.
-        q: Commanded joints. Shape (nq,). [rad or m]
-        tip: Where the tip is drawn. Shape (3,). [m]
-    """
+    """Move joints q (nq,) as little as need be until the tip is at a place [m], for drawing: damped least squares."""
     bent = np.array(q, float)
     for _ in range(STEPS):
         poses = locate_chain(cell, bent)

@@ -147,12 +147,7 @@ class Stage:
         return np.asarray(points @ self.carried[:3, :3].T + self.carried[:3, 3])
 
     def look_at(self, points: Array, poses: dict[str, Array]) -> None:
-        """Frame the whole arm and the path, the path in front; offer to come nearer.
-
-        Args:
-            points: The path. Shape (n, 3). [m]
-            poses: Where the links are. Shape (4, 4) each. [m]
-        """
+        """Frame the whole arm and the path, points (n, 3) [m], the path in front; offer to come nearer."""
         corners = [poses[solid.link][:3, 3] + solid.vertices @ poses[solid.link][:3, :3].T
                    for solid in self.cell.solids if solid.link in poses]  # fmt: skip
         points, everything = self.stand(points), self.stand(np.concatenate([*corners, np.zeros((1, 3)), points]))

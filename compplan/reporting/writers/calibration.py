@@ -41,11 +41,6 @@ def write_calibrated(file: Path, nominal: Robot, folder: Path) -> dict[str, Any]
 def write_controller_file(robot: Robot, nominal: Robot, file: Path) -> dict[str, Any]:
     """Write calibration.conf of Universal Robots from a measured robot folder; return what it cannot hold.
 
-    Args:
-        robot: The robot as measured.
-        nominal: The robot of this type as it ships.
-        file: The file to write.
-
     Raises:
         InputError: If the robots are of different kinds, or are no Universal Robots arms.
     """

@@ -109,7 +109,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
+        q, time, tip, rows, feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 
@@ -128,11 +128,6 @@ def _find_stands(plan: Plan, before: int, after: int) -> NDArray[np.bool_]:
     """Tell at which rows of a program the tool has to stand still beside the ends of rapid moves.
 
     That is where the cut begins after an approach, where something happens, and where the plan rests.
-
-    Args:
-        plan: The plan.
-        before: Rows of the approach.
-        after: Rows of the retract.
     """
     n = len(plan.task)
     stands = np.zeros(before + n + after, bool)
@@ -171,13 +166,8 @@ def place_rows(plan: Plan, wanted: Array | None = None) -> tuple[Array, Array]:
 def write_joints(plan: Plan, path: Path, wanted: Array | None = None) -> None:
     """Write joints.csv: time, commanded joint positions, wanted tip and tool axis, the wrench, kind of move.
 
-    The wrench is the one that the job's [process] predicts, whatever measured parts said of it: a shop that knows how
-    far its force is from that goes on from there.
-
-    Args:
-        plan: The plan.
-        path: The file.
-        wanted: Where the path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
+    The wrench is the one that the job's [process] predicts, whatever measured parts said of it. `wanted`: where the
+    path wants the tip, where the plan aims beside it. Shape (n, 3). [m]
     """
     robot, task, before, after = plan.robot, plan.task, plan.approach, plan.retract
     time, kept = _list_times(plan), choose_rows(plan)
@@ -345,13 +335,9 @@ def _shift_pieces(plan: Plan, before: int, after: int) -> Pieces:
 
 
 def place_events(events: Sequence[Event], before: int, count: int, after: int) -> list[Event]:
-    """Return the events of a path at the rows of its program, which begins with the approach.
+    """Return the events of a path of `count` rows at the rows of its program, which begins with the approach.
 
-    Args:
-        events: The events.
-        before: Rows of the approach.
-        count: Rows of the path. What ends something at the last of them waits until the tool is retracted.
-        after: Rows of the retract.
+    What ends something at the last row of the path waits until the tool is retracted.
     """
     rows = [
         -1 if event.place < 0 else event.place + before + after * (event.place == count - 1 and event.kind in ENDING)

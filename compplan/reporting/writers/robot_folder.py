@@ -14,13 +14,7 @@ from compplan.robot import Robot, read_robot_folder, write_robot_folder
 def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> Robot:
     """Write a robot folder, read it as every command does and solve its equilibrium in the middle of its joint ranges.
 
-    Args:
-        robot: The robot.
-        folder: The folder to write; made if needed.
-        before: The robot as it was before it was measured, as `write_robot_folder` takes it.
-
-    Returns:
-        The robot as read from the folder.
+    Returns the robot as read; `before`: the robot before it was measured, as `write_robot_folder` takes it.
 
     Raises:
         InputError: If the folder cannot be read, or its robot finds no equilibrium.
