@@ -76,6 +76,13 @@ def show(planned: Planned) -> str:
             f"{planned.cycle:.3f} | {band} | {told} | {planned.cpu:.2f} |")  # fmt: skip
 
 
+def list_cells(job: str, here: Planned, beside: Planned) -> str:
+    """Return a row of the page: status here, then cycle, band and CPU of both."""
+    bands = ["-" if planned.band is None else f"{planned.band:.3f}" for planned in (here, beside)]
+    return (f"| `{job}` | {here.status} | {here.cycle:.3f} ({beside.cycle:.3f}) | {bands[0]} ({bands[1]}) | "
+            f"{here.cpu:.2f} ({beside.cpu:.2f}) |")  # fmt: skip
+
+
 def compare(pairs: list[tuple[Planned, Planned]]) -> list[str]:
     """Say in a few lines what jobs come to here beside the other checkout; falls short first."""
     cpu = np.exp(np.mean([np.log(here.cpu / beside.cpu) for here, beside in pairs]))
@@ -120,7 +127,17 @@ def main() -> None:
             tell(f"| `{job}` | {name} | {show(found[-1])}")
         pairs.append((found[0], found[-1]))
     if given.out is not None:
-        given.out.write_text("\n".join([*HEAD, *compare(pairs), *lines, ""]), encoding="utf-8")
+        rows = [list_cells(job, *pair) for job, pair in zip(given.jobs.split(","), pairs, strict=True)]
+        table = [
+            "In brackets: beside.",
+            "",
+            "| job | status | cycle s | band mm | CPU s |",
+            "|---" * 5 + "|",
+            *rows,
+            "",
+        ]
+        commits = lines[: len(roots) + 1]
+        given.out.write_text("\n".join([*HEAD, *compare(pairs), *commits, *table]), encoding="utf-8")
 
 
 if __name__ == "__main__":
