@@ -146,7 +146,7 @@ def find_circle(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Arra
     return a + arm, u, cross(normal, u), normal
 
 
-class Arc(NamedTuple):
+class MoveArc(NamedTuple):
     """An arc: centre, arm from there to its start, that arm a right angle further, and the angle to its end [rad].
 
     Lengths in the unit of the places that it was found from. Shapes (3,).
@@ -173,11 +173,11 @@ class Arc(NamedTuple):
         return np.asarray(ways / max(float(np.linalg.norm(self.arm)), 1e-12))
 
 
-def find_arc(start: Array, via: Array, end: Array) -> Arc | None:
+def find_arc(start: Array, via: Array, end: Array) -> MoveArc | None:
     """Return the arc from one place through another to a third; None where they lie on a line."""
     circle = find_circle(start, via, end)
     if circle is None:
         return None
     centre, u, v, _ = circle
     reach, radius = end - centre, float(np.linalg.norm(start - centre))
-    return Arc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))
+    return MoveArc(centre, radius * u, radius * v, float(np.arctan2(reach @ v, reach @ u) % (2.0 * np.pi)))

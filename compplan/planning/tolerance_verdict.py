@@ -9,18 +9,19 @@ tolerance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.task import PlanTask
+from compplan.job.job import Job
+from compplan.planning.deflection import Bending
+from compplan.planning.evaluate import Evaluation
+from compplan.planning.executed import ExecutedPath
+from compplan.planning.task import Command, PlanTask
 from compplan.robot import Array
 from compplan.uncertainty.band import CAUSES, ErrorBand
 from compplan.uncertainty.ladder import DO
-
-if TYPE_CHECKING:
-    from compplan.planning.result import Plan
 
 FORCE = "process force"
 #: Words of the verdict.
@@ -46,6 +47,28 @@ CHANGES = {
     "place of the part": "Measure where the part is: [noise] part_frame_mm, part_frame_deg.",
     "repeatability": "Allow more, or take a robot that repeats better.",
 }
+
+
+class EvaluatedPlan(Protocol):
+    """What the verdict reads of a plan (`planning.result.Plan`)."""
+
+    @property
+    def task(self) -> PlanTask: ...  # noqa: D102
+    @property
+    def status(self) -> str: ...  # noqa: D102
+    @property
+    def command(self) -> Command: ...  # noqa: D102
+    @property
+    def after(self) -> Evaluation: ...  # noqa: D102
+    @property
+    def bending(self) -> Bending: ...  # noqa: D102
+    @property
+    def promise(self) -> ErrorBand | None: ...  # noqa: D102
+    @property
+    def executed(self) -> ExecutedPath | None: ...  # noqa: D102
+    @property
+    def job(self) -> Job | None: ...  # noqa: D102
+    def explain_failures(self) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -127,7 +150,7 @@ class ToleranceVerdict:
         return tuple(lines)
 
 
-def check_tolerance(plan: Plan) -> ToleranceVerdict:
+def check_tolerance(plan: EvaluatedPlan) -> ToleranceVerdict:
     """Judge whether the part of a plan may be expected within its tolerance."""
     task, promise = plan.task, plan.promise
     if plan.status == "infeasible":
@@ -171,7 +194,7 @@ def describe_tolerance(task: PlanTask) -> str:
     return f"{span}{_mm(sizes.max())}{more}"
 
 
-def _may_not_keep(plan: Plan, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
+def _may_not_keep(plan: EvaluatedPlan, promise: ErrorBand, beyond: NDArray[np.bool_], share: float) -> ToleranceVerdict:
     task, length = plan.task, plan.task.nominal.arc_length
     cause = find_cause(plan, promise)
     change = find_change(plan, promise, cause)
@@ -194,7 +217,7 @@ def _may_not_keep(plan: Plan, promise: ErrorBand, beyond: NDArray[np.bool_], sha
     )  # fmt: skip
 
 
-def _no_solution(plan: Plan) -> ToleranceVerdict:
+def _no_solution(plan: EvaluatedPlan) -> ToleranceVerdict:
     """Return the verdict of a best compromise: where waypoints are out of reach there is no band to state."""
     failures = plan.command.failures
     limits = sorted({name for text in failures.values() for name in text.split(", ")})
@@ -211,7 +234,7 @@ def _no_solution(plan: Plan) -> ToleranceVerdict:
     )
 
 
-def _not_known(plan: Plan, missing: str, change: str, share: float | None) -> ToleranceVerdict:
+def _not_known(plan: EvaluatedPlan, missing: str, change: str, share: float | None) -> ToleranceVerdict:
     task, promise = plan.task, plan.promise
     basis, band = ("", None) if promise is None else (describe_basis(promise), promise.whole)
     head = "" if plan.status == "solved" else "Do not start. "
@@ -222,7 +245,7 @@ def _not_known(plan: Plan, missing: str, change: str, share: float | None) -> To
     )
 
 
-def find_missing(plan: Plan) -> tuple[str, str] | None:
+def find_missing(plan: EvaluatedPlan) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
     robot = plan.task.robot
     if robot.uncertainty is None and robot.grade == "placeholder":
@@ -232,7 +255,7 @@ def find_missing(plan: Plan) -> tuple[str, str] | None:
     return None
 
 
-def find_cause(plan: Plan, promise: ErrorBand) -> str:
+def find_cause(plan: EvaluatedPlan, promise: ErrorBand) -> str:
     """Name the cause whose measurement narrows the band most, otherwise what makes it widest where it is widest."""
     left = float(plan.after.distance[promise.widest])
     causes = {**promise.causes, "what the plan itself leaves": left}
@@ -245,7 +268,7 @@ def find_cause(plan: Plan, promise: ErrorBand) -> str:
     return max((name for name in causes if name in CAUSES), key=lambda name: causes[name])
 
 
-def find_change(plan: Plan, promise: ErrorBand, cause: str) -> str:
+def find_change(plan: EvaluatedPlan, promise: ErrorBand, cause: str) -> str:
     """Say what would change the verdict: the cheapest measurements that suffice, or that which narrows most."""
     if promise.ladder and cause not in ("inertia and vibration", "place of the part", "repeatability"):
         if promise.cheapest:
@@ -289,19 +312,19 @@ def explain_width(promise: ErrorBand | None, nominal: float) -> str:
     )
 
 
-def wants_inertia(plan: Plan) -> bool:
+def wants_inertia(plan: EvaluatedPlan) -> bool:
     """Tell whether the job lets the plan compensate the inertia of the motion."""
     return plan.job is None or plan.job.plan.inertia
 
 
-def describe_inertia(plan: Plan) -> str:
+def describe_inertia(plan: EvaluatedPlan) -> str:
     """Say that inertia is left alone where the job wants it so, "" otherwise."""
     if wants_inertia(plan) or not np.isfinite(plan.bending.inertia):
         return ""
     return " Inertia is not compensated: [plan] inertia = false."
 
 
-def list_left_out(plan: Plan) -> tuple[str, ...]:
+def list_left_out(plan: EvaluatedPlan) -> tuple[str, ...]:
     """List what moves the tip and is not in the band."""
     told = []
     traced = plan.executed is not None and plan.executed.known

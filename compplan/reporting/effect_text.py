@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from compplan.effects import EFFECTS
@@ -71,6 +71,17 @@ def describe_change(effect: Mapping[str, Any]) -> str:
     half = 0.5 * (high - low)
     digits = 0 if half >= 0.95 else 1
     return f"{value:+.{digits}f} % ± {half:.{digits}f} %".replace("-", "−")
+
+
+def list_sizes(effects: Sequence[Mapping[str, Any]], most: int = 7) -> list[str]:
+    """List the size of each effect with unit and 95 % interval, and what the measurements cannot tell it from."""
+    lines = []
+    for effect in effects[:most]:
+        size = describe_change(effect)
+        size = f"{size} (95 %)" if size else describe_parameters(effect["parameters"], effect.get("interval95"))
+        rivals = " or ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])[:3])
+        lines.append(f"{name_effect(effect)}: {size}" + (f"; fits as well: {rivals}" if rivals else ""))
+    return lines
 
 
 def _show(value: Any) -> str:

@@ -22,7 +22,7 @@ from compplan.controllers.motion.timing import limit_speed
 from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
-from compplan.controllers.shapes import Arc
+from compplan.controllers.shapes import MoveArc
 from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
 from compplan.controllers.writers.motion_table import MotionTable, read_motion
 from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
@@ -155,7 +155,7 @@ def test_an_arc_keeps_its_radius_and_its_even_turn() -> None:
     joints = refine_ik(arm, np.repeat(q, 2, axis=0), ends, turns)
     some = Instructions(Path("p"), np.arange(2), np.ones(2, bool), ends, ends, joints, np.full(2, 0.05), np.zeros(2))
     length = np.array([0.0, 0.05 * np.pi / 2])
-    arc = Arc(centre, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0.05, 0.0]), np.pi / 2)
+    arc = MoveArc(centre, np.array([0.05, 0.0, 0.0]), np.array([0.0, 0.05, 0.0]), np.pi / 2)
     path = build_path(Nodes(some, joints, ends, turns, length, {1: arc}), arm, 1.0)
     assert np.linalg.norm(path.position - centre, axis=1) == pytest.approx(0.05, abs=1e-9)
     done = np.unwrap(np.arctan2(*(path.position - centre).T[1::-1])) / (np.pi / 2)

@@ -15,6 +15,7 @@ from compplan.errors import UnknownNameError
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.diagnosis import deliver_diagnosis
+from compplan.reporting.effect_text import list_sizes
 
 
 @click.command("diagnose")
@@ -53,7 +54,7 @@ def command(
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
     lines = [
         *(f"assumed to be meant: {question}" for question in asked),
-        str(diagnosis), *list_notes(diagnosis.fit.problem.campaign.notes),
+        str(diagnosis), *list_sizes(table["verdict"]["effects"]), *list_notes(diagnosis.fit.problem.campaign.notes),
         f"wrote diagnosis.json, report.html, {folders} to {folder}",
         f"next: {opening.next.replace('OUT/robot', str(folder / 'robot'))}",
     ]  # fmt: skip

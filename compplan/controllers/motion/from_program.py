@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.motion.geometry import Nodes
 from compplan.controllers.motion.instructions import Instructions
-from compplan.controllers.shapes import Arc, find_arc
+from compplan.controllers.shapes import MoveArc, find_arc
 from compplan.controllers.writers.fit import Fitted
 from compplan.controllers.writers.zones import FASTEST, mark_moves
 from compplan.robot import Array
@@ -42,7 +42,7 @@ def build_moves(fitted: Fitted, q: Array, arm: Arm, zones: Array) -> tuple[Nodes
     frames = locate_frames(arm.chain, posture)
     position = frames.tcp_position
     length = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
-    arcs: dict[int, Arc] = {}
+    arcs: dict[int, MoveArc] = {}
     for k in np.flatnonzero(program.arcs[moves] & ~alone).tolist():
         assert program.via is not None
         arc = find_arc(position[k - 1], program.via[moves][k, :3, 3], position[k])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from compplan.controllers.motion.instructions import Instructions, mark_whole
-from compplan.controllers.shapes import Arc
+from compplan.controllers.shapes import MoveArc
 from compplan.errors import InfeasibleError, InputError
 from compplan.robot import Array
 from compplan.statics.chain import Chain, locate_frames
@@ -45,7 +45,7 @@ class Nodes:
     position: Array  #: Tip there. Shape (n, 3). [m]
     rotation: Array  #: TCP frame there. Shape (n, 3, 3).
     length: Array  #: Way of the tip to each, 0 for the first. Shape (n,). [m]
-    arcs: Mapping[int, Arc] = field(default_factory=dict)  #: Arcs among the moves, by the one that each is.
+    arcs: Mapping[int, MoveArc] = field(default_factory=dict)  #: Arcs among the moves, by the one that each is.
 
     def along(self, move: NDArray[np.int_], share: Array) -> Array:
         """Return where the tip is at shares of lines and arcs. Shape (k,) -> (k, 3). [m]."""

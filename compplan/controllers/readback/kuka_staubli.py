@@ -19,7 +19,7 @@ import numpy as np
 from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
-    Block,
+    CodeBlock,
     Move,
     kuka_pose,
     nest_lines,
@@ -93,7 +93,7 @@ class _Krl:
         body = lines[lines.index(f"DEF {name}()") + 1 : lines.index("END")]
         self.run(nest_lines(filter(None, body), {"FOR": "ENDFOR", "IF": "ENDIF"}, "ELSE"))
 
-    def run(self, blocks: list[Block]) -> None:
+    def run(self, blocks: list[CodeBlock]) -> None:
         for line, body, other in blocks:
             if body is None:
                 self.step(line)
@@ -197,7 +197,7 @@ class _Val3:
         assert (lines[0], lines[-1]) == ("begin", "end")
         self.run(nest_lines(iter(lines[1:-1]), {"for": "endFor", "if": "endIf"}, "else"))
 
-    def run(self, blocks: list[Block]) -> None:
+    def run(self, blocks: list[CodeBlock]) -> None:
         for line, body, other in blocks:
             if body is None:
                 self.step(line)

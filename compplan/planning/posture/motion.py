@@ -169,7 +169,8 @@ def list_plays(robot: Robot) -> Array:
     """Return the width of the lost motion that a robot folder states of every joint. Shape (nq,). [rad or m]"""
     widths = np.zeros(robot.nq)
     for entry in filter(is_play, robot.effects):
-        widths[robot.joint_names.index(str(entry["joint"]))] += width_of(entry)
+        # names that the robot does not have are refused where the effects are built
+        widths += width_of(entry) * (np.array(robot.joint_names) == entry["joint"])
     return widths
 
 
