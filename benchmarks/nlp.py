@@ -18,6 +18,8 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 ROOT = Path(__file__).parents[1]
 JOBS = (
     "paths/circle_10mm.toml", "paths/spiral.toml", "paths/isf_cone.toml", "paths/limits_feed.toml",
@@ -29,7 +31,7 @@ HEAD = (
     "# The nonlinear program: exact, and at what cost?", "",
     "**Question.** What do shipped jobs come to, and what do they cost, beside an earlier state of the project?", "",
     "Written by `python -m benchmarks nlp --beside CHECKOUT --out docs/results/nlp.md`. CPU is that of the whole",
-    "command in a process of its own, both checkouts in one run, one BLAS thread.", "",
+    "command in a process of its own, both checkouts in one run, one BLAS thread. Each computes its own 95 % band.", "",
 )  # fmt: skip
 
 
@@ -74,6 +76,28 @@ def show(planned: Planned) -> str:
             f"{planned.cycle:.3f} | {band} | {told} | {planned.cpu:.2f} |")  # fmt: skip
 
 
+def list_cells(job: str, here: Planned, beside: Planned) -> str:
+    """Return a row of the page: status here, then cycle, band and CPU of both."""
+    bands = ["-" if planned.band is None else f"{planned.band:.3f}" for planned in (here, beside)]
+    return (f"| `{job}` | {here.status} | {here.cycle:.3f} ({beside.cycle:.3f}) | {bands[0]} ({bands[1]}) | "
+            f"{here.cpu:.2f} ({beside.cpu:.2f}) |")  # fmt: skip
+
+
+def compare(pairs: list[tuple[Planned, Planned]]) -> list[str]:
+    """Say in a few lines what jobs come to here beside the other checkout; falls short first."""
+    cpu = np.exp(np.mean([np.log(here.cpu / beside.cpu) for here, beside in pairs]))
+    cycle = max(here.cycle / beside.cycle for here, beside in pairs if here.status == "solved")
+    bands = [here.band / beside.band for here, beside in pairs if here.band and beside.band]
+    slower = max(here.cpu / beside.cpu for here, beside in pairs)
+    alike = sum(here.status == beside.status for here, beside in pairs)
+    return [
+        "## In short", "",
+        f"- CPU here is {cpu:.2f} of that beside in the geometric mean, {slower:.2f} at worst.",
+        f"- {alike} of {len(pairs)} jobs have the same status; the cycle is at most {cycle - 1.0:+.1%}.",
+        f"- The widest 95 % band is {min(bands):.2f} to {max(bands):.2f} of that beside.", "",
+    ]  # fmt: skip
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -95,11 +119,25 @@ def main() -> None:
     tell("")
     tell("| job | checkout | status | waypoints | at waypoints mm | between mm | cycle s | band mm | "
           "stations / iterations / CPU s of the program | CPU s |\n" + "|---" * 10 + "|")  # fmt: skip
+    pairs = []
     for job in given.jobs.split(","):
+        found = []
         for name, root in roots.items():
-            tell(f"| `{job}` | {name} | {show(plan_job(root, job))}")
+            found.append(plan_job(root, job))
+            tell(f"| `{job}` | {name} | {show(found[-1])}")
+        pairs.append((found[0], found[-1]))
     if given.out is not None:
-        given.out.write_text("\n".join([*HEAD, *lines, ""]), encoding="utf-8")
+        rows = [list_cells(job, *pair) for job, pair in zip(given.jobs.split(","), pairs, strict=True)]
+        table = [
+            "In brackets: beside.",
+            "",
+            "| job | status | cycle s | band mm | CPU s |",
+            "|---" * 5 + "|",
+            *rows,
+            "",
+        ]
+        commits = lines[: len(roots) + 1]
+        given.out.write_text("\n".join([*HEAD, *compare(pairs), *commits, *table]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -83,10 +83,29 @@ class IdentifyProblem:
         """Whether poses are compared with themselves under other loads."""
         return self.rows.reference == "difference"
 
+    def forms(self) -> list[Signature]:
+        """List the signatures of geometry and of the effects that the options ask for, at the nominal robot."""
+        if self.geometry == "none" and not self.options.effects:
+            return []
+        scene = build_model(self.robot, self.rows.campaign, registration=self.rows.registration)
+        scene = apply_effects(scene, robot_effects(self.robot))
+        at = linearize_model(scene, solve_model_poses(scene))
+        return [*geometry_forms(at, self.geometry), *effect_forms(at, self.options.effects)]
+
     def structure(self, *, extras: bool = False) -> FreeRobot:
         """Build the structure of everything that is considered; `extras` are candidates of the stepwise refinement."""
-        forms = list_forms(self.robot, self.options, self.rows, self.geometry)
-        return build_considered(self.robot, self.options, forms, extras=extras)
+        robot, options = self.robot, self.options
+        demanded = tuple(read_spring(robot, name) for name in options.add)
+        present = replace(robot, springs=(*robot.springs, *demanded))
+        own = () if options.springs is not None else missing_springs(present)
+        present = replace(present, springs=(*present.springs, *own))
+        beyond = link_springs(present) if options.link_side else ()
+        more = candidate_springs(present) if extras else ()
+        springs = None
+        if options.springs is not None:
+            springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond, *more)))
+        added = (*demanded, *own, *beyond, *more)
+        return build_structure(robot, springs=springs, add=added, links=options.links, forms=self.forms())
 
     def demanded(self, structure: FreeRobot) -> list[str]:
         """List the parameters that need not earn their place: those of the nominal model, and what was asked for."""
@@ -97,48 +116,6 @@ class IdentifyProblem:
     def fit(self, structure: FreeRobot) -> Estimate:
         """Fit a structure."""
         return fit_rows(structure, self.rows)
-
-
-def list_forms(robot: Robot, options: IdentifyOptions, rows: Rows, geometry: str | None = None) -> list[Signature]:
-    """List the signatures of geometry and of the effects that the options ask for, at the nominal robot.
-
-    Args:
-        robot: The nominal robot.
-        options: What is to be identified.
-        rows: The measured rows.
-        geometry: "none", "offsets" or "all"; that of the options where left out, none for "auto".
-    """
-    wanted = options.geometry.replace("auto", "none") if geometry is None else geometry
-    if wanted == "none" and not options.effects:
-        return []
-    scene = build_model(robot, rows.campaign, registration=rows.registration)
-    scene = apply_effects(scene, robot_effects(robot))
-    at = linearize_model(scene, solve_model_poses(scene))
-    return [*geometry_forms(at, wanted), *effect_forms(at, options.effects)]
-
-
-def build_considered(
-    robot: Robot, options: IdentifyOptions, forms: list[Signature], *, extras: bool = False
-) -> FreeRobot:
-    """Build the structure of everything that the options ask for.
-
-    Args:
-        robot: The nominal robot.
-        options: What is to be identified.
-        forms: Signatures of the effects in it.
-        extras: Whether springs about every further axis are in it too.
-    """
-    demanded = tuple(read_spring(robot, name) for name in options.add)
-    own = () if options.springs is not None else missing_springs(replace(robot, springs=(*robot.springs, *demanded)))
-    present = replace(robot, springs=(*robot.springs, *demanded, *own))
-    beyond = link_springs(present) if options.link_side else ()
-    more = candidate_springs(present) if extras else ()
-    springs = None
-    if options.springs is not None:
-        springs = (*options.springs, *(label_spring(spring) for spring in (*demanded, *beyond, *more)))
-    return build_structure(
-        robot, springs=springs, add=(*demanded, *own, *beyond, *more), links=options.links, forms=forms
-    )
 
 
 def place_frames(robot: Robot, campaign: Campaign, parts: tuple[str, ...]) -> Registration:

@@ -93,7 +93,7 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
         key = (tool.number, tool.name)
         if key in seen:
             call = _call(tool.number or 0, tool.name or "")
-            message = f"describes {call} which tool[{seen[key]}] describes it already"
+            message = f"describes {call} again, tool[{seen[key]}] describes it already"
             raise InputError(message, file=file, where=f"tool[{k}]")
         seen[key] = k
         tools.append(tool)

@@ -1,1 +1,1 @@
-"""The loop: what to measure for a path, and what a cut part teaches."""
+"""The loop: what to measure for a path, and what is learned from a cut part."""

@@ -1,6 +1,6 @@
-"""A taught robot is tried on paths that its part did not see, before it is delivered: copies of the path, moved aside.
+"""Try an updated robot on paths that its part did not see: copies of the path, moved aside.
 
-What a lesson says of the robot is the mean of what the folder before held possible. Where it moves the tip of such a
+What an update says of the robot is the mean of what the folder before held possible. Where it moves the tip of such a
 path farther than that folder allowed with 95 %, or the arm finds no equilibrium, it explains the part by something that
 does not hold elsewhere.
 """
@@ -29,14 +29,14 @@ REACHED = 1e-6
 def check_generalisation(
     task: PlanTask, taught: Robot, known: Uncertainty, shares: Array, spread: ForceSpread
 ) -> tuple[bool, str]:
-    """Try a taught robot on copies of the path, moved along each base axis to where the arm reaches.
+    """Try an updated robot on copies of the path, moved along each base axis to where the arm reaches.
 
     Args:
         task: The task that was cut, with the robot of the folder before.
-        taught: The taught robot, with the tool of the job.
+        taught: The updated robot, with the tool of the job.
         known: What was known of the robot.
         shares: What is told of the force, in standard deviations of level and turns. Shape (4,).
-        spread: How surely the force was known.
+        spread: Uncertainty of the force before.
 
     Returns:
         Whether it holds there, and what the copies say; "" where none is reached.

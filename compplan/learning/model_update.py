@@ -1,4 +1,4 @@
-"""What a cut part teaches: the robot's parameters where physics explains its deviations, the path itself where not.
+"""What is learned from a cut part: the robot's parameters where they explain its deviations, else the path itself.
 
 The deviation of a point at length s of the path is, to first order,
 
@@ -11,7 +11,7 @@ under which the part is most probable. The next program takes the posterior mean
 where the part, dealt to stretches, says that this helps on stretches that were not used. The band after it counts the
 next part's own g and o.
 
-Robot and force trade places on a path: each stays uncertain where their sum is known well. So a lesson leaves the path
+Robot and force trade places on a path: each stays uncertain where their sum is known well. So an update leaves the path
 the covariance of its tip, and the next part on it starts from that (`path`), not from robot and force apart.
 """
 
@@ -51,7 +51,7 @@ Exact = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class ModelUpdate:
-    """What a part teaches; k rows along the path, p parameters.
+    """What is learned from a part; k rows along the path, p parameters.
 
     Attributes:
         taken: Whether a corrected program is written.
@@ -177,8 +177,8 @@ def learn_part(
         gathered: The measured deviations.
         exact: Motion of the tip by values of parameters and force, exactly.
         own: What this part and the next one have of their own.
-        least_size: Standard deviation per axis that an earlier lesson left of the residual, or None. [m]
-        path: What an earlier lesson left open of this path (`ModelUpdate.open`), or None. Shape (k, 3, r). [m]
+        least_size: Standard deviation per axis that an earlier update left of the residual, or None. [m]
+        path: What an earlier update left open of this path (`ModelUpdate.open`), or None. Shape (k, 3, r). [m]
     """
     path = None if path is None else path.reshape(3 * len(slopes.rows), -1)
     width = max(known.smooth, LEAST) if least_size is None else least_size

@@ -1,4 +1,4 @@
-"""A cut part, from measured points to the next program: the plan that was cut, the lesson, the plan that follows."""
+"""A cut part, from measured points to the next program: the plan that was cut, the update, the plan that follows."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class CutPath:
     Attributes:
         scene: The robot on it.
         known: What is known of the robot.
-        force: How surely the force is known, as far as all parts share it.
+        force: Uncertainty of the force, as far as all parts share it.
         slopes: The path to first order, k rows.
         length: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape
             (n,). [m]
@@ -249,9 +249,9 @@ def learn_from_part(
 
 
 def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
-    """Return what stays with the path where nothing is taken off it: nothing, and how open the lesson leaves it.
+    """Return what stays with the path where nothing is taken off it: nothing, and how open the update leaves it.
 
-    length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the lesson.
+    length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the update.
     """
     return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
 
@@ -270,7 +270,7 @@ def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath)
 def _list_notes(
     lesson: ModelUpdate, travel: Transfer, matched: MeasuredPath, wanted: Toolpath, stood: str
 ) -> tuple[str, ...]:
-    """Return why the lesson is taken or left, and what to know of the points and of long moves."""
+    """Return why the update is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
     told = (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else [])) if lesson.taken else ()
@@ -359,7 +359,7 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
 
 
 def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others) -> Residual:
-    """Add what stays with the path: what the lesson says of its tip, less what robot folder and process now say there.
+    """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
 
     old: what was learned before, or None; others: what robot folder and process say now.
     """
@@ -377,7 +377,7 @@ def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: 
 
 
 def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
-    """Give a plan the promise of the lesson: this path is known better than the robot is elsewhere."""
+    """Give a plan the band of the update: this path is known better than the robot is elsewhere."""
     promise = plan.promise
     if promise is None:
         return plan

@@ -1,4 +1,4 @@
-"""What a robot folder can hold of a lesson: parameters that URDF and springs can say, and how surely all are known."""
+"""What a robot folder can hold of an update: parameters that URDF and springs can say, and the uncertainty of all."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Learned(NamedTuple):
 def apply_update(
     robot: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
 ) -> tuple[Robot, Array]:
-    """Put what was learned into a robot folder, counterparts together, and how surely all of it is known.
+    """Put what was learned into a robot folder, counterparts together, and its uncertainty.
 
     What URDF and springs cannot say becomes an effect of the folder. What neither holds (the tool of a job, a spring
     below zero) stays with the path; its mean counts as not known, m m^T.

@@ -24,7 +24,7 @@ class Residual:
         deviation: Deviation there, base axes. Shape (b, 3). [m]
         spread: Standard deviation of it per axis. Shape (b,). [m]
         q: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
-        open: What the last lesson left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
+        open: What the last update left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
     """
 
     length: Array

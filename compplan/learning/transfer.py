@@ -1,7 +1,7 @@
-"""What of a lesson travels to other paths: the force of the process, and the robot whole or not at all.
+"""What of an update travels to other paths: the force of the process, and the robot whole or not at all.
 
 A part is dealt to long stretches. Learned from the others, without the residual that belongs to the path, the force
-alone and force and robot together have to leave less on the stretch that they did not see. Then the taught robot is
+alone and force and robot together have to leave less on the stretch that they did not see. Then the updated robot is
 tried on paths that the part did not see at all (`compplan.learning.generalisation`).
 """
 
@@ -88,7 +88,7 @@ def state_own(
     Args:
         tip: Where the tip goes. Shape (k, 3). [m]
         level: Motion of the tip by the level that all parts share, one standard deviation. Shape (k, 3). [m]
-        spread: How surely the force is known.
+        spread: Uncertainty of the force.
         clamped: Motion of the part by how it is clamped, columns of one standard deviation. Shape (k, 3, c). [m]
         fitted: The same of the measured part where a best fit took its motion off.
         warm: Growth of the arm from part to part, one standard deviation, relative.
@@ -110,13 +110,13 @@ def learn_force(
     job: str,
     kept: NDArray[np.bool_],
 ) -> tuple[LearnedForce, Array]:
-    """Turn a lesson into what other paths are told of the force; also return its shares that they are told, (4,).
+    """Turn an update into what other paths are told of the force; also return its shares that they are told, (4,).
 
     Its direction travels where it is fixed in base or part; where it goes with the path it stays with the path.
 
     Args:
-        lesson: The lesson.
-        spread: How surely the force was known.
+        lesson: The update.
+        spread: Uncertainty of the force before.
         old: What was known of it, or None.
         process: The [process] of the job.
         R_base_part: Part axes seen from the base. Shape (3, 3).
@@ -214,9 +214,9 @@ def _tell(
 def plan_updated(
     robot: Robot, planned: Robot, known: Uncertainty, values: Array, covariance: Array, *, own_tool: bool = True
 ) -> tuple[Robot, Array]:
-    """Teach a robot folder what a part says about the robot that was planned with; see `apply_update`.
+    """Put into a robot folder what a part says about the robot that was planned with; see `apply_update`.
 
-    What of its parts in doubt had faded there stays out, and the rest no longer fades: the lesson counts on it.
+    What of its uncertain parts had faded there stays out, and the rest no longer fades: the update counts on it.
     """
     alike = replace(shrink_alike(robot, planned), visited=None)
     return apply_update(alike, known, values, covariance, own_tool=own_tool)

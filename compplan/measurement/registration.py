@@ -50,6 +50,12 @@ class Registration:
             np.eye(4), tools, campaign.target_names, tuple(parts), contacts, np.zeros((len(contacts), 3))
         )
 
+    def locate_targets(self, campaign: Campaign, position: Array, rotation: Array) -> Array:
+        """Return the targets of TCP poses in the measurement frame. Shape (n, 3). [m]"""
+        tool = self.tool[campaign.target_index, :3, 3]
+        point = position + np.einsum("nij,nj->ni", rotation, tool)
+        return np.asarray(point @ self.base[:3, :3].T + self.base[:3, 3])
+
 
 def fitted_parts(campaign: Campaign, parts: Sequence[str]) -> tuple[str, ...]:
     """Return the frames that a campaign needs fitted: those asked for, and places of contacts, which nobody knows.

@@ -129,8 +129,10 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     other = PRICES["accurate" if preset == "fast" else ""]
     for name, (state, origin) in origins.items():
         for weights in dict.fromkeys((prices, other) if name == "search" else (other,)):
-            if (found := shape_start(state, origin, asked, weights)) is not None:
-                runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
+            found = shape_start(state, origin, asked, weights)
+            if found is None:  # other weights have the same limits
+                break
+            runs += [run._replace(origin=name, shaped=found[1]) for run in measure_runs(found[0], asked)]
     taken = _choose_run(preset, first, runs, asked)
     return start if taken is None else _take(start, first, taken, least_time(task))
 

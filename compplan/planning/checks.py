@@ -44,6 +44,7 @@ from compplan.simulation.simulated_robot import (
     touch_cell,
 )
 from compplan.simulation.vibration import build_dynamics
+from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.shrinkage import has_faded
 
 #: Rounding that limits, times and feeds leave: by the planner's own differences, and by other engines.
@@ -178,7 +179,7 @@ def _check_models(task: PlanTask, q: Array, after: Evaluation) -> Check:
     """Planner and independent check place the loaded tip alike, at some waypoints of the cut."""
     rows, apart, worst = np.flatnonzero(after.cut), 0.0, 0
     if len(rows):
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, COMPARED).astype(int))]
+        rows = pick_even(rows, COMPARED)
         away = np.linalg.norm(attain_rows(task, q, rows, slope=False).position - after.position[rows], axis=1)
         apart, worst = float(away.max()), int(rows[away.argmax()])
     sentence = (f"the planner and the independent check place the loaded tip {_mm(apart)} apart "
@@ -369,7 +370,7 @@ def evaluate_between(task: PlanTask, q: Array, between: Between, bench: Bench) -
     moves = judged_moves(task)
     if len(moves) > WORST + EVEN:
         worst = moves[np.argsort((between.most / task.move_tolerance)[moves])[-WORST:]]
-        moves = np.union1d(worst, moves[np.linspace(0, len(moves) - 1, EVEN).astype(int)])
+        moves = np.union1d(worst, pick_even(moves, EVEN))
     if not len(moves):
         return 0.0, -1
     half = [0.5 * (values[moves] + values[moves + 1]) for values in (q, bench.wrench)]
@@ -396,7 +397,7 @@ def find_overloads(task: PlanTask, q: Array, bench: Bench) -> dict[int, str]:
     rows = np.flatnonzero(task.compensated)
     if len(rows) > WORST + EVEN:
         heavy = rows[np.argsort(np.linalg.norm(bench.wrench[rows, :3], axis=1))[-WORST:]]
-        rows = np.union1d(heavy, rows[np.linspace(0, len(rows) - 1, EVEN).astype(int)])
+        rows = np.union1d(heavy, pick_even(rows, EVEN))
     share = np.abs(hold_load(bench.cell.judge, q[rows], bench.wrench[rows])) / np.maximum(efforts, 1e-9)
     found = {}
     for k in np.flatnonzero((share > ROUNDING).any(axis=1)).tolist():

@@ -17,6 +17,7 @@ from compplan.statics.elastic import locate_loaded, solve_equilibrium
 from compplan.statics.ik import middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
 from compplan.statics.sensitivity import AttainedPose, chunk_rows
+from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm
 
@@ -85,7 +86,7 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = D
     if len(rows) > LOOKED_AT:
         push = np.abs(timing.acceleration[rows] / np.maximum(task.acceleration_limits, 1e-9)).max(axis=1)
         fast = rows[np.argsort(push)[-LOOKED_AT // 2 :]]
-        rows = np.union1d(fast, rows[np.linspace(0, len(rows) - 1, LOOKED_AT // 2).astype(int)])
+        rows = np.union1d(fast, pick_even(rows, LOOKED_AT // 2))
     dynamics, still = build_dynamics(task.robot), np.zeros((len(rows), 6))
     stiff = locate_frames(task.chain, q[rows]).tcp_position
     free = solve_equilibrium(task.chain, q[rows], still, tolerance=1e-10).position
@@ -94,7 +95,7 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = D
     inertia, at_once, rings = float("nan"), float("nan"), np.full(2, np.nan)
     if motion is not None:
         inertia, at_once = _greatest(motion.answer[task.cut]), _greatest(motion.static)
-        few = rows[np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int)]
+        few = pick_even(rows, POSTURES)
         rings = natural_frequencies(dynamics, q[few]).min(axis=0)
     masses = str(task.robot.sources.get("masses", "not stated in the folder"))
     return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses, motion,

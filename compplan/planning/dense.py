@@ -33,6 +33,7 @@ from compplan.planning.task import (
 )
 from compplan.robot import Array
 from compplan.statics.sensitivity import attain_pose
+from compplan.toolpath.toolpath import pick_even
 
 LOG = logging.getLogger(__name__)
 
@@ -89,7 +90,7 @@ def solve_path(task: PlanTask, near: Array | None = None) -> PathSolution:
     stations, released = pick_stations(task, most), task.missed.copy()
     q = correct_pose(task, task.q_start if near is None else near, np.flatnonzero(released))
     leaving = _find_leaving(task, q, np.flatnonzero(released))
-    stations = np.union1d(stations, np.r_[leaving, _thin(np.flatnonzero(released))])
+    stations = np.union1d(stations, np.r_[leaving, pick_even(np.flatnonzero(released), MOST_MORE)])
     q[leaving] = np.clip(task.q_start[leaving], task.robot.lower, task.robot.upper)
     if released.any() or (len(leaving) and not task.redundant):  # Newton steps found the only solution there is
         released[stations] = True
@@ -262,9 +263,4 @@ def _find_leaving(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> NDArr
         missed[:] = False  # lost motion at a reversal is no matter of limits: the evaluation sees the tip
     far = task.compensated & (measure_correction(task, q) > task.max_correction + AT_CORRECTION)
     outside = ((q < task.robot.lower - 1e-9) | (q > task.robot.upper + 1e-9)).any(axis=1)
-    return _thin(np.setdiff1d(np.flatnonzero(missed | far | outside), stations))
-
-
-def _thin(rows: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Take even ones of too many rows."""
-    return rows if len(rows) <= MOST_MORE else rows[np.unique(np.linspace(0, len(rows) - 1, MOST_MORE).astype(int))]
+    return pick_even(np.setdiff1d(np.flatnonzero(missed | far | outside), stations), MOST_MORE)

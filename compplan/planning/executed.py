@@ -50,8 +50,8 @@ from compplan.statics.sensitivity import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
-#: Pieces of the path to either side among which the nearest is taken: of the wanted path, and of the commanded one.
-SIDE, NEAR = 40, 8
+#: Pieces of the path to either side among which the nearest is taken.
+NEAR = 8
 #: Poses that are followed at once.
 BLOCK = 100_000
 #: A run is made slower by what is too far, and this factor more, at most by `SLOWEST`. It reaches so
@@ -339,7 +339,8 @@ def _measure(task: PlanTask, q: Array, followed: ReachedPath) -> tuple[Array, fl
         bias = None if task.bias is None else interpolate(at, every, task.bias)
         tip = attain_pose(task.chain, reached[rows], load, slope=False, torque_bias=bias).position
         tip = task.see_position(tip) + moved
-        nearest = find_nearest(task.position, row[rows], tip, SIDE)[0]
+        beside_it = np.clip(np.ceil(at).astype(int), 1, len(q) - 1)
+        nearest = find_nearest(task.position, beside_it, tip, NEAR)[0]
         distance[rows] = np.linalg.norm(tip - nearest, axis=1)
     for ends in (row, row - 1):
         np.maximum.at(beside, ends, distance)

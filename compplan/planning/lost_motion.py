@@ -26,6 +26,7 @@ from compplan.planning.posture.motion import (
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import joint_jacobian, locate_frames
+from compplan.toolpath.toolpath import pick_even
 
 #: Swings of a link that turn no side: this share of the play, and at least so much (assumed). [1, rad or m]
 SWING, LEAST = 0.02, 1e-6
@@ -151,7 +152,7 @@ class Reversals(NamedTuple):
 def list_reversals(task: PlanTask, q: Array) -> tuple[Reversals, ...]:
     """List how often every joint, and the spin, turns back along a command (n, nq)."""
     robot, widths, figures = task.robot, list_plays(task.robot), MotionFigures()
-    some = q[np.unique(np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int))]
+    some = pick_even(q, LOOKED_AT)
     columns = joint_jacobian(task.chain, locate_frames(task.chain, some))[:, :3]
     lever = np.sqrt(np.einsum("nij,nij->j", columns, columns) / len(some))
     assumed = np.where(robot.prismatic, LEAST_STROKE / TIMES_LOST, figures.lost)

@@ -42,7 +42,7 @@ from compplan.process.force_law import ForceLaw
 from compplan.robot import Array, Robot, load_robot
 from compplan.statics.chain import Chain, build_chain
 from compplan.toolpath.contact import check_tool_x
-from compplan.toolpath.toolpath import Toolpath, check_toolpath
+from compplan.toolpath.toolpath import Toolpath, check_toolpath, pick_even
 from compplan.uncertainty.posture_errors import posture_errors
 from compplan.uncertainty.sensitivities import ForceSpread, read_force_spread
 from compplan.uncertainty.shrinkage import shrink_robot
@@ -246,7 +246,7 @@ def _state_task(robot: Robot, chain: Chain, options: PlanOptions, start: Start) 
     nominal = start.nominal
     compensated = ~nominal.rapid
     compensated[find_contacts(nominal.rapid)] = True
-    few = start.q[np.unique(np.linspace(0, len(start.q) - 1, 5).astype(int))]
+    few = pick_even(start.q, 5)
     task = PlanTask(
         robot=robot,
         chain=chain,

@@ -35,6 +35,7 @@ from compplan.planning.limits import (
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
+from compplan.planning.posture.follow import REACHED
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.start import stand
@@ -52,8 +53,6 @@ LOG = logging.getLogger(__name__)
 
 #: Stations at most, and waypoints up to which all are stations; in a tube each of them may move.
 STATIONS, FEW, FEW_IN_TUBE = 150, 300, 600
-#: A waypoint is reached where it misses the pose by less. [m and rad]
-REACHED = 1e-6
 #: Motion that travel is counted in: an axis that turns or slides. [rad, m]
 UNIT_TURN, UNIT_SLIDE = 0.3, 0.2
 #: Weight of q'' / a_max, which keeps the solution smooth where nothing else does.

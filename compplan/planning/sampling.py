@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from compplan.effects.attained import attain_with_effects
 from compplan.errors import InfeasibleError
-from compplan.planning.posture.follow import reach_tip_and_axis, reach_with_all, turn_about_axis
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, reach_with_all, turn_about_axis
 from compplan.planning.task import PlanTask, attain_rows, cutting_runs
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
@@ -41,8 +41,6 @@ MOST_TURN, MOST_SLIDE = float(np.radians(4.0)), 0.05
 MOST_PIECES, MOST_WAYPOINTS = 16, 1_000_000
 #: A piece that strays by more than this share of what the undivided move did is not divided again: it does not bow.
 MENDED = 0.7
-#: Divided waypoints miss the pose by less than this, or count as not reached. [m and rad]
-REACHED = 1e-6
 
 
 @dataclass(frozen=True)

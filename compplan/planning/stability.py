@@ -20,6 +20,7 @@ from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
 from compplan.statics.elastic import load_hessian, solve_equilibrium
 from compplan.toolpath.contact import path_axes
+from compplan.toolpath.toolpath import pick_even
 
 #: Waypoints that are looked at.
 TRIED = 400
@@ -32,7 +33,7 @@ def find_buckling(task: PlanTask, q: Array) -> dict[int, str]:
         return {}
     size = np.linalg.norm(task.wrench[rows, :3], axis=1)
     heavy = rows[np.argsort(size)[-TRIED // 2 :]]
-    rows = np.union1d(heavy, rows[np.linspace(0, len(rows) - 1, TRIED // 2).astype(int)])
+    rows = np.union1d(heavy, pick_even(rows, TRIED // 2))
     share, spring = measure_buckling(task.chain, q[rows], task.wrench[rows])
     return {
         int(rows[k]): f"buckling of {task.chain.spring_names[spring[k]]} (load {share[k]:.3g} of the critical one)"
@@ -60,7 +61,7 @@ def measure_buckling(chain: Chain, q: Array, wrench: Array) -> tuple[Array, Arra
 def explain_buckling(task: PlanTask) -> InfeasibleError | None:
     """Name waypoints at which the loaded arm finds no rest, and the joint that gives way the most; or return None."""
     rows = np.flatnonzero(task.compensated)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), TRIED)).astype(int))]
+    rows = pick_even(rows, TRIED)
     failing = [int(row) for row in rows if not _settles(task, int(row))]
     if not failing:
         return None
@@ -184,7 +185,7 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
     if not dynamics.known or not touches.any():
         return ""
     rows = np.flatnonzero(touches)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, PLACES).astype(int))]
+    rows = pick_even(rows, PLACES)
     there = np.clip(np.searchsorted(task.nominal.arc_length, cutting.arc[rows] - 1e-12), 0, len(task.nominal) - 1)
     limits = _compute_limits(cutting, task, rows, there, [
         Modes(own.omega, own.tip, np.full(len(own.omega), DAMPING)) for own in find_modes(dynamics, q[there], MODES)
@@ -203,7 +204,7 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
 
 
 def _compute_limits(
-    cutting: CuttingForce, task: PlanTask, rows: NDArray[np.int_], there: Array, modes: list[Modes]
+    cutting: CuttingForce, task: PlanTask, rows: NDArray[np.int_], there: NDArray[np.int_], modes: list[Modes]
 ) -> Array:
     """Return the limits of depth at some waypoints, shares of the depth that is cut. Shape (r,)."""
     process = cutting.process

@@ -24,7 +24,7 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import build_arm, refine_ik
 from compplan.statics.sensitivity import AttainedPose, attain_pose, chunk_rows
-from compplan.toolpath.toolpath import Toolpath, interpolate
+from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 from compplan.uncertainty.touch_off import TouchedPart
 
 #: Time over which motion is smoothed where no natural frequency is known. [s]
@@ -288,7 +288,7 @@ def weigh_joints(chain: Chain, q: Array, robot: Robot) -> Array:
 
     with the lost motion of the folder where it states one, else the assumed one; in shares of the mean. Shape (nq,).
     """
-    some = q[np.unique(np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int))]
+    some = pick_even(q, LOOKED_AT)
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     lever = np.einsum("nij,nij->j", columns, columns) / len(some)
     gear, periods, lost, *_ = MotionFigures()

@@ -8,17 +8,16 @@ points the place is sought.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compplan.io.tables import Array
-from compplan.process.cut_surface import NOTHING, build_cut_surface, lowest_reach
+from compplan.process.cut_surface import NOTHING, CutSurface, build_cut_surface, lowest_reach
 from compplan.process.cutter import Cutter
-from compplan.process.edge import SLIDES, EdgeSolver
-from compplan.process.engagement import Engagement, lower_speed, middle_angles, outward_span
+from compplan.process.engagement import Engagement, lower_speed, middle_angles, outward_span, outward_speed
 from compplan.process.stock import StockColumns
 from compplan.process.stock_table import UPRIGHT
 from compplan.toolpath.contact import last_set
@@ -41,8 +40,14 @@ THIN = 0.25
 STRAIGHT = 1.0 - 1e-12
 #: Moves since which the path turned by less than this cannot have cut what stands ahead of the cutter. [rad]
 SAME_WAY = float(np.radians(15.0))
+#: Outward speed as a share of the feed below which the surface only slides. A tool's own floor is none of it.
+SLIDES = 1e-6
 #: Slices of a side that is looked at by points, in radii, and how many at most.
 SIDE_SLICE, MOST_SIDE_SLICES = 0.25, 24
+
+#: Bins (waypoint, slice, angle), and their engaged shares.
+Bins = tuple[NDArray[np.int_], ...]
+Shares = NDArray[np.float32]
 
 
 def find_engagement(
@@ -72,12 +77,12 @@ def find_engagement(
     cutter = _cut_side(cutter, position, cutting, stock, axis) if by_points else cutter
     level = position[:, 2] - position[:, 2].min()
     depth = np.zeros((n, len(cutter.slices), ANGLES), dtype=np.float32)
-    wake = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
-    if wake is None:
+    surface = build_cut_surface(cutter, start, position, stock.bounds()[:, :2], axis)
+    if surface is None:
         return Engagement(cutter, depth, travel, level, turning)
     run_from = _find_runs(step, axis) if by_points else _straight_from(step, np.linalg.norm(step, axis=1))
     kind = _PointEdge if by_points else _FlatEdge
-    solver = kind(cutter, wake, stock, position, start, frame, travel, turning, run_from)
+    solver = kind(cutter, surface, stock, position, start, frame, travel, turning, run_from)
     removing = cutting & moving
     removing[0] = False
     chunk = EDGE_CHUNK if by_points else CHUNK
@@ -87,7 +92,7 @@ def find_engagement(
         near = rows[solver.may_touch(rows)]
         if len(near):
             solver.fill(near[cutting[near]], moves, depth)
-        wake.cut(moves)
+        surface.cut(moves)
     return Engagement(cutter, depth, travel, level, turning)
 
 
@@ -136,7 +141,57 @@ def _cut_side(
     return replace(cutter, flute=reach, pieces=pieces)
 
 
-class _FlatEdge(EdgeSolver):
+@dataclass(frozen=True)
+class _EdgeSolver:
+    """Compares the edge of a cutter with what earlier moves left of the stock."""
+
+    cutter: Cutter
+    surface: CutSurface
+    stock: StockColumns
+    position: Array
+    start: Array
+    frame: Array
+    travel: Array
+    turning: Array | None
+    run_from: NDArray[np.int_]
+
+    def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
+        """Write the engaged shares of some waypoints, the moves of the same chunk taken in their order."""
+        raise NotImplementedError
+
+    def _in_stock(self, point: Array) -> NDArray[np.bool_]:
+        """Tell which points stand in the stock as it was before the first move. Shape (s,)."""
+        solid = point[:, 2] < self.stock.crest(point[:, :2])
+        bottom, top = self.stock.interval(point[solid, :2])
+        solid[solid] = (point[solid, 2] < top - NOTHING) & (point[solid, 2] >= bottom)
+        return np.asarray(solid)
+
+    def may_touch(self, rows: NDArray[np.int_]) -> NDArray[np.bool_]:
+        """Tell where the cutter is near enough to the stock. Shape (r,)."""
+        box, tip, reach = self.stock.bounds(), self.position[rows], self.cutter.radius
+        low = tip[:, 2]
+        if self.surface.tilt is not None:
+            low = low - reach
+            reach = reach + self.cutter.flute
+        beside = (tip[:, :2] > box[0, :2] - reach) & (tip[:, :2] < box[1, :2] + reach)
+        return np.asarray(beside.all(axis=1) & (low < box[1, 2]))
+
+    def _outward(self, rows: NDArray[np.int_], angles: Array) -> NDArray[np.bool_]:
+        turning = None if self.turning is None else self.turning[rows]
+        return outward_speed(self.cutter.slices, self.travel[rows], angles, turning) > SLIDES
+
+    def _list_before(
+        self, row: NDArray[np.int_], moves: NDArray[np.int_], live: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """List pairs of a sample and a move of the chunk that came before it."""
+        if not len(row) or self.run_from[row[-1]] <= moves[0]:  # runs begin in order, as rows do
+            return row[:0], moves[:0]
+        before = np.searchsorted(moves, self.run_from[row], side="left") * live
+        sample = np.repeat(np.arange(len(row)), before)
+        return sample, moves[np.arange(before.sum()) - np.repeat(np.cumsum(before) - before, before)]
+
+
+class _FlatEdge(_EdgeSolver):
     """By how high the material reaches at each angle, for a flat cutter whose axis stands."""
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
@@ -147,23 +202,13 @@ class _FlatEdge(EdgeSolver):
         share = self._share(rows[n], k, angles[m], moves)
         found = np.zeros(out.shape, dtype=np.float32)
         found[n, k, m] = share
-        turn, steady = 2.0 * np.pi / ANGLES, found.copy()
-        # the ends of arcs: between a bin and one that could be engaged but is less than THIN so, the step is sought
-        for way in (1, -1):
-            other = np.roll(steady, -way, axis=2)
-            n, k, m = np.nonzero((steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2))
-            if not len(n):
-                continue
-            more, less = steady[n, k, m], other[n, k, m]
+
+        def reaches(place: Bins, more: Shares, less: Shares, angle: Array) -> NDArray[np.bool_]:
+            n, k, _ = place
             middle_share = np.where(less > 0.0, 0.5 * (more + less), 0.0)
-            low, high = np.zeros(len(n)), np.ones(len(n))
-            for _ in range(BISECTIONS):
-                middle = 0.5 * (low + high)
-                hit = self._share(rows[n], k, angles[m] + way * turn * middle, moves) > middle_share
-                low, high = np.where(hit, middle, low), np.where(hit, high, middle)
-            reach = (0.5 * (low + high) - 0.5).astype(np.float32)  # in bins, from the boundary of the engaged bin
-            np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
-            np.add.at(found, (n, k, (m + way) % ANGLES), np.maximum(reach, 0.0) * (more - less))
+            return np.asarray(self._share(rows[n], k, angle, moves) > middle_share)
+
+        _end_arcs(found, out, reaches, BISECTIONS)
         depth[rows] = np.clip(found, 0.0, 1.0)
 
     def _share(self, row: NDArray[np.int_], k: NDArray[np.int_], angle: Array, moves: NDArray[np.int_]) -> Array:
@@ -179,7 +224,7 @@ class _FlatEdge(EdgeSolver):
         if not len(live):
             return share
         place, bottom, low, k, row = place[live], bottom[live], low[live], k[live], row[live]
-        rise, swept = edge.rise[k], self.wake.lowest(place)
+        rise, swept = edge.rise[k], self.surface.lowest(place)
         top = np.minimum(top[live], swept)
         self._cut_in_chunk(row, place, low, top, moves)
         flat = rise < NOTHING
@@ -200,7 +245,7 @@ class _FlatEdge(EdgeSolver):
             np.minimum.at(top, sample, reach)
 
 
-class _PointEdge(EdgeSolver):
+class _PointEdge(_EdgeSolver):
     """By points of the edge, for every other cutter and for axes that turn."""
 
     def _count_halvings(self, k: NDArray[np.int_]) -> int:
@@ -209,7 +254,7 @@ class _PointEdge(EdgeSolver):
         return int(np.ceil(np.log2(max(longest / END_ERROR, 4.0)))) - 1
 
     def fill(self, rows: NDArray[np.int_], moves: NDArray[np.int_], depth: NDArray[np.float32]) -> None:
-        """Write the engaged shares of some waypoints, see `EdgeSolver`."""
+        """Write the engaged shares of some waypoints, see `_EdgeSolver`."""
         angles = middle_angles(ANGLES)
         out = self._outward(rows, angles)
         lower = self.cutter.lower
@@ -233,7 +278,15 @@ class _PointEdge(EdgeSolver):
             return self._solid(rows[n], k, np.where(up, share, 1.0 - share), angles[m], moves)
 
         found[n, k, m] = _halve(hit, len(n), self._count_halvings(k))
-        self._end_arcs(found, (rows, moves, angles), out & straight, low | ~high)
+        from_low, upright = low | ~high, np.abs(self.cutter.slices.normal[:, 1:]) < 1e-9
+
+        def reaches(place: Bins, more: Shares, less: Shares, angle: Array) -> NDArray[np.bool_]:
+            n, k, _ = place
+            middle = np.where(from_low[place], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
+            return self._solid(rows[n], k, middle, angle, moves)
+
+        # where the boundary runs obliquely the bins' middles stand for it
+        _end_arcs(found, out & straight, reaches, ARC_HALVINGS, upright | (found == 1.0))
         if lower.any():
             whole = low & high
             whole[:, lower] &= np.minimum(*speeds) > 0.0
@@ -285,40 +338,6 @@ class _PointEdge(EdgeSolver):
         """Tell which points of slices stand in material, a share of a line of the slice from where it begins."""
         return self._solid(row, k, line[0] + share * line[1], angle, moves)
 
-    def _end_arcs(
-        self,
-        found: NDArray[np.float32],
-        where: tuple[NDArray[np.int_], NDArray[np.int_], Array],
-        out: NDArray[np.bool_],
-        from_low: NDArray[np.bool_],
-    ) -> None:
-        """Seek the ends of arcs beside bins that are engaged on all their slice, or on a side.
-
-        Elsewhere the boundary runs obliquely, and the bins' middles stand for it.
-        """
-        rows, moves, angles = where
-        steady, turn = found.copy(), 2.0 * np.pi / len(angles)
-        upright = np.abs(self.cutter.slices.normal[:, 1:]) < 1e-9
-        for way in (1, -1):
-            other = np.roll(steady, -way, axis=2)
-            ends = (steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2)
-            n, k, m = np.nonzero(ends & (upright | (steady == 1.0)))
-            more, less = steady[n, k, m], other[n, k, m]
-            middle = np.where(from_low[n, k, m], 0.5 * (more + less), 1.0 - 0.5 * (more + less))
-
-            at, angle, step = (rows[n], k, middle), angles[m], way * turn
-            reach = (_halve(partial(self._turn_on, at, angle, step, moves), len(n), ARC_HALVINGS) - 0.5).astype("f4")
-            np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
-            np.add.at(found, (n, k, (m + way) % len(angles)), np.maximum(reach, 0.0) * (more - less))
-
-    def _turn_on(
-        self, at: tuple[NDArray[np.int_], NDArray[np.int_], Array], angle: Array, step: float,
-        moves: NDArray[np.int_], share: Array,
-    ) -> NDArray[np.bool_]:  # fmt: skip
-        """Tell which points stand in material, turned on by a share of a step."""
-        row, k, middle = at
-        return self._solid(row, k, middle, angle + step * share, moves)
-
     def _solid(
         self, row: NDArray[np.int_], k: NDArray[np.int_], share: Array, angle: Array, moves: NDArray[np.int_]
     ) -> NDArray[np.bool_]:
@@ -337,12 +356,40 @@ class _PointEdge(EdgeSolver):
     def _uncut(self, point: Array, row: NDArray[np.int_], moves: NDArray[np.int_]) -> NDArray[np.bool_]:
         """Tell which points stand in what moves before those of rows left of the stock. Shape (s,)."""
         solid = self._in_stock(point)
-        solid[solid] = self.wake.uncut(point[solid], self.run_from[row[solid]])
+        solid[solid] = self.surface.uncut(point[solid], self.run_from[row[solid]])
         if len(moves):
             sample, move = self._list_before(row, moves, solid)
             if len(sample):
-                solid[sample[self.wake.gap(point[sample], move) < NOTHING]] = False
+                solid[sample[self.surface.gap(point[sample], move) < NOTHING]] = False
         return np.asarray(solid)
+
+
+def _end_arcs(
+    found: NDArray[np.float32], out: NDArray[np.bool_],
+    reaches: Callable[[Bins, Shares, Shares, Array], NDArray[np.bool_]], halvings: int,
+    where: NDArray[np.bool_] | None = None,
+) -> None:  # fmt: skip
+    """Seek the ends of arcs: between a bin and one that could be engaged but is less than `THIN` so lies a step.
+
+    `reaches` tells from bins, shares of the one and of the other, and angles, which are still engaged.
+    """
+    steady, angles, turn = found.copy(), middle_angles(ANGLES), 2.0 * np.pi / ANGLES
+    for way in (1, -1):
+        other = np.roll(steady, -way, axis=2)
+        ends = (steady > 0.0) & (other < THIN * steady) & np.roll(out, -way, axis=2)
+        place = np.nonzero(ends if where is None else ends & where)
+        more, less = steady[place], other[place]
+        turned = partial(_turn_on, partial(reaches, place, more, less), angles[place[2]], way * turn)
+        reach = (_halve(turned, len(more), halvings) - 0.5).astype(np.float32)  # in bins, from the boundary
+        n, k, m = place
+        np.add.at(found, (n, k, m), np.minimum(reach, 0.0) * (more - less))
+        np.add.at(found, (n, k, (m + way) % ANGLES), np.maximum(reach, 0.0) * (more - less))
+
+
+def _turn_on(
+    reaches: Callable[[Array], NDArray[np.bool_]], angle: Array, step: float, share: Array
+) -> NDArray[np.bool_]:
+    return reaches(angle + step * share)
 
 
 def _halve(hit: Callable[[Array], NDArray[np.bool_]], count: int, times: int) -> Array:

@@ -21,8 +21,6 @@ from compplan.toolpath.toolpath import Toolpath
 STOCK_ROOM = 1e-5
 #: A stock whose top is this near to z = 0 of a CAM program needs no word; an allowance may lie on it. [m]
 ALLOWANCE = 5e-4
-#: A tool that is nearer to its path than this stands on it. [m]
-ON_PATH = 1e-7
 
 
 @dataclass(frozen=True)

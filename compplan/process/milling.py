@@ -110,7 +110,7 @@ def _find_behind(weight: Array, out: Array, bend: Array, step: Array) -> Array:
     """Return how much more of slices is in the cut behind where their edge moves outwards, a mm of feed. (n, k, m).
 
     Integral of half the bend over the line where the speed is zero. The line is spread over the bins beside it: the
-    weights of those that are slower than `step`, by which the speed changes across a bin, fall linearly to zero there.
+    weights of bins that are slower than `step`, by which the speed changes across a bin, fall linearly to zero there.
     """
     wide = np.maximum(step, STEEP_BEHIND)
     return np.asarray(weight * bend / wide * np.maximum(1.0 - out / wide, 0.0))

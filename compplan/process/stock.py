@@ -78,7 +78,7 @@ class Block:
 
 @dataclass(frozen=True)
 class HeightMap:
-    """StockColumns of a mesh on a grid: between four neighbours heights go over linearly."""
+    """Columns of a mesh on a grid: between four neighbours heights go over linearly."""
 
     origin: Array  #: Place of the first cell's centre. Shape (2,). [m]
     cell: float | Array  #: Distance of columns, one or along each axis. [m]
@@ -177,7 +177,7 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     note = ""
     if abs(volume / mesh.volume - 1.0) > HOLLOW:
         held = f"{volume * 1e9:.4g} mm3, the stock's mesh {mesh.volume * 1e9:.4g} mm3"
-        note = f"StockColumns along the tool axis hold {held}: hollows and undercuts count as solid."
+        note = f"Columns along the tool axis hold {held}: hollows and undercuts count as solid."
     return HeightMap(origin, cell, bottoms, tops), note
 
 

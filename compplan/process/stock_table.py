@@ -21,7 +21,7 @@ from compplan.toolpath.toolpath import Toolpath
 
 #: Stock without a known shape reaches this many diameters beyond the path.
 BEYOND = 2.0
-#: StockColumns of a mesh, to a radius of the cutter.
+#: Columns of a mesh, to a radius of the cutter.
 MESH_COLUMNS = 8.0
 #: An axis that leans by less than this from the view stands. [rad]
 UPRIGHT = 1e-6
@@ -67,12 +67,12 @@ class CutStock:
     """Stock less what a cutter took away whose axis stood along the columns."""
 
     before: StockColumns  #: The stock before.
-    wake: CutSurface  #: What the cutter swept.
+    surface: CutSurface  #: What the cutter swept.
 
     def interval(self, place: Array) -> tuple[Array, Array]:
         """Return bottom and top of the columns, see `StockColumns`."""
         low, high = self.before.interval(place)
-        return low, np.minimum(high, self.wake.lowest(place))
+        return low, np.minimum(high, self.surface.lowest(place))
 
     def crest(self, place: Array) -> Array:
         """Return heights that the columns do not exceed, see `StockColumns`."""
@@ -94,9 +94,9 @@ def take_away(stock: StockColumns, cuts: Sequence[Cut]) -> StockColumns:
                        and cut.axis[cut.cutting][:, 2].min(initial=1.0) > 0.0)  # fmt: skip
         mean = cut.axis[cut.cutting].mean(axis=0) if cut.cutting.any() else np.array([0.0, 0.0, 1.0])
         turn = np.eye(3) if upright else view_along(mean / max(float(np.linalg.norm(mean)), 1e-12))
-        wake = _sweep(cut, _turn_box(stock.bounds(), turn), turn, upright=upright)
-        if wake is not None:
-            stock = CutStock(stock, wake) if upright else _ask_columns(stock, wake, turn)
+        surface = _sweep(cut, _turn_box(stock.bounds(), turn), turn, upright=upright)
+        if surface is not None:
+            stock = CutStock(stock, surface) if upright else _ask_columns(stock, surface, turn)
     return stock
 
 
@@ -110,16 +110,16 @@ def _sweep(cut: Cut, box: Array, turn: Array, *, upright: bool) -> CutSurface | 
     """Return what a cutter sweeps within a box; None where it does not reach it."""
     position = cut.position @ turn
     start = np.vstack([position[:1], position[:-1]])
-    wake = build_cut_surface(cut.cutter, start, position, box[:, :2], None if upright else cut.axis @ turn)
-    if wake is None:
+    surface = build_cut_surface(cut.cutter, start, position, box[:, :2], None if upright else cut.axis @ turn)
+    if surface is None:
         return None
     moves = np.flatnonzero(cut.cutting & (np.linalg.norm(position - start, axis=1) > 0.0))
     for part in np.array_split(moves, max(len(moves) // MOVES_AT_ONCE, 1)):
-        wake.cut(part)
-    return wake
+        surface.cut(part)
+    return surface
 
 
-def _ask_columns(stock: StockColumns, wake: CutSurface, turn: Array) -> HeightMap:
+def _ask_columns(stock: StockColumns, surface: CutSurface, turn: Array) -> HeightMap:
     """Return stock less a sweep that is seen from other axes, as columns on a grid."""
     last = np.iinfo(np.int32).max
 
@@ -127,7 +127,7 @@ def _ask_columns(stock: StockColumns, wake: CutSurface, turn: Array) -> HeightMa
         low, high = stock.interval(place)
         some = (z >= low) & (z < high - NOTHING)
         point = np.column_stack([place[some], z[some]]) @ turn
-        some[some] = wake.uncut(point, np.full(len(point), last))
+        some[some] = surface.uncut(point, np.full(len(point), last))
         return some
 
     x, y, cell = _lay_grid(stock)

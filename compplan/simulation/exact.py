@@ -1,4 +1,4 @@
-"""The judge: exact loaded equilibrium computed by Pinocchio, which shares no kinematics with the planner.
+"""The exact model: exact loaded equilibrium computed by Pinocchio, which shares no kinematics with the planner.
 
 Springs become joints of a Pinocchio model; the equilibrium is solved pose by pose with Pinocchio's Jacobians and its
 generalised gravity.
@@ -128,7 +128,7 @@ class ExactRobotBuilder:
                 self.hung.setdefault(self.parent, []).append((mass, where, turned))
 
     def finish(self, tip: pin.SE3) -> ExactRobot:
-        """Put the TCP here and return the judge."""
+        """Put the TCP here and return the exact model."""
         tcp = self.model.addFrame(pin.Frame("tcp", self.parent, 0, self.pending * tip, pin.FrameType.OP_FRAME))
         size = sum(len(block) for block in self.blocks)
         compliance, start = np.zeros((size, size)), 0
@@ -209,7 +209,7 @@ def solve_exact_pose(
     """Solve the exact loaded equilibrium at every pose.
 
     Args:
-        judge: The judge.
+        judge: The exact model.
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]

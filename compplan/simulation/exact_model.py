@@ -1,4 +1,4 @@
-"""The judge's own reading of a robot folder: URDF by Pinocchio's parser, elasticity.toml and the tool by itself.
+"""The exact model's own reading of a robot folder: URDF by Pinocchio's parser, elasticity.toml and the tool by itself.
 
 Nothing here goes through `compplan.robot.folder` or the chain of the planner, so that a fault in either is seen.
 """
@@ -30,12 +30,12 @@ AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0
 def read_exact_robot(
     folder: Path, tool: Mapping[str, Any] | None = None, *, moving: bool = False, geometry: str = "robot.urdf"
 ) -> ExactRobot:
-    """Read a robot folder and build the judge of the robot in it.
+    """Read a robot folder and build the exact model of the robot in it.
 
     Args:
         folder: The robot folder.
         tool: The table [tool] of a job as it stands in the file, or None for the folder's own tool.
-        moving: Whether the judge is for the inertia of motion: all masses, no weight, and seen from the ground.
+        moving: Whether the exact model is for the inertia of motion: all masses, no weight, and seen from the ground.
         geometry: URDF of the folder; robot.urdf where it has none of this name.
     """
     urdf = folder / geometry if (folder / geometry).is_file() else folder / "robot.urdf"

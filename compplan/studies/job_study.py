@@ -14,7 +14,7 @@ from compplan.planning.plan import build_task, prepare_job
 from compplan.studies.runner import Run, Settings, run_study
 from compplan.studies.sensitivity import Sensitivity, measure_sensitivity
 from compplan.studies.storage import discard_chunks
-from compplan.studies.study import MOST_WAYPOINTS, Study, prepare_study
+from compplan.studies.study import MOST_WAYPOINTS, prepare_study
 from compplan.studies.summary import summarise_run
 from compplan.studies.workers import Workers
 from compplan.uncertainty.sensitivities import read_force_spread
@@ -75,7 +75,10 @@ def study_job(
         raise InputError("is a file, expected a folder to write to", file=folder)
     workforce = workforce or Workers()
     workforce.check()
-    study, main = _prepare(job, strategies, most_waypoints, say)
+    say("posture")
+    robot, nominal, options = prepare_job(job)
+    task, force = build_task(robot, nominal, options, file=job.file), read_force_spread(job)
+    study = prepare_study(task, job.noise, strategies, most_waypoints=most_waypoints, force=force, announce=say)
 
     def tell(stage: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, total: progress(stage, done, total)
@@ -92,21 +95,5 @@ def study_job(
             study, settings.seed, folder=store / "sensitivity", workforce=workforce, progress=tell("sensitivity")
         )
     say("summary")
-    summary = summarise_run(run, indices, name=job.name or job.file.stem, main=main)
+    summary = summarise_run(run, indices, name=job.name or job.file.stem, main=options.strategy)
     return JobStudy(job, run, indices, summary)
-
-
-def _prepare(job: Job, strategies: Sequence[str], most_waypoints: int, say: Callable[[str], None]) -> tuple[Study, str]:
-    """Find the posture and let every strategy command the path; the study, and the job's own strategy."""
-    say("posture")
-    robot, nominal, options = prepare_job(job)
-    task = build_task(robot, nominal, options, file=job.file)
-    study = prepare_study(
-        task,
-        job.noise,
-        strategies or None,
-        most_waypoints=most_waypoints,
-        force=read_force_spread(job),
-        announce=say,
-    )
-    return study, options.strategy

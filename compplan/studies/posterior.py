@@ -1,10 +1,10 @@
 """Robots of a study, drawn from the uncertainty of the robot folder.
 
 A sample's coordinates make one draw of all parameters, p = S z + s_j: normal about the explanation j that holds, which
-one coordinate for each cause with rivals picks by their weights; and one of what no parameter explains. Compliances of
-driven springs, zeros, lost motion and gear waves act where the samples have them,
-so that encoders see them; everything else moves the tip to first order. Where a measured part taught force and robot
-together, level and turns of the force go with the parameters, as in the promise.
+one coordinate for each cause with rivals picks by their weights; and one of what the parameters leave unexplained.
+Compliances of driven springs, zeros, lost motion and gear waves act where the samples have them, so that encoders see
+them; everything else moves the tip to first order. Where force and robot were learned from a measured part together,
+level and turns of the force go with the parameters, as in the error band.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.special import ndtr
 
@@ -119,7 +118,7 @@ def settle_force(noise: NoiseTable, force: ForceSpread | None) -> NoiseTable:
 def take_posterior(task: PlanTask, travel: Array, force: ForceSpread | None = None) -> RobotPosterior:
     """Find where the parameters of a task's robot act; `travel`: direction of travel of each joint, shape (nq, n).
 
-    `force` is how surely the force is known where measured parts said it, or None.
+    `force` is uncertainty of the force where measured parts said it, or None.
     """
     known = robot_uncertainty(task.robot)
     found = RobotPosterior(_list_columns(known), _list_parts(task, known, travel), group_alternatives(known))
@@ -135,13 +134,14 @@ def move_by_posterior(task: PlanTask, known: Uncertainty) -> list[Array]:
     scene = build_path_model(task.robot, task.q_start, task.wrench, task.step_time)
     slopes = measure_slopes(scene, known.unknowns, rows)
     slopes[:, :, sorted(inside)] = 0.0
-    found = [_spread(rows, column, len(task)) for column in np.moveaxis(slopes @ _list_columns(known), 2, 0)]
+    moved = list(np.moveaxis(slopes @ _list_columns(known), 2, 0))
     apart = cdist(task.position[rows], task.position[rows]) / known.scale
     value, vector = np.linalg.eigh(np.exp(-0.5 * apart**2))
     smooth = np.zeros((len(rows), MODES))
     most = min(MODES, len(rows))
     smooth[:, :most] = known.smooth * (vector * np.sqrt(np.maximum(value, 0.0)))[:, ::-1][:, :most]
-    return found + [_spread(rows, np.outer(mode, axis), len(task)) for mode in smooth.T for axis in np.eye(3)]
+    moved += [np.outer(mode, axis) for mode in smooth.T for axis in np.eye(3)]
+    return [interpolate(np.arange(len(task)), rows, values) for values in moved]
 
 
 def _list_columns(known: Uncertainty) -> Array:
@@ -167,8 +167,3 @@ def _list_parts(task: PlanTask, known: Uncertainty, travel: Array) -> tuple[ArmP
             parts += [ArmParameter(first + k, "drive", joint, column) for k, column in enumerate(shape.T)]
         first += len(unknown.keys)
     return tuple(parts)
-
-
-def _spread(rows: NDArray[np.int_], values: Array, n: int) -> Array:
-    """Interpolate a motion of the tip between the rows that were looked at. Shape (k, 3) -> (n, 3)."""
-    return interpolate(np.arange(n), rows, values)

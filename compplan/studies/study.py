@@ -79,7 +79,7 @@ class Study:
         kernel: The kernel.
         surroundings: Noise and what it acts on.
         nominal: Wanted tips. Shape (3, n). [m]
-        cut: Waypoints that are judged. Shape (n,).
+        cut: Waypoints that count. Shape (n,).
         stations: Waypoints whose distances are kept. Shape (k,).
     """
 

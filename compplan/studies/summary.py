@@ -16,13 +16,10 @@ from compplan.studies.study import Study
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 
 #: What a study leaves out.
-UNCOUPLED = "the stiffness of the process (the force does not depend on the deflection), "
-LEFT_OUT = "the steps of quantised encoders (their errors are drawn as normal noise)"
-
-
-def _describe_reach(study: Study) -> list[str]:
-    """Say what every sample leaves out."""
-    return [f"left out of every sample: {UNCOUPLED}{LEFT_OUT}"]
+LEFT_OUT = (
+    "left out of every sample: the stiffness of the process (the force does not depend on the deflection),"
+    " the steps of quantised encoders (their errors are drawn as normal noise)"
+)
 
 
 def _describe_draws(study: Study) -> list[str]:
@@ -61,7 +58,7 @@ def summarise_run(
         "sensitivity_of": main,
         "within_tolerance_means": "share of samples whose greatest deviation stays within the tolerance",
         "intervals": "ci95 of a mean: Student's t on independent replicates; of quantiles: order statistics",
-        "assumptions": [*_describe_reach(study), *_describe_draws(study)],
+        "assumptions": [LEFT_OUT, *_describe_draws(study)],
     }
     if sensitivity is not None:
         summary["sensitivity"] = dict(zip(sensitivity.groups, sensitivity.total[main].tolist(), strict=True))

@@ -9,14 +9,6 @@ import numpy as np
 
 from compplan.io.tables import Array
 
-#: Kinds of events, and what each says.
-KINDS = {
-    "spindle_cw": "the spindle turns clockwise", "spindle_ccw": "the spindle turns counter-clockwise",
-    "spindle_off": "the spindle stops", "coolant": "flood coolant on", "mist": "mist coolant on",
-    "coolant_off": "coolant off", "tool": "another tool", "dwell": "wait", "stop": "program stop",
-    "optional_stop": "optional stop", "output": "a signal of the source program is set",
-    "call": "a program of the source is called", "comment": "a comment",
-}  # fmt: skip
 #: Events that end something: they wait until everything at their place is done.
 ENDING = frozenset({"spindle_off", "coolant_off"})
 #: Events that the tool need not stand still for.
@@ -29,7 +21,7 @@ class Event:
 
     Args:
         place: Waypoint after which it happens; -1: before the first move.
-        kind: One of `KINDS`.
+        kind: One of those that `describe` lists.
         value: Speed [1/min], time [s], number of the tool, state of a signal (0 or 1).
         text: Comment, name of a tool, signal or program.
 

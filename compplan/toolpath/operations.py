@@ -9,7 +9,7 @@ import numpy as np
 
 from compplan.errors import InputError
 from compplan.toolpath.events import Event
-from compplan.toolpath.toolpath import Toolpath
+from compplan.toolpath.toolpath import Toolpath, select_waypoints
 
 
 @dataclass(frozen=True)
@@ -76,20 +76,13 @@ def stop_all(events: Sequence[Event], last: int) -> list[Event]:
 def _cut_out(toolpath: Toolpath, before: int, last: int, events: Sequence[Event]) -> Toolpath:
     """Return the rows after one row up to another. A cut that begins at once begins where the tool stood before."""
     begin = before + 1 if before < 0 or toolpath.rapid[before + 1] else before
-    rows = slice(begin, last + 1)
-    rapid = toolpath.rapid[rows].copy()
-    rapid[0] = True
-    feed = toolpath.feed[rows].copy()
-    feed[0] = 0.0
+    path = select_waypoints(toolpath, np.arange(begin, last + 1))
+    rapid, feed = path.rapid.copy(), path.feed.copy()
+    rapid[0], feed[0] = True, 0.0
     placed = tuple(
         replace(event, place=-1 if event.place <= before else min(event.place, last) - begin) for event in events
     )
-    wrench = None if toolpath.wrench is None else toolpath.wrench[rows]
-    return Toolpath(
-        toolpath.position[rows], toolpath.axis[rows], feed, rapid, wrench, toolpath.frame, toolpath.source,
-        toolpath.notes, placed, arc=None if toolpath.arc is None else toolpath.arc[rows],
-        line=None if toolpath.line is None else toolpath.line[rows],
-    )  # fmt: skip
+    return replace(path, rapid=rapid, feed=feed, events=placed)
 
 
 def select_operation(toolpath: Toolpath, number: int) -> Toolpath:

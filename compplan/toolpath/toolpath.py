@@ -280,15 +280,19 @@ def place_toolpath(toolpath: Toolpath, T_base_part: Array) -> Toolpath:
     return replace(toolpath, position=position, axis=toolpath.axis @ rotation.T, wrench=wrench, frame="base")
 
 
+def _take_moves(toolpath: Toolpath, index: NDArray[np.int_]) -> dict[str, Any]:
+    """Return what belongs to moves, of those that end at waypoints."""
+    columns = {name: getattr(toolpath, name) for name in ("feed", "rapid", "tolerance", "arc", "line")}
+    return {name: None if values is None else values[index] for name, values in columns.items()}
+
+
 def select_waypoints(toolpath: Toolpath, index: NDArray[np.int64]) -> Toolpath:
     """Return the toolpath at some of its waypoints."""
-    wrench = None if toolpath.wrench is None else toolpath.wrench[index]
-    rows = (toolpath.position[index], toolpath.axis[index], toolpath.feed[index], toolpath.rapid[index])
-    events = move_events(toolpath.events, index.astype(float))
-    rounded = None if toolpath.rounded is None else toolpath.rounded[index]
-    allowed = None if toolpath.tolerance is None else toolpath.tolerance[index]
-    marks = [None if values is None else values[index] for values in (toolpath.arc, toolpath.line)]
-    return Toolpath(*rows, wrench, toolpath.frame, toolpath.source, toolpath.notes, events, rounded, allowed, *marks)
+    wrench, rounded = (None if values is None else values[index] for values in (toolpath.wrench, toolpath.rounded))
+    return replace(
+        toolpath, position=toolpath.position[index], axis=toolpath.axis[index], wrench=wrench, rounded=rounded,
+        events=move_events(toolpath.events, index.astype(float)), **_take_moves(toolpath, index),
+    )  # fmt: skip
 
 
 def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = np.inf) -> Toolpath:
@@ -335,10 +339,7 @@ def resample_toolpath(toolpath: Toolpath, max_step: float, *, max_turn: float = 
     position = between(toolpath.position)
     events = move_events(toolpath.events, np.concatenate([[0.0], move + share]))
     return replace(
-        toolpath, position=position, axis=axis, feed=toolpath.feed[ends], rapid=toolpath.rapid[ends], wrench=wrench,
-        events=events, tolerance=None if toolpath.tolerance is None else toolpath.tolerance[ends],
-        arc=None if toolpath.arc is None else toolpath.arc[ends],
-        line=None if toolpath.line is None else toolpath.line[ends],
+        toolpath, position=position, axis=axis, wrench=wrench, events=events, **_take_moves(toolpath, ends),
     )  # fmt: skip
 
 
@@ -378,13 +379,9 @@ def divide_toolpath(toolpath: Toolpath, places: Array) -> Toolpath:
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     wrench = None if toolpath.wrench is None else between(toolpath.wrench)
     return replace(
-        toolpath, position=between(toolpath.position) + _bow(toolpath, before, share), axis=axis,
-        feed=toolpath.feed[move], rapid=toolpath.rapid[move],
-        wrench=wrench, events=move_events(toolpath.events, places),
+        toolpath, position=between(toolpath.position) + _bow(toolpath, before, share), axis=axis, wrench=wrench,
+        events=move_events(toolpath.events, places), **_take_moves(toolpath, move),
         rounded=None if toolpath.rounded is None else np.interp(places, np.arange(len(toolpath)), toolpath.rounded),
-        tolerance=None if toolpath.tolerance is None else toolpath.tolerance[move],
-        arc=None if toolpath.arc is None else toolpath.arc[move],
-        line=None if toolpath.line is None else toolpath.line[move],
     )  # fmt: skip
 
 
@@ -392,3 +389,8 @@ def interpolate(length: NDArray[Any], places: NDArray[Any], values: Array) -> Ar
     """Interpolate values (b, ...) at places along a path (b,) to other lengths (n,). Shape (n, ...)."""
     flat = values.reshape(len(places), -1)
     return np.stack([np.interp(length, places, v) for v in flat.T], axis=1).reshape(-1, *values.shape[1:])
+
+
+def pick_even(values: NDArray[Any], most: int) -> NDArray[Any]:
+    """Return at most so many of some values (n, ...), evenly spread, both ends included."""
+    return values[np.unique(np.linspace(0, len(values) - 1, min(len(values), most)).astype(int))]

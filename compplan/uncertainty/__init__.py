@@ -1,4 +1,4 @@
-"""Known: how surely a robot is known, and what that does to its tip.
+"""Known: the uncertainty of a robot, and what that does to its tip.
 
 `robot_uncertainty(robot)` answers with the folder's file, or with widths assumed by its grade (`assumed`). It is an
 `Uncertainty` (`compplan.robot.uncertainty`); its `spread`, `width`, `covariance` and `smooth` carry the factor from

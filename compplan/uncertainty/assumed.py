@@ -44,7 +44,7 @@ TURNS = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
 def robot_uncertainty(robot: Robot) -> Uncertainty:
-    """Return what is known of a robot and how surely: its folder's file, otherwise assumed widths.
+    """Return what is known of a robot and its uncertainty: the folder's file, otherwise assumed widths.
 
     A tool whose place on the flange nobody has identified gets the assumed width of one that was touched off.
 

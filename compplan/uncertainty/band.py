@@ -89,7 +89,7 @@ class Slopes:
     alone: Array | None = None
 
     def smooth_columns(self, known: Uncertainty) -> Array:
-        """Return the tip by one standard deviation of each component of what no parameter explains. (k, 3, c). [m]
+        """Return the tip by one deviation of each component of what the parameters leave unexplained. (k, 3, c). [m]
 
         Its axes are independent normal fields of covariance s_u^2/3 exp(-d^2 / 2 scale^2); a touched part moves along.
         """
@@ -124,12 +124,12 @@ class ErrorBand:
         radius: Distance that holds the true tip with 95 %, what the plan itself leaves included. Shape (n,). [m]
         parts: The same by each part alone. Shape (n,) each. [m]
         covariance: Covariance of the tip, interpolated between the differentiated rows. Shape (n, 3, 3). [m^2]
-        cut: Rows that it is promised for. Shape (n,).
+        cut: Rows that it is stated for. Shape (n,).
         between: Greatest distance between rows beyond that at the rows. [m]
         whole: Distance that the whole path keeps within with 95 %. [m]
         leading: Parameters and their share of the variance, mean over the path, largest first.
         known: What is known of the robot.
-        force: How surely the force is known.
+        force: Uncertainty of the force.
         assumed: What is assumed, one sentence each.
         without: What `greatest` would be if a part were nothing, by part. [m]
         before: The same as `greatest` and `whole` of the uncorrected program, None where it is not stated. [m]
@@ -187,7 +187,7 @@ def linearise_path(
     Args:
         scene: The robot at all rows.
         known: What is known of the robot.
-        force: How surely the force is known.
+        force: Uncertainty of the force.
         cut: Rows that matter. Shape (n,).
         motion: What the motion of the arm adds, or None.
         part: Motion of the part by one standard deviation of its place, or None. Shape (n, 3, 6). [m]
@@ -235,7 +235,7 @@ def estimate_band(
         robot: The robot.
         scene: The robot at all rows, the effects of its folder in it.
         cut: Rows that matter. Shape (n,).
-        force: How surely the force is known.
+        force: Uncertainty of the force.
         left: Distance that the plan itself leaves at every row. Shape (n,). [m]
         between: Greatest distance between rows beyond that at the rows. [m]
         motion: What the motion of the arm adds, or None.

@@ -1,12 +1,13 @@
 """The ladder from the present band to one that keeps the tolerance: what each further measurement would make of it.
 
-The tip is off by L z + rest with independent standard normal z: parameters of the robot, what no parameter explains,
-level and direction of the force. A measurement y = H z + noise of covariance diag(s^2) leaves z the covariance
+The tip is off by L z + rest with independent standard normal z: parameters of the robot, what the parameters leave
+unexplained, level and direction of the force. A measurement y = H z + noise of covariance diag(s^2) leaves z the
+covariance
 
     P = (1 + H^T diag(s^-2) H)^-1,    and the tip the covariance L P L^T + rest.
 
-Each row of H is one measured coordinate at a place of the path. Poses tell of parameters alone: what no parameter
-explains is noise to them (`pose_variance`), here as where a campaign chooses poses.
+Each row of H is one measured coordinate at a place of the path. Poses tell of parameters alone: unexplained errors are
+noise to them (`pose_variance`), here as where a campaign chooses poses.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ def weigh_poses(robot: Robot, unknowns: Sequence[Unknown], load: float) -> Array
 
 
 def pose_variance(known: Uncertainty, sigma: float) -> float:
-    """Return the variance of a measured pose per axis: instrument, repeatability, what no parameter explains. [m^2]"""
+    """Return the variance of a measured pose per axis: instrument, repeatability, unexplained errors. [m^2]"""
     return sigma**2 + (known.repeatability or 0.0) ** 2 + known.smooth**2
 
 

@@ -123,7 +123,7 @@ def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
 
 
 def read_placement(noise: NoiseTable | None) -> tuple[float, float] | None:
-    """Return how surely the part's place is stated, shift [m] and turn [rad] per axis; None where a job states none."""
+    """Return the stated uncertainty of the part's place, shift [m] and turn [rad] per axis, or None."""
     if noise is None or not {"part_frame_mm", "part_frame_deg"} & noise.model_fields_set:
         return None
     return noise.part_frame_mm * 1e-3, float(np.radians(noise.part_frame_deg))

@@ -1,4 +1,4 @@
-"""The promise as what postures are chosen for: how far the tip is off by every unknown, at thousands of postures.
+"""The error band as what postures are chosen for: how far the tip is off by every unknown, at thousands of postures.
 
 The columns are those of `compplan.uncertainty.band`, taken to first order: an unknown that an effect has a signature
 for costs its signature, any other the secant of `measure_slopes`.
@@ -35,8 +35,8 @@ class PostureErrors:
 
     Attributes:
         robot: The robot with its tool.
-        known: How surely it is known.
-        force: How surely the force is known.
+        known: Its uncertainty.
+        force: Uncertainty of the force.
     """
 
     robot: Robot

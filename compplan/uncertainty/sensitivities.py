@@ -39,7 +39,7 @@ _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "too
 
 @dataclass(frozen=True, eq=False)
 class ForceSpread:
-    """How surely the wrench on the tool is known; relative standard deviations.
+    """Uncertainty of the wrench on the tool; relative standard deviations.
 
     Attributes:
         level: Of its size, alike along the path, what differs from part to part included.

@@ -1,6 +1,6 @@
-"""Fading: how far the parts of a robot folder that are in doubt may be trusted where a campaign has not been.
+"""Fading: how far the parts of a robot folder that are uncertain may be trusted where a campaign has not been.
 
-A calibration may imitate a cause that it has no name for: it then predicts poses like those that were measured, and
+A calibration may resemble a cause that it has no name for: it then predicts poses like those that were measured, and
 leads astray elsewhere. At each stay that the fit never saw, the share w of the parts' motion of the tip that was there
 is known to a deviation. Over the place of the tip and the force on it, w is a normal process of mean zero and variance
 one [Rasmussen2006, ch. 2] whose two lengths are what the stays say (a mean over lengths by their evidence): what held
@@ -50,7 +50,7 @@ ROUNDING, NO_WEIGHT = 1e-9, 1e-3
 
 
 def shrink_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:
-    """Return the robot for a path, its parts in doubt taken back as far as they cannot be trusted there; and the share.
+    """Return the robot for a path, its uncertain parts taken back as far as they are not trusted there; and the share.
 
     q: joint positions, (n, nq) [rad or m]; wrench on the tool at the TCP, base axes, (n, 6) [N, N m].
     """
@@ -64,7 +64,7 @@ def shrink_robot(robot: Robot, q: Array, wrench: Array) -> tuple[Robot, float]:
 
 
 def trust_parts(robot: Robot, visited: ValidityRegion, q: Array, wrench: Array) -> Array:
-    """Return the share of the parts in doubt that is expected, and seldom worse than none, from 0 to 1. Shape (n,)."""
+    """Return the share of the uncertain parts that is expected, and rarely worse than none, from 0 to 1. Shape (n,)."""
     few = np.unique(np.linspace(0, len(visited.q) - 1, STAYS).astype(int))
     chain = build_chain(robot)
     place, there = (locate_frames(chain, at).tcp_position for at in (visited.q[few], q))
@@ -97,7 +97,7 @@ def trust_parts(robot: Robot, visited: ValidityRegion, q: Array, wrench: Array) 
 
 
 def weigh_alternatives(robot: Robot, visited: ValidityRegion, q: Array, wrench: Array) -> float:
-    """Return the share of causes in doubt that stays by what a campaign cannot tell from them, from 0 to 1.
+    """Return the share of uncertain causes that stays by what a campaign cannot tell from them, from 0 to 1.
 
     With m the motion of the tip by a cause along the path and m + d_k what it is by a rival of weight p_k, the share
     w_k = 1 + m . d_k / |m|^2 of the cause is there. A share a errs least at a = E w, and more than none from a = 2 w_k
@@ -132,9 +132,9 @@ def weigh_alternatives(robot: Robot, visited: ValidityRegion, q: Array, wrench: 
 
 
 def keep_share(robot: Robot, visited: ValidityRegion, share: float) -> Robot:
-    """Return the robot with a share, 0 to 1, of its parts in doubt; what is taken out counts as unknown.
+    """Return the robot with a share, 0 to 1, of its uncertain parts; what is taken out counts as unknown.
 
-    What it has visited then speaks of the parts as they are, so that the same place takes nothing out once more.
+    What it has visited then describes the parts as they are, so that the same place takes nothing out once more.
     """
     changed = robot
     for part in visited.parts:
@@ -148,7 +148,7 @@ def keep_share(robot: Robot, visited: ValidityRegion, share: float) -> Robot:
 
 
 def has_faded(robot: Robot) -> bool:
-    """Tell whether parts in doubt of a robot's folder have been taken back."""
+    """Tell whether uncertain parts of a robot's folder have been taken back."""
     own = None if robot.folder is None else read_visited(robot.folder / FILE, robot.nq)
     if own is None or not own.parts:
         return False
@@ -160,7 +160,7 @@ def has_faded(robot: Robot) -> bool:
 
 
 def shrink_alike(robot: Robot, faded: Robot) -> Robot:
-    """Return a robot whose parts in doubt are taken back as far as those of another that `shrink_robot` made of it.
+    """Return a robot whose uncertain parts are taken back as far as those of another that `shrink_robot` made of it.
 
     The robot has no tool of a job; the other may carry it.
     """

@@ -12,8 +12,8 @@ from benchmarks.results import PAGES
 from benchmarks.results.diagnosis_real import count_published
 
 ROOT = Path(__file__).parents[2]
-#: The pages that have been measured.
-WRITTEN = sorted(file.stem for file in (ROOT / "docs" / "results").glob("*.md") if file.stem != "index")
+#: The pages of `benchmarks results` that have been measured; `benchmarks nlp` writes its own.
+WRITTEN = sorted(file.stem for file in (ROOT / "docs" / "results").glob("*.md") if file.stem in PAGES)
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIGURE = re.compile(r"(?<![\w.])\d+(?:[.,]\d+)*(?![\w.])")
 LINK = re.compile(r"docs/results/(\w+)\.md")
@@ -49,7 +49,7 @@ def test_a_page_of_results_says_question_losses_limits_and_where_it_comes_from(n
 def test_a_page_of_results_opens_with_a_chart_and_few_words(name: str) -> None:
     text = (ROOT / "docs" / "results" / f"{name}.md").read_text(encoding="utf-8")
     assert len(text.partition("\n|")[0].split()) <= 400
-    assert (f"](charts/{name}.png)" in text) == hasattr(PAGES[name], "CHART") == (name != "bad_input")
+    assert f"](charts/{name}.png)" in text and hasattr(PAGES[name], "CHART")
 
 
 def test_every_figure_of_the_readme_about_accuracy_stands_in_the_page_that_it_links() -> None:

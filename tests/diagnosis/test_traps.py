@@ -14,7 +14,7 @@ from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
 from compplan.diagnosis.results.accuracy import assess_diagnosis
-from compplan.effects import Effect
+from compplan.effects import Effect, build_model, solve_model_poses
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign
 
@@ -54,6 +54,16 @@ def test_a_target_or_frame_that_moves_twice_is_named_twice_by_its_own_name(robot
     for row, (x, y, _) in rows.items():
         assert found[row].effect.parameters["tx_m"] == pytest.approx(x, abs=3e-5)
         assert found[row].effect.parameters["ty_m"] == pytest.approx(y, abs=3e-5)
+
+
+@pytest.mark.parametrize("moved", ["frame", "tool"])
+def test_a_frame_or_a_tool_that_drifts_smoothly_is_no_shift(robot: Robot, moved: str) -> None:
+    campaign = measure(robot, plan_rows(robot, 1, poses=40, loads=1), [], 1, orientation=False)
+    drift = np.linspace(0.0, 1.0, len(campaign))[:, None] * np.array([2e-4, -1e-4, 1.5e-4])
+    if moved == "tool":
+        drift = np.einsum("nij,nj->ni", solve_model_poses(build_model(robot, campaign)).rotation, drift)
+    found = diagnose_campaign(robot, replace(campaign, position=campaign.position + drift)).verdict
+    assert found.status == "unknown" and not found.findings
 
 
 @pytest.mark.parametrize("parts", [(), pytest.param(("base", "tool"), marks=pytest.mark.slow)])

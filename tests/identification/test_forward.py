@@ -17,7 +17,7 @@ from compplan.errors import InputError, UnknownNameError
 from compplan.identification import KNOWN_FRAMES, Rows, build_structure
 from compplan.identification.campaign import identify_campaign
 from compplan.identification.forward import attain_fit, differentiate, pose_residuals
-from compplan.identification.problem import IdentifyOptions, list_forms
+from compplan.identification.problem import IdentifyOptions, IdentifyProblem
 from compplan.identification.update import update_robot
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Robot, load_robot
@@ -63,7 +63,9 @@ def test_derivatives_are_those_of_the_exact_model(links: str | None) -> None:
     log = plan_rows(robot, 7, poses=20, region=0.4)
     options = IdentifyOptions(effects=("backlash@joint_2", "joint_coupling@joint_5:of joint_4"), geometry="all")
     rows = every_row(log)
-    structure = build_structure(robot, links=links, forms=list_forms(robot, options, rows))
+    structure = build_structure(
+        robot, links=links, forms=IdentifyProblem(robot, options, rows, options.geometry).forms()
+    )
     state = attain_fit(structure, structure.nominal, rows, KNOWN_FRAMES)
     columns = differentiate(rows, state)[0]
     for k, parameter in enumerate(structure.parameters):
@@ -111,4 +113,4 @@ def test_effects_that_a_log_cannot_show_are_refused_with_what_it_can(tmp_path: P
         ("backlash@joint_9", UnknownNameError, "no effect that this log can show named 'backlash@joint_9'"),
     ):
         with pytest.raises(kind, match=sentence):
-            list_forms(robot, IdentifyOptions(effects=(asked,)), rows)
+            IdentifyProblem(robot, IdentifyOptions(effects=(asked,)), rows).forms()

@@ -137,7 +137,7 @@ def test_a_urdf_that_does_not_say_which_axis_leaves_the_tool_is_refused_until_it
     assert frames.tcp_position[0] == pytest.approx([0.5, 0.1, 0.4])
     assert frames.tcp_rotation[0][:, 2] == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)  # x of ee_link is y of the base
     counting = load_controller(robot)
-    assert not counting.known and counting.joint_names == ("J1", "J2")
+    assert counting.unchecked and counting.joint_names == ("J1", "J2")
     text = (tmp_path / "arm" / "controller.toml").read_text()
     assert "# z         = [1.0, 0.0, 0.0]" in text and "checked     = false" in text
     done = run_command(["doctor", tmp_path / "arm"], monkeypatch, capsys)

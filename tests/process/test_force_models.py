@@ -13,8 +13,8 @@ from compplan.job.loading import load_path
 from compplan.job.noise import describe_noise
 from compplan.planning.citations import list_citations
 from compplan.process.force_models import FORCE_MODELS
-from compplan.process.force_models.friction_stir import FrictionStirProcess, weld_torque, weld_wrench
-from compplan.process.force_models.grinding import GrindingProcess, grinding_wrench
+from compplan.process.force_models.friction_stir import FrictionStirProcess
+from compplan.process.force_models.grinding import GrindingProcess
 from compplan.process.force_models.isf_regression import (
     UNCERTAINTY,
     IsfRegressionProcess,
@@ -22,7 +22,6 @@ from compplan.process.force_models.isf_regression import (
     find_wall_angle,
     radial_ratio,
     scallop_height,
-    sheet_wrench,
     steady_axial_force,
 )
 from compplan.toolpath.generators import Pace, generate_cone
@@ -222,7 +221,7 @@ def test_wall_angle_and_step_down_are_found_from_the_path(angle, levels) -> None
 def test_forming_builds_up_and_then_stays() -> None:
     cone = generate_cone(0.08, 0.02, np.radians(45), 1e-3, Pace(feed=0.02, step=5e-4))
     process = IsfRegressionProcess(model="isf_regression", thickness_mm=1.0, tool_diameter_mm=10.0, tensile_N_mm2=300.0)
-    axial = sheet_wrench(process, cone)[:, 2]
+    axial = process.wrench_along(cone)[:, 2]
     deep = np.arange(len(cone)) > 0.6 * len(cone)
     assert axial[5] < 0.35 * axial[deep].mean()
     assert np.ptp(axial[deep]) < 0.03 * axial[deep].mean()
@@ -235,8 +234,8 @@ def test_a_weld_has_the_torque_of_its_faces_and_the_force_of_its_pressure() -> N
     )  # fmt: skip
     ring = 2 / 3 * np.pi * 30 * (10**3 - 4**3)
     side, tip = 2 * np.pi * 4**2 * 4 * 30, 2 / 3 * np.pi * 30 * 4**3
-    assert weld_torque(process) == pytest.approx((ring + side + tip) * 1e-3)
-    assert weld_wrench(process, line())[3, 2] == pytest.approx(20 * np.pi * 100)
+    assert process.torque == pytest.approx((ring + side + tip) * 1e-3)
+    assert process.wrench_along(line())[3, 2] == pytest.approx(20 * np.pi * 100)
 
 
 def test_a_weld_carries_nothing_once_the_tool_is_lifted_off(tmp_path) -> None:
@@ -254,7 +253,7 @@ def test_grinding_power_is_energy_times_removal() -> None:
     process = GrindingProcess(
         model="grinding", specific_energy_J_mm3=40.0, depth_mm=0.1, width_mm=20.0, wheel_speed_m_s=30.0
     )
-    wrench = grinding_wrench(process, line(0.05))
+    wrench = process.wrench_along(line(0.05))
     assert -wrench[4, 0] * 30.0 == pytest.approx(40.0 * 0.1 * 20.0 * 50.0)  # W
     assert wrench[4, 0] / wrench[4, 2] == pytest.approx(-0.45)
 

@@ -115,7 +115,7 @@ def test_kinds_of_small_errors_that_both_halves_show_stand_beside_the_names(diag
     split = replace(diagnosed[1], small_errors=SmallErrors({}, {}, groups))
     said = describe_where(TABLE["verdict"], split)
     largest = open_diagnosis({"status": "partly_explained", "effects": [SPRING]}, GAP, "causes", "", 0.78)
-    assert "Most of the gap is small errors, as of a robot that was not calibrated. A part of" in largest.verdict
+    assert "Most of the gap is small errors, as of a robot that was not calibrated. A part" in largest.verdict
     assert "(95 %: 1\u00a0% to 6\u00a0%; both halves of the poses show geometry of joint_5 34\u00a0%)" in said
 
 

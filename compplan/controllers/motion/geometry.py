@@ -121,17 +121,12 @@ def _first_frame(axis: Array) -> Array:
 
 def _turn_axis(rotation: Array, axis: Array) -> Array:
     """Turn a frame the shortest way until its z points against a tool axis."""
-    z, wanted = rotation[:, 2], -axis
-    (a, b, c), (d, e, f) = z.tolist(), wanted.tolist()
-    x, y, s, cosine = b * f - c * e, c * d - a * f, a * e - b * d, a * d + b * e + c * f
-    if x * x + y * y + s * s < 1e-24:
+    across, cosine = np.cross(rotation[:, 2], -axis), float(rotation[:, 2] @ -axis)
+    size = float(np.linalg.norm(across))
+    if size < 1e-12:
         return rotation if cosine > 0 else rotation @ np.diag([1.0, -1.0, -1.0])
-    if cosine < -0.9:  # the formula below divides by 1 + cosine
-        size = float(np.sqrt(x * x + y * y + s * s))
-        turn = np.array([x, y, s]) / size * np.arctan2(size, cosine)
-        return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
-    skew = np.array([[0.0, -s, y], [s, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(rotation + skew @ rotation + skew @ (skew @ rotation) / (1.0 + cosine))
+    turn = across / size * np.arctan2(size, cosine)
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix() @ rotation)
 
 
 def _choose_branches(

@@ -1,14 +1,28 @@
-"""A log of executed joints, with clocks as they are: late rows, missing rows, rows torn between two cycles."""
+"""A log of executed joints, with clocks as they are: late rows, missing rows, rows torn between two cycles.
+
+Columns may have the names of the loggers of controllers:
+
+| log | time | executed joints | commanded joints | torque |
+|---|---|---|---|---|
+| RTDE client (Universal Robots) | timestamp, s | actual_q_0 .., rad | target_q_0 .., rad | target_moment_0 .., Nm |
+| EGM message (ABB) | header.tm, ms | feedBack.joints.joints_0 .., deg | planned.joints.joints_0 .. | |
+| motion_program_logger (ABB) | timestamp, s | J1 .., deg | | |
+| RSI telegram (KUKA) | IPOC, ms | AIPos.A1 .., deg | ASPos.A1 .., deg | GearTorque.A1 .., Nm |
+| channels of a trace (KUKA), as CSV | time_s | AxisPos_Act1 .., deg | AxisPos_CmdIpo1 .., deg | |
+
+Names of nested fields may be joined by `.`, `_` or `/`, numbers of elements stand in brackets or behind one of those.
+Such joints are counted as the controller counts them.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.controllers.motion.exports import rename_export
 from compplan.controllers.motion.instructions import read_joints
 from compplan.controllers.writers.joint_convention import from_controller, load_controller
 from compplan.errors import InputError
@@ -24,6 +38,18 @@ TORN_LOW, TORN_HIGH = 0.5, 1.6
 TORN_SIGMAS = 5.0
 #: Time over which rates are taken. [s]
 RATE_SPAN = 0.024
+
+#: Fields that hold a time, and those that hold a number a joint: our name, and what their numbers count from.
+TIMES = {"timestamp": "time_s", "header_tm": "time_ms", "ipoc": "time_ms"}
+JOINTS = (
+    (re.compile(r"(actual_q|target_q|target_moment)_(\d+)"), 0,
+     {"actual_q": "q#_rad", "target_q": "q#_cmd_rad", "target_moment": "tau#_Nm"}),
+    (re.compile(r"(feedback|planned)_joints_joints_(\d+)"), 0, {"feedback": "q#_deg", "planned": "q#_cmd_deg"}),
+    (re.compile(r"(aipos|aspos|geartorque)_a(\d+)"), 1,
+     {"aipos": "q#_deg", "aspos": "q#_cmd_deg", "geartorque": "tau#_Nm"}),
+    (re.compile(r"(axispos_act|axispos_cmdipo)_?(\d+)"), 1, {"axispos_act": "q#_deg", "axispos_cmdipo": "q#_cmd_deg"}),
+    (re.compile(r"(j)(\d+)"), 1, {"j": "q#_deg"}),
+)  # fmt: skip
 
 COLUMNS = (
     FileColumn("time", "time", required=True),
@@ -143,3 +169,15 @@ def _median_rows(values: Array) -> Array:
     low, high = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, values.shape[1] - 1)
     middle = 0.5 * (ordered[rows, low] + ordered[rows, high])
     return np.where(count >= 3, middle, np.nan)
+
+
+def rename_export(title: str) -> str:
+    """Return our name of a column of a logger that is known, any other name as it is."""
+    plain = re.sub(r"[\[\]./ _]+", "_", title).strip("_").lower()
+    if plain in TIMES:
+        return TIMES[plain]
+    for pattern, first, names in JOINTS:
+        found = pattern.fullmatch(plain)
+        if found:
+            return names[found[1]].replace("#", str(int(found[2]) + 1 - first))
+    return title

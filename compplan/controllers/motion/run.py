@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as File
 
 import numpy as np
@@ -50,11 +50,13 @@ def execute_program(file: File, robot: Robot, start: Array | None = None) -> Exe
     arm = build_arm(robot)
     path = build_path(locate_nodes(instructions, arm, start), arm, motion.blend_share)
     command = schedule_path(path, motion)
-    _refuse_ages(command.time[-1])
+    if command.time[-1] > LONGEST_STEP * MOST_ROWS:
+        took, most = command.time[-1] / 3600, LONGEST_STEP * MOST_ROWS / 3600
+        raise InfeasibleError(f"the program takes {took:.1f} h, at most {most:.1f} h are executed; cut it")
     step = motion.cycle / np.ceil(motion.cycle / LONGEST_STEP - 1e-9)
     time = np.arange(0.0, command.time[-1] + REST * float(motion.lag.max()) + step, step)
     q = follow_path(path, np.interp(time, command.time, command.s))
-    fine = _with_cycle(motion, step)
+    fine = replace(motion, cycle=step)
     q = follow_command(q, fine)
     notes = []
     if assumed:
@@ -62,18 +64,6 @@ def execute_program(file: File, robot: Robot, start: Array | None = None) -> Exe
     if not np.isfinite(instructions.q[0]).all() and start is None:
         notes.append("assumed: the posture at the start, nearest to the middle of the limits; give q1_deg .. in row 1")
     return Executed(time, q, locate_frames(arm.chain, q).tcp_position, fine, tuple(notes))
-
-
-def _with_cycle(motion: ServoMotion, cycle: float) -> ServoMotion:
-    from dataclasses import replace
-
-    return replace(motion, cycle=cycle)
-
-
-def _refuse_ages(duration: float) -> None:
-    if duration > LONGEST_STEP * MOST_ROWS:
-        hours = LONGEST_STEP * MOST_ROWS / 3600
-        raise InfeasibleError(f"the program takes {duration / 3600:.1f} h, at most {hours:.1f} h are executed; cut it")
 
 
 def write_executed(executed: Executed, robot: Robot, file: File) -> None:

@@ -1,4 +1,4 @@
-"""Pieces of programs with the rows of a log that lie in them: what a model is fitted to and judged by."""
+"""Pieces of programs with the rows of a log that lie in them: what a model is fitted to and compared with."""
 
 from __future__ import annotations
 

@@ -210,7 +210,7 @@ class _Rows:
         return placed
 
     def find_rows(self, moves: list[Move]) -> NDArray[np.int_] | str:
-        """Return the row at which each move ends, or what speaks against it."""
+        """Return the row at which each move ends, or why there is none."""
         if len(moves) == len(self.q):
             return np.arange(len(moves))
         if not self.wanted.fit > 0.0 or not any(move.kind != "joint" for move in moves):

@@ -50,7 +50,7 @@ class PlannedRows:
 def find_rows(
     rows: PlannedRows, tips: Array, turns: Array, held: Sequence[NDArray[np.bool_] | None] | None = None
 ) -> NDArray[np.int_] | str:
-    """Return the row at which each move ends, or what speaks against it.
+    """Return the row at which each move ends, or why there is none.
 
     Args:
         rows: What was planned.
@@ -111,7 +111,7 @@ def _find_kept(rows: PlannedRows, at: int) -> int | None:
 def _find_row(rows: PlannedRows, at: int, tip: Array, turn: Array) -> int | None:
     """Return the row at which the path first comes nearest to a place, of equal ones that which is turned as the tool.
 
-    Of those that are turned alike it is the last before a kept one.
+    Of rows that are turned alike it is the last before a kept one.
     """
     n = len(rows.position)
     for start in range(at + 1, n, WINDOW):

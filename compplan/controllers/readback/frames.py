@@ -1,4 +1,4 @@
-"""The judge's own reading of frames in a job: tool and part, in whichever form they are said.
+"""Frames of a job, tool and part, in every form: the independent check's own reading.
 
 Written from the keys as docs/formats.md states them; it shares nothing with `compplan.job.frames`.
 """

@@ -28,7 +28,6 @@ class Commanded:
     time: Array  #: Shape (n,). [s]
     wanted: Array  #: Wanted tip [mm], tool axis, wrench on the tool [N, N m], base frame. Shape (n, 12).
     program: Array  #: Rows that programs hold; Shape (m,).
-    path: tuple[int, int]  #: First row of the path, and the one after its last.
     feed: Array  #: Feed that is driven in the move to each row, 0 in rapid moves. Shape (n,). [m/s]
     #: Whether the tool has to stand still at each row that programs hold, beside the ends of rapid moves. Shape (m,).
     stands: NDArray[np.bool_]

@@ -24,7 +24,7 @@ class JointTable:
         names: Names. nq of them.
         slides: Whether they are prismatic. Shape (nq,).
         outer: Whether they are external axes: those that slide, or carry the part. Shape (nq,).
-        lower, upper, velocity, effort, acceleration, jerk: Limits, infinite where none is stated. Shape (nq,).
+        lower, upper, velocity, acceleration, jerk: Limits, infinite where none is stated. Shape (nq,).
     """
 
     names: tuple[str, ...]
@@ -33,7 +33,6 @@ class JointTable:
     lower: Array
     upper: Array
     velocity: Array
-    effort: Array
     acceleration: Array
     jerk: Array
 
@@ -50,28 +49,19 @@ def read_joints(folder: Path) -> JointTable:
     chain = [*carrying, *_list_moving(carrier, str(table["tcp"]))]
     limits = []
     for joint in chain:
-        found = joint.find("limit")
-        stated = {} if found is None else found.attrib
-        bounded = joint.get("type") != "continuous"
-        soft = joint.find("safety_controller")
-        inner = {} if soft is None else soft.attrib
+        found, soft = joint.find("limit"), joint.find("safety_controller")
+        stated, inner = ({} if tag is None else tag.attrib for tag in (found, soft))
         low = max(float(stated.get("lower", "0")), float(inner.get("soft_lower_limit", "-inf")))
         high = min(float(stated.get("upper", "0")), float(inner.get("soft_upper_limit", "inf")))
-        limits.append(
-            (
-                low if bounded else -math.inf,
-                high if bounded else math.inf,
-                float(stated.get("velocity", "0")) or math.inf,
-                float(stated.get("effort", "0")) or math.inf,
-            )
-        )
-    lower, upper, velocity, effort = np.array(limits, dtype=float).T
+        bounds = (-math.inf, math.inf) if joint.get("type") == "continuous" else (low, high)
+        limits.append((*bounds, float(stated.get("velocity", "0")) or math.inf))
+    lower, upper, velocity = np.array(limits, dtype=float).T
     none = [math.inf] * len(chain)
     acceleration, jerk = (np.array(table.get(f"{name}_limits", none), float) for name in ("acceleration", "jerk"))
     slides = tuple(joint.get("type") == "prismatic" for joint in chain)
     names = tuple(joint.get("name", "") for joint in chain)
     outer = tuple(slide or k < len(carrying) for k, slide in enumerate(slides))
-    return JointTable(names, slides, outer, lower, upper, velocity, effort, acceleration, jerk)
+    return JointTable(names, slides, outer, lower, upper, velocity, acceleration, jerk)
 
 
 def _list_moving(carrier: Mapping[str, ElementTree.Element], link: str) -> list[ElementTree.Element]:

@@ -25,6 +25,9 @@ from compplan.controllers.readback.poses import (
 
 # ---------------------------------------------------------------------------------------------------------- URScript
 
+_SCRIPT_POSE = r"pose_trans\(part, p\[(.*?)\]\)"
+_SCRIPT_END = rf"v=({NUMBER})(?:, r=({NUMBER}))?"
+
 
 def read_urscript(path: Path) -> list[Move]:
     """Run a URScript program, or the numbered ones that it was cut into, in order."""
@@ -50,26 +53,19 @@ def _run_script(path: Path) -> list[Move]:
             load = (float(match[1]), *(value * 1e3 for value in read_numbers(match[2])))
         elif re.fullmatch(r"part = \w+", line):
             frames["part"] = None
-        elif match := re.fullmatch(rf"movej\(\[(.*)\], a=1.4, v=({NUMBER})(?:, r=({NUMBER}))?\)", line):
+        elif match := re.fullmatch(rf"movej\(\[(.*)\], a=1.4, {_SCRIPT_END}\)", line):
             joints = tuple(math.degrees(value) for value in read_numbers(match[1]))
             rate, stops = math.degrees(float(match[2])), not float(match[3] or 0)
             moves.append(Move("joint", stops, joints, rate=rate, tool=frames.get("tool"), base=np.eye(4), load=load))
-        elif line.startswith("movec("):
-            place = r"pose_trans\(part, p\[(.*?)\]\)"
-            pattern = rf"movec\({place}, {place}, a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?, mode=0\)"
-            match = re.fullmatch(pattern, line)
-            assert match, f"unknown line: {line}"
-            via, pose = (vector_pose(*read_numbers(text)) for text in match.groups()[:2])
-            feed, stops = float(match[3]) * 1e3, not float(match[4] or 0)
-            tool, base = frames.get("tool"), frames["part"]
-            moves.append(Move("arc", stops, pose=pose, feed=feed, tool=tool, base=base, load=load, via=via))
         else:
-            pattern = rf"movel\(pose_trans\(part, p\[(.*)\]\), a=1.2, v=({NUMBER})(?:, r=({NUMBER}))?\)"
+            pattern = rf"(?:movel\(|movec\({_SCRIPT_POSE}, ){_SCRIPT_POSE}, a=1.2, {_SCRIPT_END}(, mode=0)?\)"
             match = re.fullmatch(pattern, line)
-            assert match, f"unknown line: {line}"
-            pose, feed, stops = vector_pose(*read_numbers(match[1])), float(match[2]) * 1e3, not float(match[3] or 0)
-            tool, base = frames.get("tool"), frames["part"]
-            moves.append(Move("line", stops, pose=pose, feed=feed, tool=tool, base=base, load=load))
+            assert match and (match[1] is None) == (match[5] is None), f"unknown line: {line}"
+            via = None if match[1] is None else vector_pose(*read_numbers(match[1]))
+            moves.append(Move(
+                "line" if via is None else "arc", not float(match[4] or 0), pose=vector_pose(*read_numbers(match[2])),
+                feed=float(match[3]) * 1e3, tool=frames.get("tool"), base=frames["part"], load=load, via=via,
+            ))  # fmt: skip
     return moves
 
 

@@ -57,7 +57,7 @@ def write_program(
 
 
 def check_brand(controller: str, language: str) -> None:
-    """Refuse a language that controllers of another brand speak.
+    """Refuse a language of controllers of another brand.
 
     A controller of a brand that no language here belongs to, or that nobody names, may have any.
 

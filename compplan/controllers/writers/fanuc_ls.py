@@ -15,7 +15,7 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import MainForm
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, split_parts
+from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, name_parts
 from compplan.controllers.writers.text import clean_text, legal_name, wrap_text
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError
@@ -118,8 +118,7 @@ def _write_kind(
     frame: int,
     most: int | None,
 ) -> list[Path]:
-    parts = split_parts(len(program), most or MOST)
-    names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    parts = name_parts(name, len(program), most or MOST, single=True)
     alone, stops = program.alone(linear=bool(frame)), program.stops(linear=bool(frame))
     events = {
         row: [f"  {line.replace('@', str(label))} ;" for line in lines]
@@ -130,7 +129,7 @@ def _write_kind(
     share = _share_zones(program) if frame else np.full(len(program), 100)
     percent = np.where(program.rapid, RAPID, np.maximum(joint_percent(program).round(), 1.0)).astype(int)
     files, via = [], _places(program, program.via_positions) if frame and program.arcs.any() else []
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in parts.items():
         numbers = range(1, rows.stop - rows.start + 1)
         indices = range(rows.start, rows.stop)
         moves = list(events.get(-1, [])) if rows.start == 0 else []
@@ -148,7 +147,7 @@ def _write_kind(
         write_text(files[-1], format_program(part, program, frame, moves, positions, len(parts) == 1), newline="\r\n")
     if len(parts) > 1:
         files.append(folder / f"{name}.LS")
-        write_text(files[-1], format_program(name, program, frame, [], [], True, names), newline="\r\n")
+        write_text(files[-1], format_program(name, program, frame, [], [], True, [*parts]), newline="\r\n")
     return files
 
 

@@ -14,7 +14,7 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import MainForm, need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, split_parts
+from compplan.controllers.writers.program import Program, describe_feeds, head_lines, joint_percent, name_parts
 from compplan.controllers.writers.text import clean_text, legal_name, wrap_text
 from compplan.controllers.writers.zones import stop_at_corners
 from compplan.io.tables import Array, write_text
@@ -86,16 +86,15 @@ def configurations(program: Program) -> NDArray[np.int64]:
 
 
 def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
-    parts = split_parts(len(program), most or MOST)
-    names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    parts = name_parts(name, len(program), most or MOST, single=True)
     files = []
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in parts.items():
         points, moves = _points(program, rows, linear), _moves(program, rows, linear)
         files.append(folder / f"{part}.JBI")
         write_text(files[-1], format_job(program, part, points, moves, main=len(parts) == 1), newline="\r\n")
     if len(parts) > 1:
         files.append(folder / f"{name}.JBI")
-        write_text(files[-1], format_job(program, name, [], [], main=True, parts=names), newline="\r\n")
+        write_text(files[-1], format_job(program, name, [], [], main=True, parts=[*parts]), newline="\r\n")
     return files
 
 

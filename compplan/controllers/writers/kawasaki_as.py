@@ -12,7 +12,7 @@ from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.language import MainForm, need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, count_digits, head_lines, joint_percent, split_parts
+from compplan.controllers.writers.program import Program, count_digits, head_lines, joint_percent, name_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.io.tables import Array, write_text
@@ -63,10 +63,9 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
-    parts = split_parts(len(program), most or MOST)
-    names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    parts = name_parts(name, len(program), most or MOST)
     files = []
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in parts.items():
         files.append(folder / f"{part}.as")
         write_text(files[-1], _part_text(program, part, name_variables(name), rows, linear), newline="\r\n")
     load = ""
@@ -74,7 +73,7 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
         x, y, z = (program.centre * 1e3).tolist()
         load = f"{program.mass:.3f},{x:.3f},{y:.3f},{z:.3f}"
     words = {
-        "name": name, "parts": names, "comments": head_lines(program), "load": load, "accuracy": ACCURACY,
+        "name": name, "parts": [*parts], "comments": head_lines(program), "load": load, "accuracy": ACCURACY,
         "cell": check_cell(program.post, CELL, "Kawasaki AS"), "base": _numbers(program.base_frame),
         "tool": _numbers(np.eye(4) if program.tool is None else program.tool),
     }  # fmt: skip

@@ -18,8 +18,8 @@ from compplan.controllers.writers.program import (
     count_digits,
     head_lines,
     joint_percent,
+    name_parts,
     order_joints,
-    split_parts,
 )
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
@@ -108,26 +108,24 @@ def turn_bits(joints: Array) -> NDArray[np.int64]:
 
 
 def _write_joint(program: Program, folder: Path, name: str, most: int) -> list[Path]:
-    parts = split_parts(len(program), most)
-    names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
+    parts = name_parts(name, len(program), most, between="")
     events = phrase_events(program.events, program.wiring, PHRASES, "KRL")
     points, percent, files = _joint_points(program), joint_percent(program), []
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in parts.items():
         files.append(folder / f"{part}.dat")
         write_text(files[-1], _data(part, points[rows], program, percent, rows), newline="\r\n")
         files.append(folder / f"{part}.src")
         write_text(files[-1], _source(part, program, rows, events), newline="\r\n")
     files.append(folder / f"{name}.src")
-    write_text(files[-1], _main(name, names, program, describe(program)), newline="\r\n")
+    write_text(files[-1], _main(name, [*parts], program, describe(program)), newline="\r\n")
     return files
 
 
 def _write_linear(program: Program, folder: Path, name: str, most: int) -> list[Path]:
-    parts = split_parts(len(program), most)
-    names = [f"{name}{number}" for number in range(1, len(parts) + 1)]
+    parts = name_parts(name, len(program), most, between="")
     events = phrase_events(program.events, program.wiring, PHRASES, "KRL")
     moves, files = _linear_moves(program), []
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in parts.items():
         lines = [*HEAD, f"DEF {part}()", *(f"; {line}" for line in head_lines(program))]
         body = list(events.get(-1, [])) if rows.start == 0 else []
         speed, zone = "", WIDE
@@ -142,7 +140,7 @@ def _write_linear(program: Program, folder: Path, name: str, most: int) -> list[
         files.append(folder / f"{part}.src")
         write_text(files[-1], "\n".join([*lines, "END", ""]), newline="\r\n")
     files.append(folder / f"{name}.src")
-    write_text(files[-1], _main(name, names, program, []), newline="\r\n")
+    write_text(files[-1], _main(name, [*parts], program, []), newline="\r\n")
     return files
 
 

@@ -57,7 +57,7 @@ class CellWords:
 
 
 def check_cell(post: Post, cell: CellWords, language: str) -> Post:
-    """Return a job's wishes with the numbers that a language needs in any case.
+    """Return what a job asks for with the numbers that a language needs in any case.
 
     Raises:
         InputError: If the job names tool or frame in a way that the language does not know.
@@ -101,7 +101,7 @@ def render_post(program: Program, language: str, words: Mapping[str, Any]) -> st
     """Return the text that a language's template, or the user's own, makes of a program.
 
     Raises:
-        InputError: If the template is not one, uses a word that there is not, or makes what no controller takes.
+        InputError: If the template is not one, uses a word that there is not, or makes lines that controllers refuse.
     """
     from jinja2 import TemplateError
 

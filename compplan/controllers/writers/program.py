@@ -297,6 +297,14 @@ def split_parts(count: int, most: int) -> list[slice]:
     return [slice(int(low), int(high)) for low, high in pairwise(edges)]
 
 
+def name_parts(name: str, count: int, most: int, *, between: str = "_", single: bool = False) -> dict[str, slice]:
+    """Return the names of the files of a program with their rows: numbered, a `single` one as the program itself."""
+    parts = split_parts(count, most)
+    return {
+        name if single and len(parts) == 1 else f"{name}{between}{k}": rows for k, rows in enumerate(parts, start=1)
+    }
+
+
 def count_digits(program: Program, most: int) -> int:
     """Return how many digits the number of a program's last part has."""
     return len(str(max(1, -(-len(program) // max(most, 1)))))

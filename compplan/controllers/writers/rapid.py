@@ -11,7 +11,7 @@ from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import quaternions
 from compplan.controllers.writers.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, render_post
-from compplan.controllers.writers.program import Program, count_digits, head_lines, split_parts
+from compplan.controllers.writers.program import Program, count_digits, head_lines, name_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError
@@ -76,19 +76,18 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def _write_kind(program: Program, folder: Path, name: str, moves: list[str], most: int | None) -> list[Path]:
-    parts = split_parts(len(program), most or MOST)
-    names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
+    parts = name_parts(name, len(program), most or MOST)
     for row, lines in phrase_events(program.events, program.wiring, PHRASES, "RAPID").items():
         text = "\n".join(f"    {line}" for line in lines)
         moves[max(row, 0)] = f"{text}\n{moves[0]}" if row < 0 else f"{moves[row]}\n{text}"
     files = []
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in parts.items():
         files.append(folder / f"{part}.mod")
         body = [f"MODULE {part}", f"  PROC run_{part}()", *moves[rows], "  ENDPROC", "ENDMODULE", ""]
         write_text(files[-1], "\n".join(body))
     cell = check_cell(program.post, CELL, "RAPID")
     words = {
-        "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in names],
+        "name": name, "entry": program.post.main or f"run_{name}", "parts": [f"run_{part}" for part in parts],
         "comments": head_lines(program), "cell": cell, "massless": program.mass is None, "tool": _tool(program),
         "tool_name": cell.tool or f"t_{name}", "base_name": cell.base or f"w_{name}",
         "base": f'[FALSE,TRUE,"",{_frame(program.base_frame)},{_frame(np.eye(4))}]' if not program.moves_part else

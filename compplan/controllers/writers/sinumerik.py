@@ -14,7 +14,7 @@ from compplan.controllers.writers.krl import turn_bits
 from compplan.controllers.writers.language import MainForm, need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_main, render_post
-from compplan.controllers.writers.program import Program, count_digits, head_lines, split_parts
+from compplan.controllers.writers.program import Program, count_digits, head_lines, name_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError
@@ -73,18 +73,16 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     longest = LONGEST_NAME - 2 - count_digits(program, most or MOST)
     name = legal_name(name_main(program), longest, reserved=RESERVED).upper()
     name = name if name[1:2].isalpha() or name[1:2] == "_" else f"P_{name}"
-    parts = split_parts(len(program), most or MOST)
+    parts = name_parts(name, len(program), most or MOST)
     blocks = _blocks(program)
     for row, lines in phrase_events(program.events, program.wiring, PHRASES, "SINUMERIK").items():
         text = "\n".join(lines)
         blocks[max(row, 0)] = f"{text}\n{blocks[0]}" if row < 0 else f"{blocks[row]}\n{text}"
     files = []
-    if len(parts) == 1:
-        bodies = blocks
-    else:
-        names = [f"{name}_{number}" for number in range(1, len(parts) + 1)]
-        bodies = names
-        for part, rows in zip(names, parts, strict=True):
+    bodies = blocks
+    if len(parts) > 1:
+        bodies = [*parts]
+        for part, rows in parts.items():
             files.append(folder / f"{part}.SPF")
             write_text(files[-1], "\n".join([*blocks[rows], "M17", ""]))
     files.append(folder / f"{name}.MPF")

@@ -11,7 +11,7 @@ from compplan.controllers.writers.frames import rotation_vectors
 from compplan.controllers.writers.language import need_six_axes
 from compplan.controllers.writers.machine import Phrases, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, head_lines, joint_shares, split_parts
+from compplan.controllers.writers.program import Program, head_lines, joint_shares, name_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.io.tables import Array, write_text
@@ -70,8 +70,6 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 
 def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, linear: bool) -> list[Path]:
-    parts = split_parts(len(program), most or MOST)
-    names = [name] if len(parts) == 1 else [f"{name}_{number}" for number in range(1, len(parts) + 1)]
     moves = _moves(program, linear)
     for row, lines in phrase_events(program.events, program.wiring, PHRASES, "URScript").items():
         text = "\n".join(f"  {line}" for line in lines)
@@ -80,7 +78,7 @@ def _write_kind(program: Program, folder: Path, name: str, most: int | None, *, 
     if program.mass is not None:
         centre = ", ".join(f"{value:.6f}" for value in np.round(program.centre, 6) + 0.0)
         load = f"{program.mass:.3f}, [{centre}]"
-    for part, rows in zip(names, parts, strict=True):
+    for part, rows in name_parts(name, len(program), most or MOST, single=True).items():
         words = {
             "name": part, "comments": head_lines(program), "cell": check_cell(program.post, CELL, "URScript"),
             "tool": _poses((np.eye(4) if program.tool is None else program.tool)[None])[0], "load": load,

@@ -11,7 +11,7 @@ from compplan.controllers.writers.fit import fit_moves
 from compplan.controllers.writers.frames import place_numbers, place_table
 from compplan.controllers.writers.machine import Phrases, Signal, name_signal, phrase_events
 from compplan.controllers.writers.post import CellWords, check_cell, name_kind, name_main, render_post
-from compplan.controllers.writers.program import Program, head_lines, split_parts
+from compplan.controllers.writers.program import Program, head_lines, name_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import ZONES, find_zones
 from compplan.errors import InputError
@@ -80,15 +80,14 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
 
 def _write_kind(program: Program, project: Path, most: int | None, *, linear: bool) -> list[Path]:
     name = project.name
-    parts = split_parts(len(program), most or MOST)
-    names = [f"part{number}" for number in range(1, len(parts) + 1)]
-    texts = {f"{name}.pjx": _project(name, names), f"{name}.dtx": _data(program, parts, linear)}
+    parts = name_parts("part", len(program), most or MOST, between="")
+    texts = {f"{name}.pjx": _project(name, [*parts]), f"{name}.dtx": _data(program, [*parts.values()], linear)}
     events = phrase_events(program.events, program.wiring, PHRASES, "VAL3")
-    for number, (part, rows) in enumerate(zip(names, parts, strict=True), start=1):
+    for number, (part, rows) in enumerate(parts.items(), start=1):
         code = _plain_moves(program, number, rows, events) if linear else _moves(number, rows, events)
         texts[f"{part}.pgx"] = _program(part, code)
     check_cell(program.post, CELL, "VAL3")
-    body = render_post(program, "val3", {"name": name, "parts": names, "comments": _remarks(program, linear)})
+    body = render_post(program, "val3", {"name": name, "parts": [*parts], "comments": _remarks(program, linear)})
     texts["start.pgx"] = _program("start", body)
     texts["stop.pgx"] = _program("stop", "  resetMotion()\n")
     files = []

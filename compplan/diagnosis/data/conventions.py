@@ -78,13 +78,10 @@ def expect_targets(robot: Robot, campaign: Campaign, register: tuple[str, ...], 
     """Return where the targets should be measured, frames fitted where asked. Shape (n, 3). [m]"""
     stated = None if register else stated_registration(campaign)
     attained = solve_model_poses(apply_effects(build_model(robot, campaign, registration=stated), effects))
-    position = attained.position
-    if register:
-        registration = fit_registration(campaign, attained.position, attained.rotation, register)
-        tool = registration.tool[campaign.target_index]
-        position = position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
-        position = position @ registration.base[:3, :3].T + registration.base[:3, 3]
-    return np.asarray(position)
+    if not register:
+        return attained.position
+    registration = fit_registration(campaign, attained.position, attained.rotation, register)
+    return registration.locate_targets(campaign, attained.position, attained.rotation)
 
 
 def size_convention(

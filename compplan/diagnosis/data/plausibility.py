@@ -145,9 +145,7 @@ def ask_sights(robot: Robot, campaign: Campaign, register: Sequence[str]) -> Que
 
     def leave(parts: Sequence[str], turned: Campaign) -> float:
         frames = fit_registration(turned, attained.position, attained.rotation, fitted_parts(turned, parts))
-        tool = frames.tool[campaign.target_index]
-        point = attained.position + np.einsum("nij,nj->ni", attained.rotation, tool[:, :3, 3])
-        gap = campaign_gap(turned, point @ frames.base[:3, :3].T + frames.base[:3, 3], frames)
+        gap = campaign_gap(turned, frames.locate_targets(campaign, attained.position, attained.rotation), frames)
         return float(np.median(np.linalg.norm(gap[rows], axis=1)))
 
     left = leave(register, campaign)
@@ -242,9 +240,7 @@ def ask_frames(rows: QuestionRows, register: Sequence[str]) -> Question | None:
         if set(parts) <= set(register):
             continue
         frames = fit_registration(rows.campaign, rows.position, rows.rotation, parts)
-        tool = frames.tool[rows.campaign.target_index, :3, 3]
-        expected = rows.position + np.einsum("nij,nj->ni", rows.rotation, tool)
-        expected = expected @ frames.base[:3, :3].T + frames.base[:3, 3]
+        expected = frames.locate_targets(rows.campaign, rows.position, rows.rotation)
         left = float(np.median(np.linalg.norm(rows.measured - expected, axis=1)))
         if left < CONVINCING * gap and left < NO_EFFECT:
             return Question(
@@ -350,9 +346,7 @@ def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
             continue  # on one line they tell no frame
         own = campaign.take(run)
         frames = fit_registration(own, rows.position[run], rows.rotation[run], parts)
-        tool = frames.tool[own.target_index, :3, 3]
-        expected = rows.position[run] + np.einsum("nij,nj->ni", rows.rotation[run], tool)
-        gap = own.position - (expected @ frames.base[:3, :3].T + frames.base[:3, 3])
+        gap = own.position - frames.locate_targets(own, rows.position[run], rows.rotation[run])
         square = 3.0 * np.median(np.sum(gap**2, axis=1)) / chdtri(3, 0.5)  # as rms, whatever a gross error adds
         rms = float(np.sqrt(square * 3 * len(np.unique(own.pose)) / values))
         found.append((rms, float(np.linalg.norm(own.wrench, axis=1).mean()), str(own.run[0]), run, gap))

@@ -57,9 +57,8 @@ def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) ->
     position, measured = frames.tcp_position, campaign.position
     if register:
         fitted = fit_registration(campaign, position, frames.tcp_rotation, register)
-        tool = fitted.tool[campaign.target_index, :3, 3]
-        position = position + np.einsum("nij,nj->ni", frames.tcp_rotation, tool)
-        measured = (measured - fitted.base[:3, 3]) @ fitted.base[:3, :3]
+        position = fitted.locate_targets(campaign, position, frames.tcp_rotation)
+        measured, position = ((p - fitted.base[:3, 3]) @ fitted.base[:3, :3] for p in (measured, position))
     sigma = ASSUMED_SIGMA["position"]
     swing = np.swapaxes(np.cross(np.eye(3)[None], position[:, None, :]), 1, 2)
     free = np.concatenate([turn, np.broadcast_to(np.eye(3), (n, 3, 3)), frames.tcp_rotation, swing], axis=2)

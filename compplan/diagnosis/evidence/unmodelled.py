@@ -19,6 +19,7 @@ from compplan.diagnosis.data.shared import ROUNDING
 from compplan.diagnosis.evidence.proposals import LEAST_RANGE
 from compplan.effects.linearization import AXES, Linearization
 from compplan.effects.signature import Signature
+from compplan.effects.tool_frame import tool_twists
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
@@ -159,10 +160,11 @@ def _monomials(at: Linearization, powers: Sequence[tuple[int, ...]]) -> Array:
 
 
 def _of_time(at: Linearization) -> Iterable[Signature]:
-    """A drift of the base, and of everything behind a joint."""
+    """A drift of the base, of the tool, and of everything behind a joint: smooth motions that are no shift."""
     curves = time_curves(at.campaign)
     base = np.stack([at.twist("base", axis) for axis in AXES], axis=-1)
     yield from _offer(None, "time", "base", _times(base, curves))
+    yield from _offer(None, "time", "tool", _times(tool_twists(at), curves[:, 1:]))
     for joint in at.robot.actuated:
         turn = np.stack([at.twist(joint.name, axis) for axis in TURNS], axis=-1)
         yield from _offer(joint.name, "time", "link", _times(turn, curves), common=True)

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from compplan.diagnosis.data.channels import block_index
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, SEED
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import combine_channels
+from compplan.diagnosis.evidence.evidence import combine_channels, posterior_mean
 from compplan.diagnosis.evidence.normal_equations import select_rows
 from compplan.diagnosis.results.calibration import Correction, Pose, list_corrections, list_frames
 from compplan.diagnosis.validation.held_out import free_of_frames
@@ -196,8 +196,7 @@ def _predict_rest(fitted: Fit, frames: Array, given: Sequence[tuple[Array, Array
     equations, posterior = fitted.search.equations, fitted.model.posterior
     prior = fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns]
     gram, against = (sum((p[k] for p in given), np.zeros_like(given[0][k])) for k in range(2))
-    root = np.sqrt(prior)
-    mean = root * np.linalg.solve(np.eye(len(root)) + root[:, None] * gram * root, root * against)
+    mean = posterior_mean(gram, against, prior)
     source = equations.source[0]
     seen = rest[source.rows]
     left = equations.observed[0] - equations.designs[0][..., posterior.columns] @ mean

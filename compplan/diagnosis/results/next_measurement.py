@@ -20,16 +20,16 @@ from scipy.linalg import block_diag
 from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
-from compplan.diagnosis.evidence.candidates import registration_signatures
+from compplan.diagnosis.evidence.candidates import offered_signatures
 from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import Finding
-from compplan.diagnosis.search.search import TRIED, Claim, Model
+from compplan.diagnosis.search.search import SHIFTS, TRIED, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import is_comparable
 from compplan.diagnosis.validation.calibrated_probability import TEMPER
-from compplan.effects import EFFECTS, apply_effects, build_model, solve_model_poses
+from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.effects.signature import Signature
 from compplan.measurement.poses.exchange import grow_choice, settle_choice
@@ -172,7 +172,7 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
     Columns that further rows cannot show are zero.
     """
     equations, n = fit.search.equations, len(at.campaign)
-    by_key = {(s.place, s.form): s for s in _offered(fit, at)}
+    by_key = {(s.place, s.form): s for s in offered_signatures(at, fit.problem.register, SHIFTS)}
     designs = [np.zeros((n, channel.residual.shape[1], equations.p)) for channel in equations.source]
     used = {int(column) for claim in fit.model.claims for column in equations.columns(claim.signature)}
     done: set[int] = set()
@@ -192,14 +192,6 @@ def predict_columns(fit: Fit, at: Linearization) -> list[Array]:
             for channel, design in zip(equations.source, designs, strict=True):
                 design[:, :, column] = _motion(found, k, channel.name) * equations.scale[column] / channel.noise.sigma
     return designs
-
-
-def _offered(fit: Fit, at: Linearization) -> list[Signature]:
-    found = registration_signatures(at, fit.problem.register)
-    for name, effect in EFFECTS.items():
-        if name not in ("frame_shift", "tool_shift"):
-            found += list(effect.signatures(at))
-    return found
 
 
 def _motion(signature: Signature, k: int, channel: str) -> Array:

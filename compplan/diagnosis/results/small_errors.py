@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence import combine_channels
-from compplan.diagnosis.evidence.normal_equations import NormalEquations, select_rows
+from compplan.diagnosis.evidence.evidence import combine_channels, posterior_mean
+from compplan.diagnosis.evidence.normal_equations import select_rows
 from compplan.diagnosis.results.shares import Part, PosteriorMotion, Share, add_up, find_interval
 from compplan.diagnosis.validation.held_out import make_folds
 from compplan.effects import driver_of, locate_effect
@@ -132,16 +132,13 @@ def _places(signature: Signature) -> Sequence[str]:
 
 def fit_halves(fitted: Fit) -> list[Array]:
     """Return the values of the posterior's columns that two halves of the poses lead to, prior and noise held."""
-    equations, posterior = fitted.search.equations, fitted.model.posterior
-    root = np.sqrt(fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns])
-    half = make_folds(fitted.problem.campaign, 2)
-    return [_solve_rows(equations, fitted, half == k, root) for k in range(2)]
-
-
-def _solve_rows(equations: NormalEquations, fitted: Fit, rows: NDArray[np.bool_], root: Array) -> Array:
-    posterior = fitted.model.posterior
-    gram, against, _, _ = combine_channels(select_rows(equations, rows, posterior.columns), posterior.hyper)
-    return np.asarray(root * np.linalg.solve(np.eye(len(root)) + root[:, None] * gram * root, root * against))
+    posterior, half = fitted.model.posterior, make_folds(fitted.problem.campaign, 2)
+    variance = fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns]
+    products = [
+        combine_channels(select_rows(fitted.search.equations, half == k, posterior.columns), posterior.hyper)
+        for k in range(2)
+    ]
+    return [posterior_mean(gram, against, variance) for gram, against, _, _ in products]
 
 
 def compare_halves(motion: PosteriorMotion, part: Part, halves: Sequence[Array]) -> float:

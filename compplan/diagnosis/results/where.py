@@ -129,11 +129,12 @@ def spread_gap(
     draws = rng.multinomial(count, np.full(count, 1.0 / count), size=SAMPLE).astype(float)
     table = GapTable(before[rows], after[rows], block, draws)
     frames = locate_frames(build_chain(robot), campaign.q[rows])
+    run = campaign.run[rows]
     by_axis = {axis: table.along(np.eye(3)[k]) for k, axis in enumerate("xyz")}
     return Division(
         rms=float(np.sqrt(table.size.mean())),
         by_axis={**by_axis, "tool_z": table.along(frames.tcp_rotation[:, :, 2])},
-        by_run=split_runs(table, campaign.run[rows]),
+        by_run={str(name): table.describe(run == name) for name in dict.fromkeys(run.tolist())},
         by_time=split_time(table, campaign, rows),
         by_load=split_load(table, campaign, rows),
         by_region=split_region(table, frames.tcp_position),
@@ -190,11 +191,6 @@ class GapTable:
         mean = 1e3 * self.deviation[inside].mean(axis=0)
         entry = {"rows": int(inside.sum()), "rms_mm": round(before, 6), "after_rms_mm": round(after, 6)}
         return {**entry, **self.of(self.size * inside).to_json(), "mean_mm": [round(float(value), 6) for value in mean]}
-
-
-def split_runs(table: GapTable, run: NDArray[np.str_]) -> dict[str, dict[str, Any]]:
-    """Split the rows by run."""
-    return {str(name): table.describe(run == name) for name in dict.fromkeys(run.tolist())}
 
 
 def split_time(table: GapTable, campaign: Campaign, rows: NDArray[np.int_]) -> list[dict[str, Any]]:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import STEPS
 from compplan.diagnosis.evidence.candidates import CLASSES, REGISTRATION, in_background
@@ -62,22 +61,17 @@ class Option:
         background, slab, spread = prior.background.copy(), prior.slab.copy(), prior.spread.copy()
         background[~np.isin(background, self.small)] = -1
         if self.wide:
-            for columns, label, width in _wide_columns(fit.search.equations):
-                own = columns[slab[columns] == 0.0]
-                spread[own], background[own] = width, label
+            equations = fit.search.equations
+            for number, signature in enumerate(equations.signatures):
+                if in_calibration(signature):
+                    columns, (label, width) = equations.columns(number), WIDE[signature.name]
+                    own = columns[slab[columns] == 0.0]
+                    spread[own], background[own] = width, CLASSES.index(label)
         return replace(prior, background=background, slab=slab, spread=spread)
 
 
 #: Everything that a calibration fits, and nothing else.
 PLAIN = Option("plain calibration", wide=True)
-
-
-def _wide_columns(equations: NormalEquations) -> list[tuple[NDArray[np.int_], int, float]]:
-    """List columns, classes and widths of a plain calibration."""
-    return [
-        (equations.columns(n), CLASSES.index(WIDE[s.name][0]), WIDE[s.name][1])
-        for n, s in enumerate(equations.signatures) if in_calibration(s)
-    ]  # fmt: skip
 
 
 def in_calibration(signature: Signature) -> bool:

@@ -1,4 +1,4 @@
-"""Judge a model on poses that it never saw: blocks of poses are left out in turn."""
+"""Test a model on poses that it was not fitted to: blocks of poses are left out in turn."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def predict_left_out(
     """Refit without each block of rows and predict it.
 
     Each refit is one Gauss-Newton step from the fit of all rows: the model is linear in its parameters far below noise.
-    Row weights are those of the fit of all rows, so that gross outliers neither teach nor count.
+    Row weights are those of the fit of all rows, so that gross outliers count neither in the fit nor in the test.
 
     Args:
         system: The linearised problem at the fitted state. Shape (n, m, p).

@@ -49,7 +49,7 @@ class System(NamedTuple):
         return np.asarray(np.linalg.norm(away[:, self.block != DISTANCES], axis=1))
 
     def temper(self, weights: Array) -> Array:
-        """Return the roots of robust weights; known distances, which no row can doubt, keep theirs. Shape (n, m)."""
+        """Return the roots of robust weights; known distances keep theirs. Shape (n, m)."""
         return np.where(self.block == DISTANCES, 1.0, np.sqrt(weights)[:, None])
 
 

@@ -30,7 +30,7 @@ from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.summary import PostureMap, PostureSummary, mark_collisions, slice_map, summarise_costs
 from compplan.planning.posture.trace import PostureTrace, trace_line
 from compplan.statics.ik import CONFIGURATIONS
-from compplan.toolpath.toolpath import Toolpath
+from compplan.toolpath.toolpath import Toolpath, pick_even
 
 #: Errors of a finished posture that add up.
 ERRORS = ("sensitivity_rms_mm", "travel_error_rms_mm", "inertia_rms_mm")
@@ -68,8 +68,7 @@ def _choose_line(problem: PostureProblem) -> PostureSummary:
         more = np.setdiff1d(_surround(bad, len(nominal)), stations)
         if not len(more):
             break
-        few = np.linspace(0, len(more) - 1, min(len(more), settings.stations)).astype(int)
-        stations = np.union1d(stations, more[few])
+        stations = np.union1d(stations, pick_even(more, settings.stations))
     kind = "clearance" if problem.margin is not None and not posture_choice.missed.any() else "continuity"
     raise InfeasibleError(
         f"the posture cannot be followed at {len(bad)} waypoints, first at waypoint {bad[0]}: "
@@ -108,7 +107,7 @@ def _choose_at(problem: PostureProblem, stations: NDArray[np.int_]) -> tuple[Pos
     trace = _allow_changes(trace, problem.nominal, settings)
     bad = trace.missed.copy()
     if problem.margin is not None:
-        rows = np.unique(np.linspace(0, len(bad) - 1, min(len(bad), MARGIN_SAMPLES)).astype(int))
+        rows = pick_even(np.arange(len(bad)), MARGIN_SAMPLES)
         bad[rows] |= problem.margin(trace.q[rows], rows) < 0
     picture: PostureMap = slice_map(coarse, line, chosen, fine.options, problem.nominal, rungs.cut_share)
     if problem.margin is not None and not bad.any():

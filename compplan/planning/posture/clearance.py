@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from compplan.planning.posture.collision_scene import TOUCH, CollisionScene
 from compplan.planning.posture.contacts import FAR, Contact, Near, find_contacts, find_near
 from compplan.robot import Array
+from compplan.toolpath.toolpath import pick_even
 
 #: Evenly spaced waypoints whose distance is computed; others follow where the bound asks for them.
 SAMPLES, FURTHER = 120, 400
@@ -130,7 +131,7 @@ def _least_along(scene: CollisionScene, q: Array, pairs: NDArray[np.int_], far: 
         return dict(zip(rows.tolist(), found, strict=True))
 
     n = len(q)
-    contacts = find(np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int)))
+    contacts = find(pick_even(np.arange(n), SAMPLES))
     travel = np.r_[0.0, np.cumsum(np.abs(np.diff(q, axis=0)) @ scene.reach)]
     for _ in range(FURTHER // 10):
         known = np.array(sorted(contacts))

@@ -21,6 +21,7 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import joint_jacobian, locate_frames
 from compplan.statics.ik import CONFIGURATIONS, Arm, build_arm, middle_of_limits, refine_ik, solve_branches
 from compplan.toolpath.contact import tool_axes
+from compplan.toolpath.toolpath import pick_even
 
 #: Waypoints that the choice looks at; the chosen configuration is then solved at every waypoint.
 SAMPLES = 400
@@ -81,7 +82,7 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Prefere
     check_start(robot, wish.start)
     arm, n = build_arm(robot), len(position)
     held = _hold_extra_axes(arm, position, wish)
-    sample = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(int))
+    sample = pick_even(np.arange(n), SAMPLES)
     branches = solve_branches(arm, position[sample], rotation[sample], held[sample])
     candidates = _rank_candidates(arm, branches, wish)
     if not candidates:
@@ -237,7 +238,7 @@ def check_start(robot: Robot, start: Array | None) -> None:
 def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, wish: Preference) -> str:
     """Say why no waypoint is reached."""
     wanted = [word for word in (wish.shoulder, wish.elbow, wish.wrist) if word]
-    sample = np.unique(np.linspace(0, len(position) - 1, min(len(position), 20)).astype(int))
+    sample = pick_even(np.arange(len(position)), 20)
     if wanted and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
         return f"configuration {', '.join(wanted)} reaches no waypoint, other configurations do; leave it to 'auto'"
     q = np.zeros((len(sample), arm.chain.nq))
@@ -267,7 +268,7 @@ def solve_default_posture(problem: PostureProblem, posture_choice: PostureSummar
         return None
     if plain.missed.any() or find_torn(plain.q, nominal, settings.most_step).any():
         return None
-    rows = np.unique(np.linspace(0, len(nominal) - 1, min(len(nominal), MARGIN_SAMPLES)).astype(int))
+    rows = pick_even(np.arange(len(nominal)), MARGIN_SAMPLES)
     if margin is not None and (margin(plain.q[rows], rows) < 0).any():
         return None
     none = np.zeros(len(nominal))

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.ik import Arm, middle_of_limits
-from compplan.toolpath.toolpath import interpolate
+from compplan.toolpath.toolpath import interpolate, pick_even
 
 #: Waypoints that are followed one by one; those between are reached from a line through these.
 STATIONS = 500
 #: Newton steps at a waypoint, the greatest motion of a joint in one, and what counts as reached. [rad or m]
 STEPS, LARGEST, EXACT = 25, 0.2, 1e-8
-#: Tip and axis that fewer joints put right are off by less. [m and rad]
+#: A waypoint is reached where it misses the pose by less. [m and rad]
 REACHED = 1e-6
 #: Share of the way to the middle of the limits that the free motion takes in a step.
 DRAWN = 0.02
@@ -36,7 +36,7 @@ def follow_from(
     farther than `most_step` between neighbouring waypoints.
     """
     n = len(position)
-    rows = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).astype(int))
+    rows = pick_even(np.arange(n), STATIONS)
     stations = np.empty((len(rows), robot.nq))
     q = np.clip(start, robot.lower, robot.upper)[None]
     for k, row in enumerate(rows):

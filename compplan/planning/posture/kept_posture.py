@@ -20,7 +20,7 @@ from compplan.io.columns import FileColumn
 from compplan.io.tables import read_table
 from compplan.job.job import KEEP_NOTHING, KEEP_ROBOT, Job
 from compplan.planning.posture.configuration import Preference
-from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.motion import least_strokes, steady_slide
 from compplan.planning.posture.start import find_start, name_along
 from compplan.planning.posture.summary import PostureRequest, Start, summarise_costs
@@ -35,8 +35,6 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 BESIDE = ("approach", "retract")
 #: A kept program is of this path where their lengths differ by less than this share.
 SAME_LENGTH = 0.02
-#: A waypoint is reached where it misses the pose by less. [m and rad]
-REACHED = 1e-6
 #: Two folders whose joints stand nearer than this are of one machine (assumed: measured geometry differs by
 #: millimetres). [m], and the same for axes [rad]
 SAME_PLACE, SAME_AXIS = 0.05, 0.1

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, joint_jacobian, locate_frames
-from compplan.toolpath.toolpath import Toolpath, interpolate
+from compplan.toolpath.toolpath import Toolpath, interpolate, pick_even
 
 #: Motion against the last one of less than this is no reversal. [rad or m]
 STILL = 1e-6
@@ -87,7 +87,7 @@ class MotionPrice:
 
 def price_motion(chain: Chain, q: Array, slides: NDArray[np.bool_], figures: MotionFigures) -> MotionPrice:
     """Find what motion costs around postures q (n, nq)."""
-    some = q[np.unique(np.linspace(0, len(q) - 1, LOOKED_AT).astype(int))]
+    some = pick_even(q, LOOKED_AT)
     columns = joint_jacobian(chain, locate_frames(chain, some))[:, :3]
     return MotionPrice(1e6 * np.einsum("nij,nij->j", columns, columns) / len(some), slides, figures)
 
@@ -111,7 +111,7 @@ def measure_travel_error(
     rows = np.flatnonzero(shares > 0)
     if not len(rows):
         return 0.0
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int))]
+    rows = pick_even(rows, LOOKED_AT)
     columns = joint_jacobian(chain, locate_frames(chain, q[rows]))[:, :3]
     square = np.einsum("nij,j->n", columns**2, error**2)
     weight = shares[rows] / shares[rows].sum()
@@ -136,7 +136,7 @@ def measure_inertia_error(chain: Chain, q: Array, nominal: Toolpath, frequency: 
         when = np.arange(0.0, time[-1], step)
         run = interpolate(when, time, q[first : last + 1])
         push = np.diff(run, 2, axis=0) / step**2
-        some = np.unique(np.linspace(0, len(push) - 1, LOOKED_AT).astype(int))
+        some = pick_even(np.arange(len(push)), LOOKED_AT)
         columns = joint_jacobian(chain, locate_frames(chain, run[1:-1][some]))[:, :3]
         square = np.einsum("nij,nj->n", columns**2, push[some] ** 2) / (2 * np.pi * frequency) ** 4
         total, count = total + float(square.mean()) * float(time[-1]), count + float(time[-1])

@@ -21,7 +21,7 @@ from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
-from compplan.toolpath.toolpath import Toolpath, select_waypoints
+from compplan.toolpath.toolpath import Toolpath, pick_even, select_waypoints
 
 #: Stretches that are chosen for, the shortest one [waypoints], and attempts on each.
 STRETCHES, SHORTEST, ATTEMPTS = 4, 5, 4
@@ -124,7 +124,7 @@ def _say(problem: PostureProblem, q: Array, rotation: Array, missed: NDArray[np.
     """Name what stops the first waypoint that fails, and the shift of the part that mends it."""
     robot, chain, settings, position = problem.robot, problem.chain, problem.settings, problem.nominal.position
     failing = np.flatnonzero(missed)
-    some = failing[np.unique(np.linspace(0, len(failing) - 1, FAILING).astype(int))]
+    some = pick_even(failing, FAILING)
     best, _ = reach_with_all(
         robot, chain, q[some], position[some], rotation[some], free_spin=settings.free_spin, draw=False
     )
@@ -150,7 +150,7 @@ def _find_shift(
     problem: PostureProblem, failing: NDArray[np.int_], kept: NDArray[np.int_], miss: Array
 ) -> Array | None:
     """Return a shift of the part along one axis with which the whole path is followed, or None. Shape (3,). [m]"""
-    rows = np.union1d(failing, kept[np.unique(np.linspace(0, len(kept) - 1, min(len(kept), KEPT)).astype(int))])
+    rows = np.union1d(failing, pick_even(kept, KEPT))
     size, tried = max(float(np.linalg.norm(miss, axis=1).max()), STEP), 0
     mean = miss.mean(axis=0)
     directions = sorted((sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)), key=lambda d: float(mean @ d))

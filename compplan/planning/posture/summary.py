@@ -17,7 +17,7 @@ from compplan.planning.posture.motion import measure_inertia_error, measure_trav
 from compplan.planning.posture.search import Line
 from compplan.planning.posture.settings import Margin, PostureProblem, PostureSettings
 from compplan.robot import Array, Robot
-from compplan.toolpath.toolpath import Toolpath
+from compplan.toolpath.toolpath import Toolpath, pick_even
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,7 @@ def measure_remaining(problem: PostureProblem, q: Array) -> tuple[float, float]:
     rows = np.flatnonzero(share > 0)
     if not len(rows):
         return 0.0, 0.0
-    if len(rows) > 400:
-        rows = rows[np.linspace(0, len(rows) - 1, 400).astype(int)]
+    rows = pick_even(rows, 400)
     spread = error_columns(problem.chain, q[rows], problem.wrench[rows], problem.settings.known, problem.axes)
     weight = share[rows] / share[rows].sum()
     expected = float(np.sqrt((weight * np.einsum("nij,nij->n", spread, spread)).sum()))

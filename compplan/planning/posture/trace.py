@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from compplan.planning.posture.follow import reach_tip_and_axis
+from compplan.planning.posture.follow import REACHED, reach_tip_and_axis
 from compplan.planning.posture.lattice import Options, orient_tool
 from compplan.planning.posture.motion import find_torn, least_strokes, steady_slide
 from compplan.planning.posture.search import Line
@@ -22,8 +22,6 @@ from compplan.toolpath.toolpath import Toolpath
 NEAR = 0.3
 #: Width of the filter that takes out the steps of the grid. [stations]
 SMOOTH = 1.5
-#: A waypoint is reached where it misses the pose by less. [m and rad]
-REACHED = 1e-6
 
 
 @dataclass(frozen=True)

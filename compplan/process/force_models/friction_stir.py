@@ -58,47 +58,39 @@ class FrictionStirProcess(PathForceTable):
         """Relative standard deviation of the level."""
         return UNCERTAINTY
 
+    @property
+    def torque(self) -> float:
+        """Torque about the tool's axis. [N m]"""
+        shoulder, probe = 0.5 * self.shoulder_diameter_mm, 0.5 * self.probe_diameter_mm
+        cone = 1.0 + np.tan(np.radians(self.shoulder_cone_deg))
+        body = (shoulder**3 - probe**3) * cone + probe**3 + 3.0 * probe**2 * self.probe_length_mm
+        return float(2.0 / 3.0 * np.pi * self.shear_N_mm2 * body * 1e-3)
+
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench of `weld_wrench`, none while the tool is lifted off."""
-        return weld_wrench(self, nominal) * ~lifts(nominal)[:, None]
+        """Return the wrench at every waypoint, path axes, none while the tool is lifted off. Shape (n, 6).
+
+        The side force points to the left.
+        """
+        axial = self.axial_N
+        if axial is None:
+            axial = float(self.pressure_N_mm2 or 0.0) * np.pi * (0.5 * self.shoulder_diameter_mm) ** 2
+        turn = 1.0 if self.clockwise else -1.0
+        row = [-self.traverse_ratio * axial, turn * self.side_ratio * axial, axial, 0.0, 0.0, turn * self.torque]
+        return np.tile(row, (len(nominal), 1)) * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Return the sentences of `describe_weld`."""
-        return describe_weld(self)
-
-
-def weld_torque(process: FrictionStirProcess) -> float:
-    """Return the torque about the tool's axis. [N m]"""
-    shoulder, probe = 0.5 * process.shoulder_diameter_mm, 0.5 * process.probe_diameter_mm
-    cone = 1.0 + np.tan(np.radians(process.shoulder_cone_deg))
-    body = (shoulder**3 - probe**3) * cone + probe**3 + 3.0 * probe**2 * process.probe_length_mm
-    return float(2.0 / 3.0 * np.pi * process.shear_N_mm2 * body * 1e-3)
-
-
-def weld_wrench(process: FrictionStirProcess, nominal: Toolpath) -> Array:
-    """Return the wrench on the tool at every waypoint, path axes; the side force points to the left. Shape (n, 6)."""
-    axial = process.axial_N
-    if axial is None:
-        axial = float(process.pressure_N_mm2 or 0.0) * np.pi * (0.5 * process.shoulder_diameter_mm) ** 2
-    turn = 1.0 if process.clockwise else -1.0
-    row = [-process.traverse_ratio * axial, turn * process.side_ratio * axial, axial, 0.0, 0.0,
-           turn * weld_torque(process)]  # fmt: skip
-    return np.tile(row, (len(nominal), 1))
-
-
-def describe_weld(process: FrictionStirProcess) -> list[str]:
-    """Say what was set in the job and what was assumed."""
-    stated = process.model_fields_set
-    shares = " and ".join(
-        f"{words} share {getattr(process, name):g} {'as set in the job' if name in stated else '(assumed)'}"
-        for words, name in (("traverse", "traverse_ratio"), ("side", "side_ratio"))
-    )
-    given = "as set in the job" if process.axial_N is not None else "pressure times the shoulder's area"
-    return [
-        f"Friction stir welding: torque {weld_torque(process):.3g} N m by Schmidt and others (2004), "
-        f"shear stress {process.shear_N_mm2:g} N/mm2 as set in the job, axial force {given}; {shares}; "
-        f"scatter {100 * UNCERTAINTY:g} % (assumed)."
-    ]
+        """Say what was set in the job and what was assumed."""
+        stated = self.model_fields_set
+        shares = " and ".join(
+            f"{words} share {getattr(self, name):g} {'as set in the job' if name in stated else '(assumed)'}"
+            for words, name in (("traverse", "traverse_ratio"), ("side", "side_ratio"))
+        )
+        given = "as set in the job" if self.axial_N is not None else "pressure times the shoulder's area"
+        return [
+            f"Friction stir welding: torque {self.torque:.3g} N m by Schmidt and others (2004), "
+            f"shear stress {self.shear_N_mm2:g} N/mm2 as set in the job, axial force {given}; {shares}; "
+            f"scatter {100 * UNCERTAINTY:g} % (assumed)."
+        ]
 
 
 table = FrictionStirProcess

@@ -59,37 +59,26 @@ class GrindingProcess(PathForceTable):
         return self.normal_N is None
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench of `grinding_wrench`, none while the tool is lifted off."""
-        return grinding_wrench(self, nominal) * ~lifts(nominal)[:, None]
+        """Return the wrench on the tool at every waypoint, path axes; none while it is lifted off. Shape (n, 6)."""
+        if self.normal_N is not None:
+            normal = np.full(len(nominal), self.normal_N)
+            tangential = self.force_ratio * normal
+        else:
+            energy = float(self.specific_energy_J_mm3 or 0.0) * 1e9
+            section = float(self.depth_mm or 0.0) * float(self.width_mm or 0.0) * 1e-6
+            tangential = energy * section * nominal.feed / float(self.wheel_speed_m_s or 1.0)
+            normal = tangential / self.force_ratio
+        wrench = np.zeros((len(nominal), 6))
+        wrench[:, 0], wrench[:, 2] = (-1.0 if self.direction == "against" else 1.0) * tangential, normal
+        return wrench * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Return the sentences of `describe_grinding`."""
-        return describe_grinding(self)
-
-
-def grinding_wrench(process: GrindingProcess, nominal: Toolpath) -> Array:
-    """Return the wrench on the tool at every waypoint, path axes. Shape (n, 6). [N, N m]"""
-    if process.normal_N is not None:
-        normal = np.full(len(nominal), process.normal_N)
-        tangential = process.force_ratio * normal
-    else:
-        energy = float(process.specific_energy_J_mm3 or 0.0) * 1e9
-        section = float(process.depth_mm or 0.0) * float(process.width_mm or 0.0) * 1e-6
-        tangential = energy * section * nominal.feed / float(process.wheel_speed_m_s or 1.0)
-        normal = tangential / process.force_ratio
-    sign = -1.0 if process.direction == "against" else 1.0
-    wrench = np.zeros((len(nominal), 6))
-    wrench[:, 0], wrench[:, 2] = sign * tangential, normal
-    return wrench
-
-
-def describe_grinding(process: GrindingProcess) -> list[str]:
-    """Say what was assumed."""
-    how = "normal force as set in the job" if process.normal_N is not None else "specific energy of removal"
-    return [
-        f"Grinding: {how} [Malkin and Guo 2008], tangential by normal force {process.force_ratio:g} (assumed unless it "
-        "was measured)."
-    ]
+        """Say what was assumed."""
+        how = "normal force as set in the job" if self.normal_N is not None else "specific energy of removal"
+        return [
+            f"Grinding: {how} [Malkin and Guo 2008], tangential by normal force {self.force_ratio:g} (assumed unless "
+            "it was measured)."
+        ]
 
 
 table = GrindingProcess

@@ -31,16 +31,11 @@ class IsfProcess(PathForceTable):
     wall_side: Literal["left", "right"] = "right"
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench of `isf_wrench`."""
-        return isf_wrench(self, nominal)
-
-
-def isf_wrench(process: IsfProcess, nominal: Toolpath) -> Array:
-    """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6) [N, N m]."""
-    progress = cutting_progress(nominal)
-    level = process.start_share + (1.0 - process.start_share) * progress / max(progress[-1], 1e-300)
-    side = 1.0 if process.wall_side == "right" else -1.0
-    return level[:, None] * np.array([-process.drag_N, side * process.lateral_N, process.axial_N, 0.0, 0.0, 0.0])
+        """Return the wrench of incremental sheet forming, path axes, contact aside. Shape (n, 6) [N, N m]."""
+        progress = cutting_progress(nominal)
+        level = self.start_share + (1.0 - self.start_share) * progress / max(progress[-1], 1e-300)
+        side = 1.0 if self.wall_side == "right" else -1.0
+        return level[:, None] * np.array([-self.drag_N, side * self.lateral_N, self.axial_N, 0.0, 0.0, 0.0])
 
 
 table = IsfProcess

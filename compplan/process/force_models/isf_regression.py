@@ -79,12 +79,53 @@ class IsfRegressionProcess(PathForceTable):
         return UNCERTAINTY
 
     def wrench_along(self, nominal: Toolpath) -> Array:
-        """Return the wrench of `sheet_wrench`, none while the tool is lifted off."""
-        return sheet_wrench(self, nominal) * ~lifts(nominal)[:, None]
+        """Return the wrench on the forming tool at every waypoint, path axes; none while it is lifted off. (n, 6)
+
+        Raises:
+            InputError: If neither job nor path say step-down or wall angle.
+        """
+        depth = _sink(nominal)
+        step, angle = find_contours(self, nominal)
+        height = scallop_height(step, self.tool_diameter_mm, angle)
+        axial = steady_axial_force(self.strength, self.thickness_mm, self.tool_diameter_mm, height, angle)
+        radial = axial * radial_ratio(height, self.tool_diameter_mm, angle)
+        build_up = self.build_up_mm if self.build_up_mm is not None else 0.5 * self.tool_diameter_mm
+        share = np.ones(len(nominal)) if build_up == 0.0 else np.clip((depth * 1e3 + step) / build_up, 0.0, 1.0)
+        side = 1.0 if self.wall_side == "right" else -1.0
+        wrench = np.zeros((len(nominal), 6))
+        wrench[:, 0] = -self.friction * np.hypot(axial, radial)
+        wrench[:, 1], wrench[:, 2] = side * radial, axial
+        return wrench * share[:, None] * ~lifts(nominal)[:, None]
 
     def describe(self, nominal: Toolpath) -> list[str]:
-        """Return the sentences of `describe_sheet`."""
-        return describe_sheet(self, nominal)
+        """Say what was assumed, and what lies outside the range that the regression holds in."""
+        step, angle = find_contours(self, nominal)
+        typical = float(np.degrees(np.median(angle)))
+        found = {"thickness": self.thickness_mm, "tool_diameter": self.tool_diameter_mm, "step_down": step,
+                 "wall_angle": typical}  # fmt: skip
+        outside = [
+            f"{name} {found[name]:.3g} (valid {low:g} to {high:g})"
+            for name, (low, high) in VALID.items() if not low <= found[name] <= high
+        ]  # fmt: skip
+        wall = np.radians(typical)
+        height = float(scallop_height(step, self.tool_diameter_mm, np.array(wall)))
+        sheet = (self.strength, self.thickness_mm, self.tool_diameter_mm)
+        read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
+        aside, strip = read * radial_ratio(height, self.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
+        notes = [
+            f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down "
+            f"{step:.3g} mm), wall angle {typical:.3g} deg, tensile strength {self.strength:.4g} N/mm2"
+            + (" (assumed, a handbook's size)" if self.material else "")
+            + f": {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not "
+            f"settle which, the spread of the force (+- {100 * self.uncertainty:g} %, assumed) holds both. Radial "
+            f"part, {aside:.0f} N (second opinion, a sheet of even tension: {strip:.0f} N; no published record was "
+            f"found), friction {self.friction:g} and build-up over the first contours are assumed."
+        ]
+        if other > read * (1.0 + 1.96 * self.uncertainty):
+            notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
+        if outside:
+            notes.append(f"Outside the range that the regression is known to hold in: {', '.join(outside)}.")
+        return notes
 
 
 def scallop_height(step_down: float, diameter: float, angle: Array) -> Array:
@@ -110,55 +151,6 @@ def radial_ratio(height: Array | float, diameter: float, angle: Array | float) -
     """Return radial over axial force where the contact's mean normal stands halfway between wall and scallop."""
     groove = np.arccos(np.clip(1.0 - 2.0 * np.asarray(height) / diameter, -1.0, 1.0))
     return np.asarray(np.tan(0.5 * (np.asarray(angle) + groove)))
-
-
-def sheet_wrench(process: IsfRegressionProcess, nominal: Toolpath) -> Array:
-    """Return the wrench on the forming tool at every waypoint, path axes. Shape (n, 6). [N, N m]
-
-    Raises:
-        InputError: If neither job nor path say step-down or wall angle.
-    """
-    depth = _sink(nominal)
-    step, angle = find_contours(process, nominal)
-    height = scallop_height(step, process.tool_diameter_mm, angle)
-    axial = steady_axial_force(process.strength, process.thickness_mm, process.tool_diameter_mm, height, angle)
-    radial = axial * radial_ratio(height, process.tool_diameter_mm, angle)
-    build_up = process.build_up_mm if process.build_up_mm is not None else 0.5 * process.tool_diameter_mm
-    share = np.ones(len(nominal)) if build_up == 0.0 else np.clip((depth * 1e3 + step) / build_up, 0.0, 1.0)
-    side = 1.0 if process.wall_side == "right" else -1.0
-    wrench = np.zeros((len(nominal), 6))
-    wrench[:, 0] = -process.friction * np.hypot(axial, radial)
-    wrench[:, 1], wrench[:, 2] = side * radial, axial
-    return wrench * share[:, None]
-
-
-def describe_sheet(process: IsfRegressionProcess, nominal: Toolpath) -> list[str]:
-    """Say what was assumed, and what lies outside the range that the regression holds in."""
-    step, angle = find_contours(process, nominal)
-    typical = float(np.degrees(np.median(angle)))
-    found = {"thickness": process.thickness_mm, "tool_diameter": process.tool_diameter_mm, "step_down": step,
-             "wall_angle": typical}  # fmt: skip
-    outside = [f"{name} {value:.3g} (valid {VALID[name][0]:g} to {VALID[name][1]:g})" for name, value in found.items()
-               if not VALID[name][0] <= value <= VALID[name][1]]  # fmt: skip
-    wall = np.radians(typical)
-    height = float(scallop_height(step, process.tool_diameter_mm, np.array(wall)))
-    sheet = (process.strength, process.thickness_mm, process.tool_diameter_mm)
-    read, other = (float(steady_axial_force(*sheet, np.array(size), np.array(wall))) for size in (height, step))
-    aside, strip = read * radial_ratio(height, process.tool_diameter_mm, wall), read * np.tan(0.5 * wall)
-    notes = [
-        f"Forming force by the regression of Aerens and others (2010): scallop {height:.2g} mm (step-down {step:.3g} "
-        f"mm), wall angle {typical:.3g} deg, tensile strength {process.strength:.4g} N/mm2"
-        + (" (assumed, a handbook's size)" if process.material else "")
-        + f": {read:.0f} N along the tool. Were its height the step-down, {other:.0f} N; quotes of it do not settle "
-        f"which, the spread of the force (+- {100 * process.uncertainty:g} %, assumed) holds both. Radial part, "
-        f"{aside:.0f} N (second opinion, a sheet of even tension: {strip:.0f} N; no published record was found), "
-        f"friction {process.friction:g} and build-up over the first contours are assumed."
-    ]
-    if other > read * (1.0 + 1.96 * process.uncertainty):
-        notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
-    if outside:
-        notes.append(f"Outside the range of the regression: {', '.join(outside)}.")
-    return notes
 
 
 def find_contours(process: IsfRegressionProcess, nominal: Toolpath) -> tuple[float, Array]:

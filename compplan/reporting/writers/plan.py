@@ -109,7 +109,7 @@ def read_back(plan: Plan, folder: Path) -> Plan:
     asked = none[:, 0] if program.asked is None else program.asked
     corner = none if program.corner_shift is None else program.corner_shift
     wanted = Commanded(
-        q, time, tip, rows, (first, last), feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
+        q, time, tip, rows, feed, stands, may_stop, free, table, coarser, sent, asked, beside, corner,
         1e3 * job.output.bound_fit(plan.task.tolerance),
     )  # fmt: skip
 

@@ -4,6 +4,9 @@ Each reader offers `name`, the `suffixes` of its files, `recognise(text)`, and `
 `recognise` gets the head of a file and says how surely it is of that language: 0 (or False) not, 1 (True) it may be,
 2 it has marks that no other language has (BEGIN PGM, %_N_NAME_MPF). The suffix only decides between equals.
 A new reader is one new file and one line in `READERS`.
+
+What a reader does not know and may move the tool is refused: an InputError with file and line. Functions of the readers
+raise it, or a ValueError, without them; whoever follows the program adds them.
 """
 
 from __future__ import annotations
@@ -60,10 +63,7 @@ def list_suffixes() -> list[str]:
 def find_reader(path: Path, text: str) -> CamReader | None:
     """Return the reader of a file: that whose language the text is most surely in, its suffix between equals.
 
-    Args:
-        path: The file; a text that no reader recognises goes to the reader of its suffix.
-        text: What stands in it.
-
+    A text that no reader recognises goes to the reader of its suffix.
     """
     head, suffix = text[:HEAD_LETTERS], path.suffix.lower()
     ranks = {name: (int(reader.recognise(head)), suffix in reader.suffixes) for name, reader in READERS.items()}
@@ -119,12 +119,7 @@ def set_missing_feed(file: CamFile, feed_mm_s: float) -> CamFile:
 
 
 def refuse_idle(cam: CamFile) -> Toolpath:
-    """Return the toolpath of a file that cuts something.
-
-    Raises:
-        InputError: If it holds drilling alone, or nothing to cut.
-
-    """
+    """Return the toolpath of a file that cuts something; refuse one that cuts nothing, or drills holes alone."""
     if cam.facts.cutting_moves or cam.facts.rotary_only_moves or cam.toolpath.cutting_length > 0.0:
         return cam.toolpath
     if cam.facts.cycles:

@@ -8,15 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.apt_words import (
-    NUMBER,
-    AptCycle,
-    find_numbers,
-    read_cycle,
-    read_numbers,
-    split_fields,
-    split_records,
-)
+from compplan.toolpath.readers.apt_words import NUMBER, AptCycle, find_numbers, read_cycle, read_numbers, split_records
 from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
 from compplan.toolpath.readers.cnc.machine import STARTING, STOPPING, Machine
 from compplan.toolpath.readers.cnc.state import INCH, State
@@ -298,7 +290,7 @@ class _AptReader:
         self.cycle = None
         if not words.startswith(("OFF", "NOMORE", "ON")):
             self.feed_before = self.feed, self.revolution_feed
-            self.cycle = read_cycle(split_fields(words))
+            self.cycle = read_cycle(words)
             if self.options.cycles == "expand" and self.cycle.feed:
                 self._set_feed(self.cycle.feed)
 

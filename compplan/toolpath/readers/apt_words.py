@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from compplan.errors import InputError
@@ -74,15 +74,10 @@ def read_numbers(minor: str) -> list[float]:
 
 @dataclass(frozen=True)
 class AptCycle:
-    """Hold a drilling cycle, in the unit of the file.
+    """Hold a drilling cycle, in the unit of the file: its kind (DRILL, TAP ..) and feed words, as those of FEDRAT.
 
-    Args:
-        kind: DRILL, TAP, ...
-        depth: How far below the programmed point the hole ends, along the tool axis; None: not said.
-        clear: How far above it the feed begins.
-        retract: How far above it the tool comes and goes.
-        feed: Feed words of the record, as those of FEDRAT, "" without any.
-
+    `depth` lies below the programmed point along the tool axis (None: not said), the feed begins at `clear` above it,
+    the tool comes and goes at `retract`.
     """
 
     kind: str
@@ -92,12 +87,13 @@ class AptCycle:
     feed: str
 
 
-def read_cycle(fields: Sequence[float | str]) -> AptCycle:
+def read_cycle(minor: str) -> AptCycle:
     """Read CYCLE/kind with DEPTH, d or FEDTO, d, CLEAR or RAPTO, c and MMPM, f; or their order without words.
 
     A depth is of either sign. In order, a feed stands after its unit or before it: CYCLE/kind, d, MMPM, f, c (ISO) or
     CYCLE/kind, d, f, IPM, c.
     """
+    fields = split_fields(minor)
     if not fields:
         raise InputError("a cycle has no kind, expected CYCLE/DRILL, ..")
     kind = word = str(fields[0])

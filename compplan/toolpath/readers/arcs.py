@@ -83,6 +83,19 @@ def combine(a: float, one: Point, b: float, other: Point) -> Point:
     return a * one[0] + b * other[0], a * one[1] + b * other[1], a * one[2] + b * other[2]
 
 
+def normalise(vector: Point) -> Point:
+    """Return a vector of length 1."""
+    size = math.hypot(*vector)
+    return vector[0] / size, vector[1] / size, vector[2] / size
+
+
+def set_level(point: Point, axis: int, level: float) -> Point:
+    """Return a point at another level along an axis."""
+    moved = list(point)
+    moved[axis] = level
+    return moved[0], moved[1], moved[2]
+
+
 def fits_circle(radius: float, end_radius: float) -> bool:
     """Return whether start and end lie on one circle but for rounding."""
     return radius > NOTHING and abs(radius - end_radius) <= allow_mismatch(radius)
@@ -100,16 +113,10 @@ def count_chords(arc: Arc, chord: float) -> int:
 
 
 def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_hand: bool, turns: int = 1) -> Arc:
-    """Return the arc from start to end about an axis; start and end at one place make a full circle.
+    """Return the arc from start to end about an axis; start and end at one place make a full circle. [mm]
 
-    Args:
-        start: Start. [mm]
-        end: End. [mm]
-        centre: A point of the axis. [mm]
-        normal: Direction of the axis, unit vector.
-        right_hand: Whether the arc turns about `normal` by the right hand, else against it.
-        turns: 1 for less than a turn or a full circle; each further one adds a full turn.
-
+    The axis passes the centre along `normal`, a unit vector, which the arc turns about by the right hand or against it.
+    Each of the `turns` beyond the first adds a full turn.
     """
     travel, arm = combine(1.0, end, -1.0, start), combine(1.0, start, -1.0, centre)
     rise = dot(travel, normal)
@@ -130,13 +137,7 @@ def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_h
 def centre_from_radius(start: Point, end: Point, normal: Point, radius: float, *, right_hand: bool) -> Point | None:
     """Return the centre of an arc that is given by its radius; None where no circle of this radius meets both ends.
 
-    Args:
-        start: Start. [mm]
-        end: End. [mm]
-        normal: Unit normal of the plane.
-        radius: Radius; negative: the longer of the two arcs. [mm]
-        right_hand: Whether the arc turns about `normal` by the right hand.
-
+    A negative radius makes the longer of the two arcs; the arc turns about the unit normal of the plane. [mm]
     """
     travel = combine(1.0, end, -1.0, start)
     across = combine(1.0, travel, -dot(travel, normal), normal)

@@ -14,14 +14,9 @@ NOWHERE: Point = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Frame:
-    """Hold an affine map: p_part = rows p + origin; rows is a rotation, mirrored or not, times a scale.
+    """Hold an affine map: p_part = rows p + origin [mm]; rows is a rotation, mirrored or not, times a scale.
 
     `scale` is that of a similarity.
-
-    Args:
-        rows: Rows of the matrix.
-        origin: Where the frame's own origin stands. [mm]
-
     """
 
     rows: Rows = UNIT
@@ -107,12 +102,7 @@ def stretch(x: float, y: float, z: float) -> Frame:
 
 
 def stand_on(first: Point, normal: Point) -> Frame:
-    """Return the frame whose z points along a normal and whose x as far as it can along a direction.
-
-    Raises:
-        ValueError: If the two are parallel, or one is nothing.
-
-    """
+    """Return the frame whose z points along a normal, and x as far as it can along a direction; else ValueError."""
     length = math.hypot(*normal)
     if length < 1e-9:
         raise ValueError("the normal of the plane has no direction")

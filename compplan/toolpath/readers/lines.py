@@ -34,10 +34,7 @@ def read_bounded(path: Path) -> str:
     count = count_lines(text)
     if count > MOST_LINES:
         raise InputError(f"has {count} lines, at most {MOST_LINES} are read", file=path)
-    lines = split_lines(text)
-    if max(map(len, lines), default=0) <= LONGEST_LINE:
-        return text
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(split_lines(text), start=1):
         if len(line) > LONGEST_LINE:
             message = f"line of {len(line)} characters, at most {LONGEST_LINE} are read"
             raise InputError(message, file=path, where=number)

@@ -46,13 +46,7 @@ def list_machines() -> dict[str, NamedMachine]:
 
 
 def find_machine(name: str, folder: Path) -> NamedMachine:
-    """Return a machine by its name: one that ships, or NAME.toml in a folder, which comes first.
-
-    Args:
-        name: Its name.
-        folder: The folder of the CAM file.
-
-    """
+    """Return a machine by its name: one that ships, or NAME.toml in a folder, which comes first."""
     own = folder / f"{name}.toml"
     if own.is_file():
         return read_toml_model(MachineFile, own).machine
@@ -64,13 +58,7 @@ def find_machine(name: str, folder: Path) -> NamedMachine:
 
 
 def use_machine(options: CamTable, file: Path) -> CamTable:
-    """Return options in which the machine that they name has become its keys; keys that are stated come before it.
-
-    Args:
-        options: The options.
-        file: The CAM file.
-
-    """
+    """Return options in which the machine that they name has become its keys; keys that are stated come before it."""
     if options.machine is None:
         return options
     said = find_machine(options.machine, file.parent).model_dump(exclude_none=True, exclude={"title"})

@@ -88,13 +88,7 @@ class HasLine(Protocol):
 
 @dataclass
 class MoveLog:
-    """Collect the moves of a file while it is read.
-
-    Args:
-        chord: Greatest distance between an arc and its chords. [mm]
-        reader: Who reads the file; it knows at which line.
-
-    """
+    """Collect the moves of a file while it is read; arcs keep to their chords by `chord` [mm]."""
 
     chord: float
     reader: HasLine | None = None

@@ -25,12 +25,7 @@ WCS = r"^[Gg](54\.1|154) ?[Pp]\d{1,3}$|^[Gg](5[4-9](\.\d)?|5\d\d)$"
 
 
 def ask_compensation(options: CamTable, word: str) -> str:
-    """Return what is noted of a word that compensates the radius of the cutter.
-
-    Raises:
-        InputError: If nobody says what the file holds there.
-
-    """
+    """Return what is noted of a word that compensates the radius of the cutter, or refuse it."""
     if options.compensation is None:
         raise InputError(f"{word} compensates the radius of the cutter: whether the file holds the path of the tool's "
                          "centre (the control adds wear alone) or the contour of the part is not known; write [cam] "
@@ -96,14 +91,9 @@ class CamTable(StrictTable):
 
 
 def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | None, reason: str = "") -> Point:
-    """Return where a cut begins.
+    """Return where a cut begins, of a place [mm] whose coordinates of some axes are not known. [mm]
 
-    Args:
-        place: Where the tool is, as far as it is known. [mm]
-        unknown: Axes whose coordinate is not known.
-        stated: Coordinates that take the place of unknown ones (`from_mm`), or None. [mm]
-        reason: Why the place is not known, for the message.
-
+    `stated` (`from_mm`) takes the place of unknown coordinates; without it they are refused, with the reason.
     """
     axes = sorted(set(unknown))
     if axes and stated is None:
@@ -120,11 +110,6 @@ def find_start(place: Point, unknown: Iterable[int], stated: Sequence[float] | N
 
 
 def refuse_unit(words: str) -> InputError:
-    """Return the error that a file states no unit of length.
-
-    Args:
-        words: The words that would state it.
-
-    """
+    """Return the error that a file states no unit of length by the words that would state it."""
     return InputError(f"no unit of length is stated before this line ({words}): state it with --unit mm or --unit inch "
                       "([cam] unit)")  # fmt: skip

@@ -67,12 +67,7 @@ def read(text: str, file: Path, options: CamTable) -> CamFile:
 
 
 def split_statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield statements in capitals, text in quotes left out, with the line that each begins in.
-
-    Raises:
-        ValueError: If a quote is never closed, or a statement is longer than any may be.
-
-    """
+    """Yield statements in capitals, text in quotes left out, with the line that each begins in."""
     pending, first = "", 0
     for number, raw in enumerate(split_lines(text), start=1):
         line = re.sub(r'"[^"]*"', '""', raw) if '"' in raw else raw
@@ -218,7 +213,10 @@ class _RapidReader:
         if re.search(r"\\T\s*:=", switches):
             raise InputError(f"{word} with a time (\\T) is not read; give it a speed")
         self._use_wobj(switches)
-        self._note_tool(fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)])
+        tool = fields[min(count + 2 + word.startswith("TRIGG"), len(fields) - 1)].partition("\\")[0].strip()
+        if self.tool and tool != self.tool:
+            self.moves.note_tool()
+        self.tool = tool
         poses = [self._target(field) for field in fields[:count]]
         self._carry_over(word, fields, poses, circle=circle)
         if word.startswith("TRIGG") or word[5:] in ("SYNC", "AO", "GO"):
@@ -238,12 +236,6 @@ class _RapidReader:
             self.moves.rapid(poses[0])
         else:
             self.moves.straight(poses[0], self._speed(fields[1]))
-
-    def _note_tool(self, field: str) -> None:
-        tool = field.partition("\\")[0].strip()
-        if self.tool and tool != self.tool:
-            self.moves.note_tool()
-        self.tool = tool
 
     def _use_wobj(self, switches: str) -> None:
         """Put a work object in force; the path stays in the one of the first move."""

@@ -157,14 +157,9 @@ class RobotMoves:
         self.log.count_one(counts)
 
     def circle(self, via: Array, pose: Array, feed: float, *, angle: float | None = None) -> None:
-        """Move on the circle through a point to a pose; `angle` [rad]: go on about its axis for this angle instead.
+        """Move on the circle through a point (3,) to a pose, in the frame in force, with a feed in mm/s.
 
-        Args:
-            via: Point on the way, in the frame in force. Shape (3,). [mm]
-            pose: Pose at the end.
-            feed: Feed. [mm/s]
-            angle: Angle of the arc, positive from start over via to end, negative the other way round.
-
+        `angle` [rad]: go on about its axis for this angle, positive from start over via to end, negative the other way.
         """
         end = self.frame @ pose
         before = self._begin(end)

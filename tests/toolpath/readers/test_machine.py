@@ -227,6 +227,8 @@ def test_rotations_scales_mirrors_and_polar_coordinates_move_the_path(read) -> N
     assert end("G0 X0 Y10\nG16\nG1 X20 F9\n") == [0, 20, 10]  # an angle or radius left out: where the tool is
     assert end("G0 X0 Y10\nG16\nG1 Y0 F9\n") == [10, 0, 10]
     assert end("G16\nG1 X10 Y90 F9\nG15\nX5 Y0\nG16 X20\n") == [20, 0, 10]
+    with pytest.raises(InputError, match=r"nc:3: .* X Y of the tool is not known"):
+        read("G21 G90\nG16\nG0 X10 Z5\nG1 Y30 F9\n", ".nc")
     mirrored = read(HEAD + "G51.1 X0\nG1 X0 Y0 F9\nG3 X10 Y10 R10\n", ".nc").toolpath.position[2:] * 1e3
     assert np.hypot(mirrored[:, 0], mirrored[:, 1] - 10) == pytest.approx(10)  # it turns the other way, about (0, 10)
     with pytest.raises(InputError, match="would be an ellipse"):

@@ -18,20 +18,15 @@ LEANING = 1e-6
 
 @dataclass(frozen=True)
 class Element:
-    """Hold a line or an arc of a contour, in the coordinates of the program.
+    """Hold a line or an arc of a contour, in the coordinates of the program; feeds in mm/s.
 
     Args:
-        start: Where it begins.
-        end: Where it ends.
         named: Axes of the end that are absolute coordinates.
-        feed: Feed. [mm/s]
         line: Line of its block.
         centre: Centre of an arc, None for a line.
-        normal: Axis of an arc, or of the plane.
-        right_hand: Sense of an arc about the axis.
+        normal: Axis of an arc, which it turns about by the right hand or against it; or normal of the plane.
         turns: 1 for less than a turn or a full circle; each further one adds a full turn.
         axis: Tool axis at the end, in the part; None: it stays.
-        rapid: Whether a line is rapid.
         run: Puts down an element on which rotary axes turn, in place of the usual line.
 
     """
@@ -147,20 +142,11 @@ class Contour:
 def join_corner(
     before: Element, corner: Corner, after: Element, unit: str = ""
 ) -> tuple[Element, Element | None, Element]:
-    """Return two elements cut back to a corner between them, and what joins them.
+    """Return two elements cut back to a corner between them, and what joins them; ValueError if no such corner fits.
 
     Two lines turning by t lose r tan(t / 2) each to a rounding of radius r, and c / (2 cos(t / 2)) to a chamfer of
-    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet.
-
-    Args:
-        before: The element that ends in the corner.
-        corner: The corner.
-        after: The element that begins in it.
-        unit: Unit of the coordinates, for messages; "" where it depends on the program.
-
-    Raises:
-        ValueError: If no such corner fits.
-
+    length c. With arcs, the rounding's centre lies where the two elements, moved inwards by r, meet. `unit` is that of
+    messages, "" where it depends on the program.
     """
     point, normal = before.end, after.normal if after.centre is not None else before.normal
     one, other = before.tangent(point), after.tangent(point)
@@ -288,12 +274,7 @@ def _lies_on(element: Element, place: Point) -> bool:
 def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) -> tuple[Point, bool] | None:
     """Return centre and sense of the arc that leaves along a direction and ends at a point; None where it is straight.
 
-    Args:
-        start: Where it begins.
-        direction: Unit direction of travel there, in the plane.
-        end: Where it ends.
-        normal: Unit normal of the plane.
-
+    Direction and normal of the plane are unit vectors.
     """
     travel = combine(1.0, end, -1.0, start)
     travel = combine(1.0, travel, -dot(travel, normal), normal)
@@ -306,12 +287,7 @@ def find_tangent_arc(start: Point, direction: Point, end: Point, normal: Point) 
 
 
 def find_centre(start: Point, end: Point, normal: Point, radius: float, unit: str, *, right_hand: bool) -> Point:
-    """Return the centre of an arc that is given by its radius; negative: the longer of the two arcs.
-
-    Raises:
-        ValueError: If no such arc joins the points.
-
-    """
+    """Return the centre of an arc that is given by its radius (negative: the longer of the two); else a ValueError."""
     centre = centre_from_radius(start, end, normal, radius, right_hand=right_hand)
     if centre is None:
         travel = combine(1.0, end, -1.0, start)

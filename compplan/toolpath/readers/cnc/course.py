@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle
+from compplan.toolpath.readers.arcs import Arc, Point, arc_about, combine, cross, dot, fits_circle, normalise
 from compplan.toolpath.readers.frames import UNIT, Frame
 from compplan.toolpath.readers.moves import HasLine, MoveLog
 from compplan.toolpath.readers.options import CamTable, find_start
@@ -83,9 +83,7 @@ class Course:
         if frame == self.frame:
             return
         if frame.rows != self.frame.rows:
-            up = frame.turn(UP)
-            size = math.hypot(*up)
-            up = up[0] / size, up[1] / size, up[2] / size
+            up = normalise(frame.turn(UP))
             if math.dist(up, self.up) > STEADY:
                 self.up, self.height = up, None
         self.frame, self.way = frame, None
@@ -243,9 +241,7 @@ class Course:
         frame = self.frame
         if frame.rows is not UNIT and not frame.similar:
             raise InputError("an arc under a scale that differs between axes would be an ellipse and is not read")
-        start, end, unit = frame.apply(self.position), frame.apply(target), frame.turn(normal)
-        size = math.hypot(*unit)
-        unit = unit[0] / size, unit[1] / size, unit[2] / size
+        start, end, unit = frame.apply(self.position), frame.apply(target), normalise(frame.turn(normal))
         hand = right_hand != frame.mirrored
         arc = arc_about(start, end, frame.apply(centre), unit, right_hand=hand, turns=turns)
         if not fits_circle(arc.radius, arc.end_radius):

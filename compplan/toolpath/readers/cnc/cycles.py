@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.course import Course
 
 #: Greatest number of holes of one block or pattern, and of pecks of one hole.
@@ -23,21 +23,16 @@ SKIPPED = "is left out: the tool moves rapidly above the holes (option cycles)"
 
 @dataclass
 class Hole:
-    """Hold a hole along an axis of the program.
+    """Hold a hole along an axis of the program (0 to 2), from the level at which the feed begins to its bottom.
 
     Args:
-        axis: The axis, 0 to 2.
-        clear: Level at which the feed begins.
-        bottom: Level at which the hole ends.
         top: Level that the tool goes back to.
-        feed: Feed. [mm/s]
-        out: Feed back to `clear`, None where the tool leaves the hole rapidly. [mm/s]
+        feed, out: Feed, and feed back to `clear`, None where the tool leaves the hole rapidly. [mm/s]
         pecks: Levels on the way to the bottom.
         lifts: Whether the tool leaves the hole after each of them, else it goes back a little.
         by_clear: Whether a rapid way out stops at `clear`.
         wait: Dwell at the bottom. [s]
-        turn: Sense of the spindle at the bottom and above (tapping), "" where it stays.
-        speed: Its speed. [1/min]
+        turn: Sense of the spindle at the bottom and above (tapping), "" where it stays, at its speed [1/min].
 
     """
 
@@ -103,13 +98,6 @@ def list_pecks(clear: float, bottom: float, first: float, less: float, least: fl
         depths.append(depths[-1] - peck)
         peck = max(peck - less, least)
     return depths[1:]
-
-
-def set_level(point: Point, axis: int, level: float) -> Point:
-    """Return a point at another level along an axis."""
-    moved = list(point)
-    moved[axis] = level
-    return moved[0], moved[1], moved[2]
 
 
 def list_circle(centre: tuple[float, float], radius: float, start: float, step: float, count: int) -> list[Point]:

@@ -32,8 +32,6 @@ class Grammar:
         functions: Functions by name, and how many arguments each takes.
         operators: Operators by their sign or word: how tightly each binds (greater: tighter), and what it does.
         bare: Whether a function of one argument may go without brackets (SIN 30).
-        token: Numbers, words and signs.
-        brackets: What opens and closes an expression within an expression.
 
     """
 
@@ -45,12 +43,7 @@ class Grammar:
 
 
 def evaluate(text: str, grammar: Grammar, lookup: Lookup) -> float:
-    """Return the value of an expression that is the whole text.
-
-    Raises:
-        ValueError: If it is none, or has no value.
-
-    """
+    """Return the value of an expression that is the whole text; ValueError if it has none."""
     value, place = evaluate_at(text, 0, grammar, lookup)
     if text[place:].strip():
         raise ValueError(f"cannot read {text[place:].strip()[:30]!r} in the expression {text.strip()[:40]!r}")
@@ -58,12 +51,7 @@ def evaluate(text: str, grammar: Grammar, lookup: Lookup) -> float:
 
 
 def evaluate_at(text: str, place: int, grammar: Grammar, lookup: Lookup) -> tuple[float, int]:
-    """Return the value of the expression that begins at a place of a text in capitals, and where it ends.
-
-    Raises:
-        ValueError: If no expression begins there, or it has no value.
-
-    """
+    """Return the value of the expression that begins at a place of a text in capitals, and where it ends."""
     parser = Parser(text, place, grammar, lookup)
     return need(parser.parse_all()), parser.place
 
@@ -122,7 +110,9 @@ class Parser:
                 value = need(self.operand())
                 return -value if sign == "-" else value
             if sign == self.grammar.brackets[0]:
-                return self._close(self.parse())
+                inner = self.parse()
+                self._expect(self.grammar.brackets[1])
+                return inner
             if sign[0] == "#":
                 return self.lookup(self.read_name(sign), ())
         finally:
@@ -173,10 +163,6 @@ class Parser:
             values.append(need(self.parse()))
         self._expect("]")
         return tuple(values)
-
-    def _close(self, value: Value) -> Value:
-        self._expect(self.grammar.brackets[1])
-        return value
 
     def _take(self) -> str:
         found = self.grammar.token.match(self.text, self.place)

@@ -21,16 +21,9 @@ END = -1
 
 @dataclass
 class CncProgram:
-    """Hold a program of a file: its lines, from the first up to the last, and what is found in them before it runs.
+    """Hold a program of a file: its lines as the dialect splits them, from the first (from 0) up to the last.
 
-    Args:
-        lines: Lines of the file, as the dialect splits them.
-        first: Its first line, from 0.
-        last: The line after its last one.
-        file: The file.
-        labels: Lines of its labels or block numbers.
-        partners: Where blocks of control close or open.
-
+    `labels` are the lines of its labels or block numbers, `partners` where blocks of control close or open.
     """
 
     lines: Sequence[Any]

@@ -12,24 +12,13 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc import heidenhain_lexer as lexer
 from compplan.toolpath.readers.cnc.contour import Corner
 from compplan.toolpath.readers.cnc.expressions import evaluate
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
 from compplan.toolpath.readers.cnc.heidenhain_approach import Approaches
 from compplan.toolpath.readers.cnc.heidenhain_cycles import HeidenhainCycles
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums, find_spatial
-from compplan.toolpath.readers.cnc.heidenhain_lexer import (
-    ASSIGN,
-    CALL,
-    FUNCTION_NUMBER,
-    GRAMMAR,
-    JUMP,
-    LABEL,
-    NUMBER,
-    PLAIN,
-    VALUE,
-    split_blocks,
-)
 from compplan.toolpath.readers.cnc.heidenhain_words import ADDRESSES, KlartextWords, Words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, INCH, LETTERS, PLANE_AXES, PLANE_NORMALS, CncBlock, State
@@ -46,7 +35,7 @@ SILENT = frozenset(map(float, (
     *range(107, 114), *range(115, 119), 120, 124, 126, 127, 128, 129, *range(134, 139), *range(140, 146), 148, 149,
 )))  # fmt: skip
 POSITION = re.compile(r"POS\s*\d+\s*\(([^()]*)\)")
-CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({VALUE})\s*(?:F\s*({VALUE}))?\s*")
+CORNER = re.compile(rf"(RND|CHF)\s*R?\s*({lexer.VALUE})\s*(?:F\s*({lexer.VALUE}))?\s*")
 WORD = re.compile(r"[A-Z]+")
 #: FUNCTION .. that says nothing of the path.
 SILENT_FUNCTION = re.compile(
@@ -86,10 +75,10 @@ class Klartext:
 
     def _load(self, text: str) -> CncProgram:
         """Return the program, its labels found."""
-        blocks, flow = list(split_blocks(text)), self.it.flow
+        blocks, flow = list(lexer.split_blocks(text)), self.it.flow
         for index, block in enumerate(blocks):
             if block.text.startswith("LBL"):
-                found, flow.line = LABEL.match(block.text), block.line
+                found, flow.line = lexer.LABEL.match(block.text), block.line
                 if not found:
                     raise InputError(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
                 word = found.group(1)
@@ -136,7 +125,7 @@ class Klartext:
             return index
         if (text == "LBL 0" and it.flow.depth) or text.startswith("END PGM"):
             return END
-        if it.steady and (plain := PLAIN.fullmatch(text)):
+        if it.steady and (plain := lexer.PLAIN.fullmatch(text)):
             followed = index < program.last and program.lines[index].text[:3] not in ("RND", "CHF", "")
             if followed and it.motion.cut_plain(plain):
                 return index
@@ -152,14 +141,14 @@ class Klartext:
         flow = self.it.flow
         if not text.startswith("CALL"):
             flow.count_jump()
-            found = JUMP.search(text)
+            found = lexer.JUMP.search(text)
             if not found:
                 raise InputError(f"jump {text[:40]!r} is not read, expected IF .. EQU .. GOTO LBL ..")
             one, how, other, label = found.groups()
             a, b = self._formula(one), self._formula(other)
             jumps = {"EQU": a == b, "NE": a != b, "GT": a > b, "LT": a < b}[how]
             return self._label(label) if jumps else index
-        found = CALL.match(text)
+        found = lexer.CALL.match(text)
         if not found:
             raise InputError(f"call {text[:40]!r} is not read, only labels of the program are called")
         label, times = found.groups()
@@ -237,7 +226,7 @@ class Klartext:
 
     def _assign(self, text: str) -> None:
         """Carry out Q1 = formula."""
-        found = ASSIGN.fullmatch(text)
+        found = lexer.ASSIGN.fullmatch(text)
         if not found:
             raise InputError(f"assignment {text[:40]!r} is not read")
         target, formula = found.groups()
@@ -248,15 +237,15 @@ class Klartext:
             self.values[target] = self._formula(formula)
 
     def _formula(self, text: str) -> float:
-        return evaluate(re.sub(r"(?<=\d),(?=\d)", ".", text), GRAMMAR, self.datums.look_up)
+        return evaluate(re.sub(r"(?<=\d),(?=\d)", ".", text), lexer.GRAMMAR, self.datums.look_up)
 
     def run_function(self, text: str) -> None:
         """FN 0 to 8 and 13: assignments; what others set is not known."""
-        found = FUNCTION_NUMBER.match(f"FN {text}")
+        found = lexer.FUNCTION_NUMBER.match(f"FN {text}")
         if not found:
             raise InputError(f"function {text[:30]!r} is not read, expected FN, its number and a colon")
         number, rest, line = int(found.group(1)), found.group(2).strip(), self.it.flow.line
-        if number in (*range(9), 13) and ASSIGN.match(rest):
+        if number in (*range(9), 13) and lexer.ASSIGN.match(rest):
             self._assign(rest)
         elif number in (14, 20):
             self.it.log.happen("call" if number == 20 else "stop", line, text=f"FN {text}"[:60])
@@ -283,7 +272,7 @@ class Klartext:
             self.words.control_tip(True, spatial="AXIS SPAT" in rest)
             if re.search(r"REFPNT\s+(CNT|TIP-CNT|CNT-CNT)", rest):
                 raise InputError("TCPM with the centre of the tool as reference (REFPNT CNT) is not read")
-        elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({NUMBER})", rest)):
+        elif rest.startswith("DWELL") and (found := re.search(rf"TIME\s*({lexer.NUMBER})", rest)):
             self.it.log.happen("dwell", self.it.flow.line, value=float(found.group(1)))
         elif SILENT_FUNCTION.match(rest):
             self.it.note(f"FUNCTION {rest.split()[0]} is not read")

@@ -16,18 +16,12 @@ from compplan.toolpath.readers.cnc.state import PLANE_NORMALS
 
 @dataclass(frozen=True)
 class Way:
-    """Hold what an APPR or DEP block says.
+    """Hold what an APPR or DEP block says: its kind LT, LN, CT or LCT, and its feed in mm/s.
 
     Args:
-        kind: LT, LN, CT or LCT.
-        length: LEN of LT and LN.
-        radius: R of CT and LCT, signed.
-        angle: CCA of CT. [deg]
+        length, radius, angle: LEN of LT and LN; R of CT and LCT, signed; CCA of CT. [deg]
         side: "L" or "R" where the tool runs left or right of the contour, "" without compensation.
-        normal: Normal of the plane.
-        feed: Feed of the block. [mm/s]
         feed_before: Feed of the move to where the approach begins, None where that is rapid. [mm/s]
-        line: Line of the block.
 
     """
 
@@ -43,18 +37,10 @@ class Way:
 
 
 def approach(way: Way, start: Point, first: Point, depth: Point, direction: Point) -> list[Element]:
-    """Return the moves to the first point of a contour.
+    """Return the moves from where the tool is to the first point of a contour; ValueError if the block says too little.
 
-    Args:
-        way: What the block says.
-        start: Where the tool is.
-        first: First point of the contour, at its depth.
-        depth: How far it lies from the start along the normal, as a vector.
-        direction: Direction in which the contour begins.
-
-    Raises:
-        ValueError: If the block does not say enough.
-
+    The first point stands at its depth; `depth` is how far it lies from the start along the normal, as a vector. The
+    contour begins in `direction`.
     """
     high = combine(1.0, first, -1.0, depth)
     begin, centre, right_hand = _begin(way, start, high, direction)
@@ -85,15 +71,7 @@ def _begin(way: Way, start: Point, first: Point, direction: Point) -> tuple[Poin
 
 
 def depart(way: Way, last: Point, end: Point | None, direction: Point) -> list[Element]:
-    """Return the moves that leave a contour: those of an approach the other way round.
-
-    Args:
-        way: What the block says.
-        last: Last point of the contour.
-        end: Where LCT goes, else None.
-        direction: Direction in which the contour ends.
-
-    """
+    """Return the moves that leave a contour: those of an approach the other way round. LCT goes to `end`."""
     back = replace(way, side={"L": "R", "R": "L", "": ""}[way.side])
     place, centre, right_hand = _begin(back, end or last, last, combine(-1.0, direction, 0.0, direction))
     if centre is None:
@@ -209,8 +187,5 @@ class Approaches:
             raise InputError(f"{what} {kind} has no {need}")
         length, radius, angle = (self.words.datums.value(words.get(name) or "0") for name in ("LEN", "R", "CCA"))
         feed, line = self.it.motion.feed(0.0), self.it.flow.line
-        return (
-            Way(kind, length, radius, angle, self.words.side, self._normal, feed, feed_before, line),
-            words,
-            functions,
-        )
+        way = Way(kind, length, radius, angle, self.words.side, self._normal, feed, feed_before, line)
+        return way, words, functions

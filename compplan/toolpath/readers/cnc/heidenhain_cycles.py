@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.contour import Element
-from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid, set_level
+from compplan.toolpath.readers.cnc.cycles import SKIPPED, Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.heidenhain_frames import KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_lexer import ASSIGN, CYCLE, NUMBER, VALUE
 from compplan.toolpath.readers.cnc.heidenhain_words import KlartextWords

@@ -59,12 +59,7 @@ class KlartextDatums:
             return evaluate(text.replace(",", "."), GRAMMAR, self.look_up)
 
     def look_up(self, name: str, indices: tuple[float, ...]) -> float:
-        """Return the value of a parameter.
-
-        Raises:
-            ValueError: If it has none that is known.
-
-        """
+        """Return the value of a parameter; ValueError if it has none that is known."""
         if name in self.values and not indices:
             return self.values[name]
         why = self.it.unknown.get(name, "the program gives it none")

@@ -63,12 +63,7 @@ class HeidenhainBlock:
 
 
 def split_blocks(text: str) -> Iterator[HeidenhainBlock]:
-    """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values.
-
-    Raises:
-        ValueError: If a block is longer than any may be.
-
-    """
+    """Yield the blocks of a program; a ~ at the end of a line goes on in the next, as do lines of a cycle's values."""
     pending, notes, first, goes_on = "", "", 0, False
     for line, raw in enumerate(split_lines(text), start=1):
         body = raw.strip()

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 
 from compplan.errors import InputError
+from compplan.toolpath.readers.arcs import set_level
 from compplan.toolpath.readers.cnc.heidenhain_frames import TILT_ANGLES, KlartextDatums
 from compplan.toolpath.readers.cnc.heidenhain_lexer import M_WORDS, VALUE, split_words
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
@@ -89,13 +90,12 @@ class KlartextWords:
             course.lose((axis,))
             return
         self.it.contour.refuse_open()
-        target = list(course.position)
-        target[axis] += self.datums.value(way.group(1))
+        target = set_level(course.position, axis, course.position[axis] + self.datums.value(way.group(1)))
         feed = re.search(r"F\s*([\d.]+)", words)
         if feed:
-            course.line((target[0], target[1], target[2]), (), self.to_mm_s(float(feed.group(1))))
+            course.line(target, (), self.to_mm_s(float(feed.group(1))))
         else:
-            course.rapid((target[0], target[1], target[2]))
+            course.rapid(target)
 
     def start_functions(self, functions: set[int]) -> None:
         """Let happen what M functions switch before the move of their block."""

@@ -76,6 +76,22 @@ def set_mode(**changes: object) -> Code:
     return Code(run)
 
 
+def compensate_radius(dialect: HasInterpreter, block: CncBlock, code: float | str) -> None:
+    """G41, G42: the radius of the cutter."""
+    if block.values.get("D") != 0.0:
+        dialect.it.compensate_radius(f"G{code:g}")
+
+
+#: Codes that mean the same in every dialect of G-code.
+COMMON: dict[float | str, Code] = {
+    90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
+    93.0: set_mode(feed_mode=93), 94.0: set_mode(feed_mode=94), 95.0: set_mode(feed_mode=95),
+    41.0: Code(compensate_radius), 42.0: Code(compensate_radius),
+    4.0: ignore("once"), 53.0: ignore("machine"), 153.0: ignore("machine"), 33.0: refuse("threading"),
+    34.0: refuse("threading"), **dict.fromkeys((9.0, 40.0, 61.0, 64.0, 96.0, 97.0), ignore()),
+}  # fmt: skip
+
+
 class HasInterpreter(Protocol):
     """A dialect that holds its interpreter."""
 
@@ -116,14 +132,10 @@ class Interpreter:
 
     def run_words(self, block: CncBlock, words: Iterable[float | str], find: Callable[[float | str], Code | None],
                   pass_over: Callable[[CncBlock, float | str], None]) -> str:  # fmt: skip
-        """Carry out the G codes and names of a block; return what takes its coordinates, "" where they are a move.
+        """Carry out the G codes and names of a block by their rank, however they are shuffled.
 
-        Args:
-            block: The block.
-            words: Its codes and names, which act by their rank, however they are shuffled.
-            find: Gives what a word does, None where it is not known.
-            pass_over: Notes a word that is not known, or refuses it.
-
+        Return what takes the coordinates of the block, "" where they are a move. `find` gives what a word does, None
+        where it is unknown; `pass_over` notes such a word, or refuses it.
         """
         takes = ""
         found = [((entry.rank if (entry := find(word)) else 0, isinstance(word, str), word), entry) for word in words]

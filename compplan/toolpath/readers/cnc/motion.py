@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle
+from compplan.toolpath.readers.arcs import Point, arc_about, combine, dot, find_arc, fits_circle, normalise, set_level
 from compplan.toolpath.readers.cnc.contour import Contour, Corner, Element, find_centre, find_tangent_arc
 from compplan.toolpath.readers.cnc.course import Course
 from compplan.toolpath.readers.cnc.rotary import Rotary
@@ -120,10 +121,8 @@ class MotionReader:
                     state.polar_words[address] = values[address] + base
             first, second = PLANE_AXES[plane]
             radius, angle = state.polar_words["RP"] * state.scale, math.radians(state.polar_words["AP"])
-            point[first], point[second] = (
-                pole[first] + radius * math.cos(angle),
-                pole[second] + radius * math.sin(angle),
-            )
+            point[first] = pole[first] + radius * math.cos(angle)
+            point[second] = pole[second] + radius * math.sin(angle)
             named += [first, second]
         return (point[0], point[1], point[2]), tuple(named)
 
@@ -159,8 +158,7 @@ class MotionReader:
         element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis)
         if by_axes and axis is not None:
             after = dict(self.rotary.angles)
-            element = Element(start, target, named, feed, self.line, None, PLANE_NORMALS[state.plane], axis=axis,
-                              run=lambda: self._cut_turning(element, before, after))  # fmt: skip
+            element = replace(element, run=lambda: self._cut_turning(element, before, after))
         contour.add(element, self._corner(block))
 
     def _corner(self, block: CncBlock) -> Corner | None:
@@ -182,9 +180,7 @@ class MotionReader:
             vector = tuple(values.get(letter, 0.0) for letter in DIRECTIONS)
             if len(named) < 3 or not 1e-3 < math.hypot(*vector) < 1e3:
                 raise InputError(f"tool direction is {vector}, expected three numbers that are not all 0")
-            x, y, z = self.course.frame.turn((vector[0], vector[1], vector[2]))
-            size = math.hypot(x, y, z)
-            return (x / size, y / size, z / size), False
+            return normalise(self.course.frame.turn((vector[0], vector[1], vector[2]))), False
         if rotary.ignored:
             return None, False
         taken, axis = self.dialect.turn_in_plane(block)
@@ -254,9 +250,7 @@ class MotionReader:
             return self.contour.held[0].tangent(self.contour.held[0].end)
         if self.course.direction is None or self.contour.approach is not None:
             raise InputError(f"nothing is cut right before this block that it could go on from smoothly{word}")
-        x, y, z = self.course.frame.invert().turn(self.course.direction)
-        size = math.hypot(x, y, z)
-        return x / size, y / size, z / size
+        return normalise(self.course.frame.invert().turn(self.course.direction))
 
     def _go_round(self, block: CncBlock, target: Point, named: tuple[int, ...]) -> None:
         """Cut along an arc: G2 clockwise, G3 counter-clockwise, seen from the positive end of the plane's normal."""
@@ -287,9 +281,7 @@ class MotionReader:
                 self._prove(start, target, block, right_hand=right_hand)
         elif about_pole and state.pole is not None:
             first, second = PLANE_AXES[plane]
-            places = list(start)
-            places[first], places[second] = state.pole[first], state.pole[second]
-            centre = places[0], places[1], places[2]
+            centre = set_level(set_level(start, first, state.pole[first]), second, state.pole[second])
         else:
             names = " ".join("IJK"[axis] for axis in sorted(PLANE_AXES[plane]))
             raise InputError(f"arc has neither a centre ({names}) nor a radius (R)")

@@ -40,13 +40,9 @@ class RotaryMachine:
     pivot: float | None = None
 
     def point_tool(self, angles: Mapping[str, float]) -> Point:
-        """Return the tool axis in the part frame.
+        """Return the tool axis in the part frame: T^-1 H z, angles in degrees.
 
-        axis = T^-1 H z, with the head H = R1 R2 and the table T = R1 R2, each the axis that carries the other first.
-
-        Args:
-            angles: Of the axes. [deg]
-
+        Head H = R1 R2 and table T = R1 R2, each the axis that carries the other first.
         """
         axis = UP
         for letter, sense in self.head[::-1]:
@@ -56,15 +52,7 @@ class RotaryMachine:
         return axis[0] + 0.0, axis[1] + 0.0, axis[2] + 0.0
 
     def place(self, angles: Mapping[str, float]) -> Frame:
-        """Return where X Y Z stand in the part frame that are positions of the machine (no control of the tip).
-
-        Args:
-            angles: Of the axes. [deg]
-
-        Raises:
-            RotaryError: If pivot or centre are needed and not known.
-
-        """
+        """Return where positions of the machine stand in the part frame (no control of the tip), angles in degrees."""
         placed = Frame()
         if any(angles.get(letter) for letter, _ in self.head):
             if self.pivot is None:
@@ -98,12 +86,9 @@ def _turn(letter: str, angle: float, vector: Point) -> Point:
 
 
 def build_machine(options: CamTable, letters: Iterable[str]) -> RotaryMachine:
-    """Return the machine that the user states: its axes in head and table, the one that carries the other first.
+    """Return the machine that the user states, of the letters that the file turns.
 
-    Args:
-        options: Its kind, axes (the first is the head's in a head_table) and distances.
-        letters: Letters that the file turns.
-
+    Axes stand in order, the one that carries the other first; in a head_table the first is the head's.
     """
     used, kind, missing = sorted(set(letters)), options.rotary, ""
     order = list(options.rotary_axes or (used[::-1] if kind == "head" else used))
@@ -175,12 +160,7 @@ class Rotary:
         return self.machine.point_tool(angles) if any(angles.values()) and not self.ignored else UP
 
     def place(self) -> Frame:
-        """Return where X Y Z of the machine stand in the part, without control of the tip.
-
-        Raises:
-            RotaryError: If the machine is not known.
-
-        """
+        """Return where X Y Z of the machine stand in the part, without control of the tip."""
         if not self.turned or self.unknown or self.ignored or self.spatial:
             return Frame()
         machine = self.machine

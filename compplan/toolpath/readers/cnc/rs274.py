@@ -15,7 +15,7 @@ from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
 from compplan.toolpath.readers.cnc.course import UP
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
-from compplan.toolpath.readers.cnc.interpreter import MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
+from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, Code, Interpreter, ignore, note, refuse, set_mode
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MOST_TURNS, PLAIN, STRAIGHT
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_cycles import begin_cycle, run_cycle
@@ -304,12 +304,11 @@ def compensate_length(dialect: Rs274, block: CncBlock, code: float) -> None:
         dialect.it.note(LENGTH_NOTE)
 
 
-def compensate_radius(dialect: Rs274, block: CncBlock, code: float) -> None:
-    """G41, G42 and G41.1, G42.1: the radius of the cutter."""
-    if code in (41.1, 42.1) and block.values.get("D", 0.0) != 0.0:
+def compensate_wear(dialect: Rs274, block: CncBlock, code: float) -> None:
+    """G41.1, G42.1: the radius of the cutter, stated as D."""
+    if block.values.get("D", 0.0) != 0.0:
         raise InputError(f"G{code:g} with a cutter diameter D is not read; post-process the tool centre's path")
-    if block.values.get("D") != 0.0:
-        dialect.it.compensate_radius(f"G{code:g}")
+    COMMON[41.0].run(dialect, block, code)
 
 
 def probe_from_home(dialect: Rs274, block: CncBlock, code: float) -> None:
@@ -343,22 +342,21 @@ MIRROR = Code(lambda dialect, block, code: dialect.layers.mirror(code, block), 2
 TO_PLANE = Code(lambda dialect, block, code: dialect.layers.turn_to_plane(code, stays=code == 53.6), 2, "once")
 DYNAMIC, OFFSET, LENGTH = Code(set_dynamic_offset, 2, "once"), Code(use_offset), Code(compensate_length)
 
-G_CODES: dict[float, Code] = {
+G_CODES: dict[float | str, Code] = {
+    **COMMON,
     **dict.fromkeys(MOTIONS, Code(set_motion, 1)),
     **dict.fromkeys(CYCLES, Code(lambda dialect, block, code: begin_cycle(dialect.it, code), 1)),
     80.0: set_mode(cycle_code=0.0),
     # modes
     15.0: POLAR, 16.0: POLAR, 17.0: set_mode(plane=17), 18.0: set_mode(plane=18), 19.0: set_mode(plane=19),
-    90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
     90.1: set_mode(centres="absolute", centres_stated=True), 91.1: set_mode(centres="incremental", centres_stated=True),
-    93.0: set_mode(feed_mode=93), 94.0: set_mode(feed_mode=94), 95.0: set_mode(feed_mode=95),
     98.0: set_mode(retract_to_start=True), 99.0: set_mode(retract_to_start=False),
     **dict.fromkeys(UNITS, Code(set_unit)),
     # origins and frames
     **{float(code): OFFSET for code in range(54, 60)}, 154.0: OFFSET, 54.2: Code(set_dynamic_offset),
     **dict.fromkeys(HAAS_OFFSETS, Code(use_haas_offset)),
     10.0: Code(lambda dialect, block, code: dialect.origins.set_offset(block), 2, "once"),
-    28.0: HOME, 30.0: HOME, 53.0: ignore("machine"), 153.0: ignore("machine"), 52.0: Code(shift, 2, "once"),
+    28.0: HOME, 30.0: HOME, 52.0: Code(shift, 2, "once"),
     92.0: Code(lambda dialect, block, code: dialect.origins.declare(block), 2, "once"),
     92.1: DROP, 92.2: DROP, 92.3: DROP,
     50.0: Code(lambda dialect, block, code: dialect.it.put(scale=None), 2, "once"),
@@ -368,17 +366,16 @@ G_CODES: dict[float, Code] = {
     68.2: Code(lambda dialect, block, code: dialect.layers.tilt(block), 2, "once"),
     69.0: Code(lambda dialect, block, code: dialect.it.put(rotation=None, plane=None), 2, "once"),
     # compensation and probing
-    **dict.fromkeys((41.0, 41.1, 42.0, 42.1), Code(compensate_radius)),
+    41.1: Code(compensate_wear), 42.1: Code(compensate_wear),
     **dict.fromkeys((43.0, 43.4, 43.5, 44.0, 49.0, 234.0), LENGTH),
     43.1: note(LENGTH_NOTE, "once"), 22.0: note("limits of the working space (G22) are not read", "once"),
     29.0: Code(probe_from_home), **dict.fromkeys((31.0, 38.2, 38.3, 38.4, 38.5), PROBE),
     # nothing of the path
-    4.0: ignore("once"), 9.0: ignore(), 40.0: ignore(), 61.0: ignore(), 61.1: ignore(), 64.0: ignore(), 67.0: ignore(),
-    96.0: ignore(), 97.0: ignore(), 113.0: ignore(), 269.0: ignore(),
+    61.1: ignore(), 67.0: ignore(), 113.0: ignore(), 269.0: ignore(),
     # refused
     5.0: Code(refuse_spline), 5.1: Code(refuse_spline), 5.2: refuse("NURBS"), 6.2: refuse("NURBS"),
     7.0: refuse("lathe diameters"), 12.0: refuse("pocket cycles"), 13.0: refuse("pocket cycles"),
-    32.0: refuse("threading"), 33.0: refuse("threading"), 33.1: refuse("rigid tapping"), 34.0: refuse("threading"),
+    32.0: refuse("threading"), 33.1: refuse("rigid tapping"),
     66.0: refuse("modal macro calls"), 66.1: refuse("modal macro calls"), 68.1: refuse("coordinate rotation"),
     68.3: refuse("tilted work planes by the tool axis"), 68.4: refuse("tilted work planes on top of each other"),
     107.0: refuse("cylindrical interpolation"), 112.0: refuse("polar interpolation"),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.cycles import MOST_HOLES, PECK_CLEARANCE_MM, Hole, drill, list_pecks, set_level
+from compplan.toolpath.readers.arcs import set_level
+from compplan.toolpath.readers.cnc.cycles import MOST_HOLES, PECK_CLEARANCE_MM, Hole, drill, list_pecks
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, CncBlock
 

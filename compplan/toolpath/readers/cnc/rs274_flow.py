@@ -127,13 +127,9 @@ class MacroFlow:
         raise InputError(f"loop {label} has no {'END' if step > 0 else 'DO'} {label} in this program")
 
     def call_number(self, values: Mapping[str, float], *, macro: bool = False, local: bool = False) -> None:
-        """Carry out M98 and G65 (subprogram O number), and M97 (block N number of this program).
+        """Carry out M98 and G65 (subprogram O number), and M97 (local: block N number of this program).
 
-        Args:
-            values: Words of the block: P names the program, L (or K in M98) says how often.
-            macro: Whether the other words are arguments (G65).
-            local: Whether P names a block (M97).
-
+        P names the program, L (or K in M98) says how often; the other words of G65 are arguments.
         """
         code = "G65" if macro else "M97" if local else "M98"
         called = values.get("P", -1.0)

@@ -11,32 +11,15 @@ from pathlib import Path
 
 from compplan.errors import InputError
 from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.cnc import sinumerik_lexer as lexer
 from compplan.toolpath.readers.cnc.flow import END, CncProgram, Flow
-from compplan.toolpath.readers.cnc.interpreter import MOTIONS, MOVING, Code, Interpreter, ignore, refuse, set_mode
+from compplan.toolpath.readers.cnc.interpreter import COMMON, MOTIONS, MOVING, Code, Interpreter, ignore, refuse
 from compplan.toolpath.readers.cnc.motion import CENTRES, CORNERS, MIDDLES, PLAIN, POLAR
 from compplan.toolpath.readers.cnc.origins import Origins
 from compplan.toolpath.readers.cnc.rs274_lexer import HARMLESS, VALUES
 from compplan.toolpath.readers.cnc.sinumerik_cycles import SinumerikCycles
 from compplan.toolpath.readers.cnc.sinumerik_flow import FLOW, SinumerikFlow, strip
-from compplan.toolpath.readers.cnc.sinumerik_lexer import (
-    BLOCK_NUMBER,
-    ELSEWHERE,
-    LABEL,
-    SinumerikVariables,
-    cut_comment,
-    read_brackets,
-    split_block,
-)
-from compplan.toolpath.readers.cnc.state import (
-    AXES,
-    DEEP_AXIS,
-    INCH,
-    LETTERS,
-    PLANE_AXES,
-    PLANE_NORMALS,
-    CncBlock,
-    State,
-)
+from compplan.toolpath.readers.cnc.state import AXES, DEEP_AXIS, INCH, PLANE_AXES, PLANE_NORMALS, CncBlock, State
 from compplan.toolpath.readers.frames import Frame, rotate, shift, stretch
 from compplan.toolpath.readers.lines import split_lines
 from compplan.toolpath.readers.options import CamTable, refuse_unit
@@ -71,7 +54,7 @@ class Sinumerik:
         self.stated = False
         self.it = Interpreter(file, options, State(scale, feed_scale=scale, motion=1.0), self, Flow(file))
         self.origins = Origins(self.it)
-        self.values = SinumerikVariables(self.it.unknown)
+        self.values = lexer.SinumerikVariables(self.it.unknown)
         self.evaluate = self.values.evaluate
         self.flow = SinumerikFlow(self.it, self.values)
         self.cycles = SinumerikCycles(self.it, self.evaluate, self.ask_for_unit)
@@ -108,25 +91,25 @@ class Sinumerik:
         if program.labels is None:
             self.flow.prepare(program)
         it.steady = False
-        body, comment = cut_comment(raw)
+        body, comment = lexer.cut_comment(raw)
         if comment and not comment.startswith("$PATH"):
             it.log.happen("comment", it.flow.line, text=comment)
         text = body.upper()
         if not text or text[0] == "%":
             return index + 1
-        found = BLOCK_NUMBER.match(text)
+        found = lexer.BLOCK_NUMBER.match(text)
         if found and found.end():
             if "/" in found.group():
                 it.note("blocks marked with / are read")
             text = text[found.end() :]
-        if ":" in text and (label := LABEL.match(text)):
+        if ":" in text and (label := lexer.LABEL.match(text)):
             text = text[label.end() :]
         if not text:
             return index + 1
         if word := FLOW.match(text):
             return self.flow.run_flow(word.group(1), text, raw, program, index)
         values = self.values
-        block = split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
+        block = lexer.split_block(text, values.look_up_home if HOME.search(text) else values.look_up, values.names)
         ended = self.run_block(block, raw)
         it.steady = self.stated and self.cycles.modal is None and it.motion.is_steady()
         return END if ended else index + 1
@@ -195,12 +178,9 @@ class Sinumerik:
         if takes == "once" or not block.has(MOVING):
             return False
         if takes == "machine":
-            if any(abs(values.get(letter, 0.0)) > 0.5 * ELSEWHERE for letter in LETTERS):
-                raise InputError(
-                    "A of a move in machine coordinates is not known; write its angle".replace(
-                        "A", next(letter for letter in LETTERS if abs(values.get(letter, 0.0)) > 0.5 * ELSEWHERE), 1
-                    )
-                )
+            for letter in "ABC":
+                if abs(values.get(letter, 0.0)) > 0.5 * lexer.ELSEWHERE:
+                    raise InputError(f"{letter} of a move in machine coordinates is not known; write its angle")
             it.leave_out_machine_move(block, "SUPA, G53, G153, G74, G75")
             return False
         self.ask_for_unit(values.get(name) for name in LENGTHS)
@@ -244,7 +224,7 @@ class Sinumerik:
         for line in program.lines[program.first : min(program.first + 20, program.last)]:
             text = strip(line)
             if found := re.match(r"PROC\s+\w+\s*\(", text):
-                names = [part.partition("=")[0].split()[-1] for part in read_brackets(text, found.end() - 1)[0]]
+                names = [part.partition("=")[0].split()[-1] for part in lexer.read_brackets(text, found.end() - 1)[0]]
                 if len(values) > len(names):
                     break
                 for variable, value in zip(names, values, strict=False):
@@ -347,12 +327,6 @@ def set_pole(dialect: Sinumerik, block: CncBlock, code: float) -> None:
     state.pole = point[0], point[1], point[2]
 
 
-def compensate_radius(dialect: Sinumerik, block: CncBlock, code: float) -> None:
-    """G41, G42: the radius of the cutter."""
-    if block.values.get("D") != 0.0:
-        dialect.it.compensate_radius(f"G{code:g}")
-
-
 def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
     """TRAORI, TRAFOOF: X Y Z are the tip in the part frame, however the rotary axes stand, or not."""
     dialect.it.contour.refuse_open()
@@ -362,22 +336,21 @@ def control_tip(dialect: Sinumerik, block: CncBlock, code: str) -> None:
 MOTION, PLANE, UNIT, POLE = Code(set_motion, 1), Code(set_plane), Code(set_unit), Code(set_pole, 2, "once")
 OFFSET = Code(lambda dialect, block, code: dialect.origins.use(code))
 WORDS: dict[float | str, Code] = {
+    **COMMON,
     **dict.fromkeys((*MOTIONS, "CIP", "CT"), MOTION),
-    17.0: PLANE, 18.0: PLANE, 19.0: PLANE, 90.0: set_mode(incremental=False), 91.0: set_mode(incremental=True),
+    17.0: PLANE, 18.0: PLANE, 19.0: PLANE,
     **dict.fromkeys((70.0, 71.0, 700.0, 710.0, 20.0, 21.0), UNIT),
-    93.0: set_mode(feed_mode=93), 94.0: set_mode(feed_mode=94), 95.0: set_mode(feed_mode=95),
-    **dict.fromkeys((53.0, 153.0, 74.0, 75.0, "SUPA"), ignore("machine")),
-    4.0: ignore("once"), 25.0: ignore("once"), 26.0: ignore("once"), 110.0: POLE, 111.0: POLE, 112.0: POLE,
+    **dict.fromkeys((74.0, 75.0, "SUPA"), ignore("machine")),
+    25.0: ignore("once"), 26.0: ignore("once"), 110.0: POLE, 111.0: POLE, 112.0: POLE,
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 500.0, *(float(code) for code in range(505, 600))), OFFSET),
-    41.0: Code(compensate_radius), 42.0: Code(compensate_radius),
     "TRAORI": Code(control_tip), "TRAFOOF": Code(control_tip),
     # nothing of the path
-    **dict.fromkeys(map(float, (9, 40, 43, 49, 60, 61, 62, 63, 64, 80, 96, 97, 140, 141, 142, 143, 290, 340, 341, 450,
+    **dict.fromkeys(map(float, (43, 49, 60, 62, 63, 80, 140, 141, 142, 143, 290, 340, 341, 450,
                                 451, 460, 461, 462, 601, 602, 603, 621, *range(640, 646), 961, 971)), ignore()),
     **dict.fromkeys((*HARMLESS - {"TRAORI", "TRAFOOF"}, *VALUES, "DIAM90"), ignore()),
     # refused
     5.0: refuse("another motion"), 7.0: refuse("oblique plunging"), 12.0: refuse("another motion"),
-    33.0: refuse("threading"), 34.0: refuse("threading"), 35.0: refuse("threading"),
+    35.0: refuse("threading"),
     58.0: refuse("a shift of the frame"), 59.0: refuse("a shift of the frame"), 92.0: refuse("a shift of the frame"),
     68.0: refuse("coordinate rotation"), 291.0: refuse("ISO mode"), 331.0: refuse("tapping"), 332.0: refuse("tapping"),
     147.0: refuse("soft approach"), 247.0: refuse("soft approach"), 347.0: refuse("soft approach"),

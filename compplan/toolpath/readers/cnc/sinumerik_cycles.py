@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable
 
 from compplan.errors import InputError
-from compplan.toolpath.readers.cnc.cycles import Hole, drill, list_circle, list_grid, set_level
+from compplan.toolpath.readers.arcs import set_level
+from compplan.toolpath.readers.cnc.cycles import Hole, drill, list_circle, list_grid
 from compplan.toolpath.readers.cnc.interpreter import Interpreter
 from compplan.toolpath.readers.cnc.state import DEEP_AXIS, PLANE_AXES
 
@@ -110,7 +111,6 @@ class SinumerikCycles:
         first, second = PLANE_AXES[self.it.state.plane]
         self.it.contour.refuse_open()
         for u, v, _ in places:
-            point = list(self.it.course.position)
-            point[first], point[second] = u * self.it.state.scale, v * self.it.state.scale
-            self.it.course.rapid((point[0], point[1], point[2]), (first, second))
+            place = set_level(self.it.course.position, first, u * self.it.state.scale)
+            self.it.course.rapid(set_level(place, second, v * self.it.state.scale), (first, second))
             self.drill_here()

@@ -58,12 +58,7 @@ class SinumerikVariables:
         self.names: set[str] = set()
 
     def look_up(self, name: str, indices: tuple[float, ...]) -> float:
-        """Return the value of a variable.
-
-        Raises:
-            ValueError: If it has none that is known.
-
-        """
+        """Return the value of a variable; ValueError if it has none that is known."""
         if name in SYSTEM:
             return SYSTEM[name]
         if name[0] == "R" and name[1:].isdigit():
@@ -88,16 +83,9 @@ class SinumerikVariables:
 
 
 def split_block(text: str, lookup: Lookup, variables: set[str]) -> CncBlock:
-    """Return the words of any block.
+    """Return the words of any block; ValueError if something in it is none of these words.
 
-    Args:
-        text: Block in capitals, without number, label and comment.
-        lookup: Gives variables their values.
-        variables: Names of the variables that the program declares.
-
-    Raises:
-        ValueError: If something in it is none of these words.
-
+    The block is in capitals, without number, label and comment; `variables` are the names that the program declares.
     """
     words, place = CncBlock(), 0
 
@@ -204,12 +192,7 @@ def _skip_text(text: str, place: int) -> int:
 
 
 def read_value(text: str, place: int, lookup: Lookup) -> tuple[float, int, str]:
-    """Return a value, where it ends, and whether it is absolute ("A"), relative ("I") or as the mode says ("").
-
-    Raises:
-        ValueError: If there is none.
-
-    """
+    """Return a value, where it ends, and whether it is absolute ("A"), relative ("I") or as the mode says ("")."""
     found = PLACED.match(text, place)
     if not found:
         value, place = evaluate_at(text, place, GRAMMAR, lookup)
@@ -224,12 +207,7 @@ def read_value(text: str, place: int, lookup: Lookup) -> tuple[float, int, str]:
 
 
 def read_brackets(text: str, place: int) -> tuple[list[str], int]:
-    """Return the arguments in the brackets that open at a place, and where they end.
-
-    Raises:
-        ValueError: If they never close.
-
-    """
+    """Return the arguments in the brackets that open at a place, and where they end."""
     depth, quoted, start, parts = 0, False, place + 1, []
     for index in range(place, len(text)):
         letter = text[index]

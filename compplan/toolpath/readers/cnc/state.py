@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from compplan.toolpath.readers.arcs import Point
+from compplan.toolpath.readers.arcs import Point, set_level
 from compplan.toolpath.readers.cnc.flow import CncProgram
 
 AXES, LETTERS = "XYZ", "ABC"
@@ -20,15 +20,10 @@ DEEP_AXIS = {17: 2, 18: 1, 19: 0}
 
 @dataclass
 class CncBlock:
-    """Hold the words of a block.
+    """Hold the words of a block: numbers by address (X, CR, A3, I1 ..), G codes, M codes, words without a number.
 
     Args:
-        values: Numbers by address: X, CR, A3, I1 ...
-        codes: G codes.
-        machine: M codes.
-        absolute: Addresses whose number is absolute, whatever the mode.
-        relative: Addresses whose number counts from where the tool is, whatever the mode.
-        names: Words without a number.
+        absolute: Addresses whose number is absolute, whatever the mode; relative: counts from where the tool is.
         calls: Names with arguments, as texts.
         assigned: Variables and their values: name, indices, number (None: text).
 
@@ -122,16 +117,15 @@ class State:
 
     def centre(self, start: Point, block: CncBlock, plane: int) -> Point:
         """Return the centre of an arc from I J K, as they count in this program."""
-        centre, values = list(start), block.values
+        centre, values = start, block.values
         for axis in PLANE_AXES[plane]:
             letter = "IJK"[axis]
             if letter in values:
                 number = values[letter] * self.scale
-                if self.centres == "absolute" or letter in block.absolute:
-                    centre[axis] = number
-                else:
-                    centre[axis] += -number if self.centres == "reversed" else number
-        return centre[0], centre[1], centre[2]
+                if self.centres != "absolute" and letter not in block.absolute:
+                    number = start[axis] + (-number if self.centres == "reversed" else number)
+                centre = set_level(centre, axis, number)
+        return centre
 
     def polar_now(self, place: Point, plane: int) -> Mapping[str, float]:
         """Return radius, in the program's unit, and angle [deg] of a place about the pole."""
