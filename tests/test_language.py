@@ -30,8 +30,8 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "no
 
 
 def find_metaphors(text: str) -> list[str]:
-    """Return the words of a text that are not used; code does not count."""
-    return [found[0] for found in PATTERN.finditer(re.sub(r"```.*?```|`[^`]*`", "", text, flags=re.S))]
+    """Return the words of a text that are not used; code and names of attributes do not count."""
+    return [found[0] for found in PATTERN.finditer(re.sub(r"```.*?```|`[^`]*`|^ *\w+: ", "", text, flags=re.S | re.M))]
 
 
 def read_prose(page: Path) -> str:

@@ -82,8 +82,8 @@ def learn(
 ) -> LearnedPart:  # fmt: skip
     """Learn from measured points of a cut part: the corrected program of the next one, and the robot as now known.
 
-        taught = cp.learn("job.toml", "part1.csv", "my_robot", out="part2")
-        print(taught); taught.plot()
+        update = cp.learn("job.toml", "part1.csv", "my_robot", out="part2")
+        print(update); update.plot()
 
     Args:
         job: The job that the part was cut with, as `compplan.plan` takes it.
@@ -97,7 +97,7 @@ def learn(
         progress: Told what is being done; an exception raised in it ends the call.
 
     Returns:
-        What the part taught, with the plans before and after.
+        The model update, with the plans before and after.
 
     Raises:
         InputError: If a file is not what it has to be, or too few of the points are of the cut.

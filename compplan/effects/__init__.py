@@ -1,17 +1,17 @@
-"""Effects: what may be wrong with a robot, its instrument and its sensors, one file each.
+"""Effects: errors of a robot, its instrument and its sensors, one module each.
 
-Each file of an effect holds `name`, what it says in `words` ({at} is its place), where it `sits` if not at its joint,
-what its error `follows`, `of_instrument` where the tool itself goes right, and three verbs:
+A module holds `name`, its description `words` ({at} is the place), the place it `sits` at if no joint, the quantity
+that its error `follows`, `of_instrument` for errors of instrument, sensor or clock alone, and three functions:
 
-    signatures(at)          the places and forms in which a campaign could show the effect, to first order
-    apply(scene, effect)    the exact forward model
-    fold(robot, effect)     the robot with the effect in URDF and springs, or None where they cannot say it
+    signatures(at)          possible places and forms of the effect, to first order
+    apply(model, effect)    the exact forward model
+    fold(robot, effect)     the robot with the effect in URDF and springs, or None where they cannot express it
 
-To simulate any mixture of effects exactly (virtual cell, identification, diagnosis, prediction alike):
+To simulate any mixture of effects exactly:
 
-    scene    = build_model(robot, campaign)                  compplan.effects.forward_model
-    scene    = apply_effects(scene, robot_effects(robot))    effects of the folder's effects.toml, or your own
-    attained = solve_model_poses(scene)                           attained.position, .rotation, .link, .motor
+    model    = build_model(robot, campaign)                  compplan.effects.forward_model
+    model    = apply_effects(model, robot_effects(robot))    effects of the folder's effects.toml, or your own
+    attained = solve_model_poses(model)                           attained.position, .rotation, .link, .motor
 
 An effect is `Effect(name, joint, axis, parameters)`; parameters are SI, their keys end in the unit. For rows that are
 commands rather than measurements build a campaign with `command_campaign(q, wrench, time=..., on_path=True)`.
@@ -56,18 +56,18 @@ __all__ = [
 
 
 def is_of_instrument(name: str) -> bool:
-    """Tell whether the instrument, a sensor or a clock has an effect, so that the tool itself goes right."""
+    """Return whether an effect is one of instrument, sensor or clock."""
     return bool(getattr(EFFECTS[name], "of_instrument", False))
 
 
 def locate_effect(name: str, joint: str | None) -> str:
-    """Say where an effect sits: its joint, or a part of the cell that is no joint."""
+    """Return the place of an effect: its joint, or another part of the cell."""
     sits = getattr(EFFECTS[name], "sits", "robot")
     return str(joint or sits)
 
 
 def driver_of(name: str) -> str:
-    """Say what the error of an effect follows, such as the load."""
+    """Return the quantity that the error of an effect follows, such as the load."""
     return str(getattr(EFFECTS[name], "follows", "posture"))
 
 
@@ -76,17 +76,17 @@ def _in_order(effects: Iterable[Effect]) -> list[Effect]:
     return sorted(effects, key=lambda effect: order.index(effect.name))
 
 
-def apply_effects(scene: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
-    """Put effects into a scene, exactly, in the order of the vocabulary.
+def apply_effects(model: ForwardModel, effects: Iterable[Effect]) -> ForwardModel:
+    """Put effects into a model, exactly, in the order of the vocabulary.
 
     Args:
-        scene: The scene.
+        model: The model.
         effects: The effects; several of one name and place add up.
 
     """
     for effect in _in_order(effects):
-        scene = EFFECTS[effect.name].apply(scene, effect)
-    return scene
+        model = EFFECTS[effect.name].apply(model, effect)
+    return model
 
 
 def robot_effects(robot: Robot) -> tuple[Effect, ...]:
@@ -116,10 +116,10 @@ def robot_effects(robot: Robot) -> tuple[Effect, ...]:
 
 
 def fold_effects(robot: Robot, effects: Iterable[Effect]) -> Robot:
-    """Write effects into a robot: into URDF and springs where they can say it, into its effects otherwise.
+    """Write effects into a robot: into URDF and springs if possible, else into its effects.
 
     Args:
-        robot: The nominal robot; effects that it has already stay.
+        robot: The nominal robot; its own effects are kept.
         effects: The effects to add.
 
     """
@@ -137,13 +137,13 @@ def command_campaign(
     q: Array, wrench: Array | None = None, *, time: Array | None = None, on_path: bool = True,
     temperature: Array | None = None,
 ) -> Campaign:  # fmt: skip
-    """Make a campaign of rows that are commanded rather than measured.
+    """Build a campaign of commanded rows.
 
     Args:
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool, base axes; none if left out. Shape (n, 6). [N, N m]
         time: Seconds since the beginning; effects of motion need it. Shape (n,). [s]
-        on_path: Whether the rows are passed in motion or stood at.
+        on_path: Whether the rows are passed in motion.
         temperature: Temperature of the structure. Shape (n,). [C]
 
     """

@@ -1,4 +1,4 @@
-"""Where the loaded tool goes on a robot whose folder holds effects: one forward model for plans and cells."""
+"""Loaded pose of the tool on a robot with effects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TRANSIENT = ("backlash", "thermal_drift", "tracking_lag")
 def attain_with_effects(robot: Robot, q: Array, wrench: Array, step_time: Array) -> tuple[Array, Array]:
     """Predict the attained pose of a robot with the effects of its folder: position (n, 3) [m], orientation (n, 3, 3).
 
-    The rows are passed in order at the programmed feed; the state is the one after the last shift.
+    The rows are passed in order at the programmed feed, in the state after the last shift.
     """
     campaign = command_campaign(q, wrench, time=np.r_[0.0, np.cumsum(step_time)])
     effects = [effect for effect in robot_effects(robot) if not is_of_instrument(effect.name)]

@@ -13,18 +13,16 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "backlash"
-#: What it says; {at} is its place.
 words = "{at} has lost motion (backlash)"
-#: What its error follows.
 follows = "direction of approach"
 #: Assumed: full width of a worn gear's lost motion, rad or m.
 SCALE = {"revolute": 2e-4, "prismatic": 1e-4}
-#: Where nothing is known of what was before the first row, the joint came from below (assumed).
+#: Direction of approach of the first row, where unknown: from below (assumed).
 CAME_FROM_BELOW = -0.5
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every joint that was approached from both sides. Positive where the link lags behind its reading."""
+    """Return a signature for every joint approached from both sides; positive where the link lags."""
     free = ~at.campaign.link_controlled
     for index, joint in enumerate(at.robot.actuated):
         direction = at.campaign.approach[:, index] * free
@@ -41,22 +39,22 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield Signature(name, joint.name, None, "", (key,), scale, twist, encoder, positive=True)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the link lag behind its reading by half the width, on either side."""
-    index = scene.joint_index(effect.joint)
-    drive = scene.drive.copy()
+    index = model.joint_index(effect.joint)
+    drive = model.drive.copy()
     values = effect.parameters
     width = float(values["width_m"] if "width_m" in values else values["width_rad"])
     start = float(values.get("start_ratio", CAME_FROM_BELOW))
-    drive[:, index] += lost_motion(np.nan_to_num(scene.campaign.q[:, index]), width, start)
-    return replace(scene, drive=drive)
+    drive[:, index] += lost_motion(np.nan_to_num(model.campaign.q[:, index]), width, start)
+    return replace(model, drive=drive)
 
 
 def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
     """Return link minus reading of a joint with play. Shape (n,). [rad or m]
 
-    The link stays until the reading has crossed the play. What happened between two runs is unknown; the play is
-    carried over. A negative width (the link ahead of its reading) mirrors the positive one.
+    The link rests until the reading has crossed the play; the state is kept between runs. A negative width mirrors a
+    positive one.
 
     Args:
         reading: Readings in time order. Shape (n,). [rad or m]
@@ -73,5 +71,5 @@ def lost_motion(reading: Array, width: float, start: float = 0.0) -> Array:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it."""
+    """URDF and springs cannot express it."""
     return None

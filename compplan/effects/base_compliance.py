@@ -14,17 +14,15 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "base_compliance"
-#: What it says; {at} is its place.
 words = "the base tilts under load about {at}"
-#: Where it sits and what its error follows.
 sits, follows = "base", "load"
-#: A bolted base plate over what is usual for the robot's joints (assumed).
+#: Compliance of a bolted base plate over the usual one of the robot's joints (assumed).
 SHARE = 0.25
 KEY = "compliance_rad_per_Nm"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer a tilt about each base axis through the base origin."""
+    """Return a tilt about each base axis through the base origin."""
     for axis in ("rx", "ry", "rz"):
         load = at.joint_load("base", axis)
         if np.any(np.abs(load) > 1e-9):
@@ -32,14 +30,14 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, None, axis, "", (KEY,), np.array([SHARE * at.usual_compliance]), twist, positive=True)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the base tilt."""
-    folded = fold(scene.robot, effect)
+    folded = fold(model.robot, effect)
     if folded is not None:
-        return replace(scene, robot=folded)
-    tilt = scene.tilt.copy()
+        return replace(model, robot=folded)
+    tilt = model.tilt.copy()
     tilt["xyz".index(str(effect.axis)[1])] += float(effect.parameters[KEY])
-    return replace(scene, tilt=tilt)
+    return replace(model, tilt=tilt)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:

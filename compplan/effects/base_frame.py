@@ -14,11 +14,8 @@ from compplan.effects.tool_frame import KEYS, twist_values
 from compplan.robot import Array, Robot
 
 name = "base_frame"
-#: What it says; {at} is its place.
 words = "measurement frame and robot base are misaligned"
-#: Where it sits and what its error follows.
 sits, follows = "base", "posture"
-#: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 #: Assumed: an instrument set up over a few target points.
 SCALE = np.array([1e-3, 1e-3, 1e-3, 5e-4, 5e-4, 5e-4])
@@ -30,18 +27,18 @@ def base_twists(at: Linearization) -> Array:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer the whole frame, its origin alone, and its directions alone."""
+    """Return the whole frame, its origin alone, and its directions alone."""
     twist = base_twists(at)
     yield Signature(name, None, None, "frame", KEYS, SCALE, twist, columns=KEYS)
     yield Signature(name, None, None, "origin", KEYS[:3], SCALE[:3], twist[:, :, :3], columns=KEYS[:3])
     yield Signature(name, None, None, "directions", KEYS[3:], SCALE[3:], twist[:, :, 3:], columns=KEYS[3:])
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move everything in the measurement frame."""
-    return replace(scene, base_twist=scene.base_twist + twist_values(effect))
+    return replace(model, base_twist=model.base_twist + twist_values(effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """It is no property of the robot."""
+    """Not a property of the robot."""
     return None

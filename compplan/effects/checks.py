@@ -1,4 +1,4 @@
-"""What may stand in a table of effects.toml: the place and the parameters of each effect, with their bounds."""
+"""Rules of effects.toml: place, parameters and bounds of each effect."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from compplan.job.names import EFFECTS
 from compplan.robot import Array, Robot
 from compplan.robot.elasticity import SOFTEST
 
-#: Words of a rule that are no bounds of numbers: a row, a flag, a joint or joints of the robot, axes of a wrench.
+#: Kinds of parameters without numeric bounds: a row, a flag, a joint or joints of the robot, axes of a wrench.
 ROW, FLAG, JOINT, JOINTS, AXES = "row", "flag", "joint", "joints", ("base", "sensor")
 TURNS, SHIFTS = ("rx", "ry", "rz"), ("tx", "ty", "tz")
-#: Greatest compliance [rad/(N m), m/N], step [m, rad], angle [rad] and load [N, N m] that are taken for true.
+#: Greatest compliance [rad/(N m), m/N], step [m, rad], angle [rad] and load [N, N m].
 SOFT, STEP, ANGLE, LOAD = 1e-2, 10.0, 2.0 * math.pi, 1e6
 TWIST = {**{f"{axis}_m": STEP for axis in SHIFTS}, **{f"{axis}_rad": ANGLE for axis in TURNS}}
 WRENCH = {**{f"f{axis}_N": LOAD for axis in "xyz"}, **{f"m{axis}_Nm": LOAD for axis in "xyz"}}
@@ -27,12 +27,12 @@ WRENCH = {**{f"f{axis}_N": LOAD for axis in "xyz"}, **{f"m{axis}_Nm": LOAD for a
 
 @dataclass(frozen=True)
 class Rule:
-    """What one effect needs.
+    """Rule of one effect.
 
     Args:
-        keys: Its parameters: the greatest size of a number (or of the numbers of a list), or one of the words above.
+        keys: Its parameters: greatest absolute value, or one of the kinds above.
         joint: Whether it has a joint: "needed", "free" or "none".
-        axes: The axes that it may have; none if empty.
+        axes: Allowed axes.
         groups: Sets of keys of which one has to be complete.
 
     """
@@ -102,16 +102,16 @@ RULES: dict[str, Rule] = {
 }  # fmt: skip
 #: Parameters that have to be positive.
 POSITIVE = ("time_constant_s", "reference_load", "cycles_per_turn", "cycles_per_m")
-#: Beginnings of the parameters that are lists, by effect.
+#: Prefixes of the parameters that are lists, by effect.
 LISTED = {
     "transmission_error": "", "payload": "first_moment", "gravity_sag": "compliance", "thermal_drift": "segment",
 }  # fmt: skip
 
 
 def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
-    """Refuse a table of effects.toml whose place or parameters are not those of its effect.
+    """Refuse a table of effects.toml with a wrong place or parameters.
 
-    An effect of which neither `RULES` nor its own file (`rule`) says more is checked for finite numbers alone.
+    An effect without a rule in `RULES` or its module is checked for finite numbers alone.
 
     Args:
         table: The table; its effect and joint are known to exist.
@@ -150,10 +150,10 @@ def check_effect(table: Mapping[str, Any], robot: Robot, file: Path | None, wher
 
 
 def limit_sizes(robot: Robot, signature: Signature, sizes: Array) -> Array:
-    """Return sizes of an effect's parameters within what a robot folder may hold: the reader's limits.
+    """Limit parameters of an effect to the bounds of a robot folder.
 
     Args:
-        robot: The robot that the effect is added to; its springs take their part of a compliance.
+        robot: The robot that the effect is added to.
         signature: Place and form of the effect.
         sizes: The parameters. Shape (k,). [SI]
     """
@@ -226,7 +226,7 @@ def _check_size(value: Any, bound: float, key: str, effect: str, file: Path | No
 
 
 def _check_lengths(table: Mapping[str, Any], robot: Robot, file: Path | None, where: str) -> None:
-    """Refuse lists that do not fit each other, and numbers where lists are wanted."""
+    """Refuse lists of different lengths, and numbers in place of lists."""
     parameters = table["parameters"]
     together = {
         "payload": (("first_moment_kg_m",),), "gravity_sag": (("joints", "compliance_rad_per_Nm"),),

@@ -1,4 +1,4 @@
-"""Changes of a robot that URDF and springs can say: zeros, origins, compliances, masses."""
+"""Changes of URDF and springs: zeros, origins, compliances, masses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def find_joint(robot: Robot, joint: str | None) -> Joint:
 def shift_zero(robot: Robot, joint: str, offset: float) -> Robot:
     """Add a constant to a joint's position by turning (or moving) its origin about (or along) its own axis.
 
-    Joints that follow it follow the true position, so their origins turn by their share of it.
+    Mimic joints follow the true position, so their origins turn by their share.
     """
     for follower in robot.joints:
         if follower.mimic is not None and follower.mimic.joint == joint:
@@ -55,7 +55,7 @@ def shift_origin(robot: Robot, joint: str, step: Array) -> Robot:
 
 
 def add_own_compliance(robot: Robot, joint: str, change: float) -> Robot:
-    """Add to the compliance about a joint's own axis; a rigid joint gets a spring there. Never below zero."""
+    """Add to the compliance about a joint's own axis (at least 0); a rigid joint gets a spring."""
     index = robot.joint_names.index(joint)
     own = own_springs(robot)
     if index in own:
@@ -69,7 +69,7 @@ def add_own_compliance(robot: Robot, joint: str, change: float) -> Robot:
 
 
 def add_compliance(robot: Robot, joint: str, axis: str, change: float) -> Robot:
-    """Add to the compliance of a joint's child link about an axis of its frame; a rigid link gets a spring there."""
+    """Add to the compliance of a joint's child link about an axis of its frame; a rigid link gets a spring."""
     springs = list(robot.springs)
     for number, spring in enumerate(springs):
         if spring.joint == joint and spring.axis == axis and not np.any(spring.offset):
@@ -79,7 +79,7 @@ def add_compliance(robot: Robot, joint: str, axis: str, change: float) -> Robot:
 
 
 def add_payload(robot: Robot, payload: Array) -> Robot | None:
-    """Add a mass to the flange link; None where the URDF cannot say it.
+    """Add a mass to the flange link; None where the URDF cannot express it.
 
     Args:
         robot: The robot; it has to model gravity.
@@ -99,7 +99,7 @@ def add_payload(robot: Robot, payload: Array) -> Robot | None:
 
 
 def base_joint(robot: Robot) -> str | None:
-    """Return the fixed joint at the base frame's origin that can carry the springs of the base plate, or None."""
+    """Return the fixed joint at the base origin for springs of the base plate, or None."""
     first = robot.joints[0] if robot.joints else None
     if first is None or first.kind != "fixed" or not np.allclose(first.placement, np.eye(4), rtol=0, atol=1e-12):
         return None

@@ -1,11 +1,10 @@
-"""A scene: a robot at the rows of a campaign, with everything that effects have changed about it.
+"""Forward model: a robot at the rows of a campaign, changed by effects.
 
-Effects write into a scene one after the other; `solve_model_poses` then solves the loaded equilibrium exactly and
-tells what
-instrument and encoders should see. Between the reading q of a joint and its true position stand, in this order,
+`solve_model_poses` solves the loaded equilibrium exactly and returns what instrument and encoders should read. Between
+the reading q of a joint and its true position are, in this order,
 
     q_link = q + drive (between motor-side and link-side encoder: backlash, gear error, lag, springs of any law)
-    q_true = q_link + zero (what both encoders cannot see: an offset of the zero, a coupling that is left out)
+    q_true = q_link + zero (invisible to both encoders: an offset of the zero, an unmodelled coupling)
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from compplan.robot.mounting import find_hand, mounted_tool
 from compplan.statics.chain import Chain, Frames, build_chain, locate_gravity
 from compplan.statics.elastic import solve_equilibrium
 
-#: Elastic coordinates are settled to this; a nanometre at two metres.
+#: Tolerance of elastic coordinates: a nanometre at two metres. [rad or m]
 TOLERANCE = 1e-9
 LAW_PASSES = 3
 
-#: Deflection beyond the linear one as a function of the load on a joint's own spring. [N m -> rad, N -> m]
+#: Nonlinear part of the deflection as a function of the load on a joint's own spring. [N m -> rad, N -> m]
 Law = Callable[[Array], Array]
 
 
@@ -37,12 +36,12 @@ class ForwardModel:
     """A robot at n rows; nq joints.
 
     Attributes:
-        robot: The robot; effects that a URDF and springs can say are in it.
+        robot: The robot, with the effects that URDF and springs express.
         campaign: Joints, loads, order and times of the rows. Its measured positions are not used.
-        later: Whether the rows belong to a later campaign than the one that the effects were found in.
+        later: Whether the rows belong to a later campaign than that of the effects.
         zero: True minus link-side position of each joint. Shape (n, nq). [rad or m]
         drive: Link-side minus motor-side position of each joint, elastic part left out. Shape (n, nq). [rad or m]
-        wrench: Wrench that really acts at the TCP, base axes. Shape (n, 6). [N, N m]
+        wrench: True wrench at the TCP, base axes. Shape (n, 6). [N, N m]
         joint_load: Further load on each joint's own spring. Shape (n, nq). [N m or N]
         laws: Nonlinear deflections: joint index and law.
         growth: Relative growth of the placements before each joint, and from the last to the flange. Shape (n, nq + 1).
@@ -50,8 +49,8 @@ class ForwardModel:
             rad]
         tool_twist: Motion of the target on the tool, TCP axes. Shape (n, 6). [m, rad]
         payload: Mass and first moments about the flange that the model lacks, flange axes. Shape (4,). [kg, kg m]
-        tilt: Compliance of the base about the base axes where no joint can carry it. Shape (3,). [rad/(N m)]
-        encoder: What link-side encoders report beyond the truth. Shape (n, nq). [rad or m]
+        tilt: Compliance of the base about the base axes, without a joint to hold it. Shape (3,). [rad/(N m)]
+        encoder: Error of the link-side encoders. Shape (n, nq). [rad or m]
         registration: Frames fitted to the campaign, or None.
 
     """
@@ -78,11 +77,11 @@ class ForwardModel:
 
 
 class Attained(NamedTuple):
-    """What a scene comes to; n rows.
+    """Solution of a model at n rows.
 
     Attributes:
-        position: Target as the instrument should see it. Shape (n, 3). [m]
-        rotation: Orientation as the instrument should see it. Shape (n, 3, 3).
+        position: Measured position of the target. Shape (n, 3). [m]
+        rotation: Measured orientation. Shape (n, 3, 3).
         link: Link-side readings. Shape (n, nq). [rad or m]
         motor: Motor-side readings. Shape (n, nq). [rad or m]
         q: True joint positions, springs left out. Shape (n, nq). [rad or m]
@@ -109,13 +108,13 @@ class Attained(NamedTuple):
 def build_model(
     robot: Robot, campaign: Campaign, *, registration: Registration | None = None, later: bool = False
 ) -> ForwardModel:
-    """Put a robot at the rows of a campaign, with no effect yet.
+    """Build the model of a robot at the rows of a campaign, without effects.
 
     Args:
         robot: The robot.
         campaign: The rows.
-        registration: Frames fitted to the campaign; none if the instrument stands in the robot's base frame.
-        later: Whether the effects to come were found in an earlier campaign: shifts have then happened for every row.
+        registration: Frames fitted to the campaign; none if the instrument uses the robot's base frame.
+        later: Whether the effects are from an earlier campaign, so that shifts precede every row.
 
     """
     n, nq = len(campaign), robot.nq
@@ -142,45 +141,44 @@ def build_model(
     )
 
 
-def solve_model_poses(scene: ForwardModel, *, tolerance: float = TOLERANCE, theta: Array | None = None) -> Attained:
-    """Solve the loaded equilibrium of a scene and tell what instrument and encoders should see.
+def solve_model_poses(model: ForwardModel, *, tolerance: float = TOLERANCE, theta: Array | None = None) -> Attained:
+    """Solve the loaded equilibrium of a model and return what instrument and encoders should read.
 
     Args:
-        scene: The scene.
-        tolerance: Elastic coordinates are settled to this. [rad or m]
-        theta: Elastic coordinates to begin at, such as those of a scene nearby; zero if left out, or if this one has
-            other springs. Shape (n, s). [rad or m]
+        model: The model.
+        tolerance: Tolerance of the elastic coordinates. [rad or m]
+        theta: Initial elastic coordinates; zero if left out or of another number of springs. Shape (n, s). [rad or m]
 
     Raises:
         ConvergenceError: If the robot buckles under the load.
 
     """
-    robot = scene.robot
+    robot = model.robot
     springs = own_springs(robot)
-    motor_side = ~scene.campaign.link_controlled[:, None]
-    chain, q, drive, bias = compute_model_loads(scene, springs)
-    wrench, bent = scene.wrench, np.zeros((len(q), chain.n_springs))
+    motor_side = ~model.campaign.link_controlled[:, None]
+    chain, q, drive, bias = compute_model_loads(model, springs)
+    wrench, bent = model.wrench, np.zeros((len(q), chain.n_springs))
     theta = theta if theta is not None and theta.shape == bent.shape else None
-    for repeat in range(LAW_PASSES if scene.laws or scene.payload.any() else 1):
-        extra = bias + bent if bias is not None else bent if scene.laws else None
+    for repeat in range(LAW_PASSES if model.laws or model.payload.any() else 1):
+        extra = bias + bent if bias is not None else bent if model.laws else None
         loaded = solve_equilibrium(chain, q, wrench, tolerance=tolerance, torque_bias=extra, theta=theta)
         theta = loaded.theta
         if repeat == LAW_PASSES - 1:
             break
-        if scene.payload.any():
-            wrench = scene.wrench + payload_wrench(robot, loaded.frames, scene.payload)
-        bent = _bend(scene, springs, loaded.torque - bent)
-    # the load on a spring holds what its law bends it beyond the linear part
+        if model.payload.any():
+            wrench = model.wrench + payload_wrench(robot, loaded.frames, model.payload)
+        bent = _bend(model, springs, loaded.torque - bent)
+    # the load on a spring contains the nonlinear part of its law
     lift = np.where(
         motor_side,
         drive + own_deflection(springs, loaded.theta, robot.nq),
-        scene.drive + own_yield(springs, loaded.torque, robot.nq),
+        model.drive + own_yield(springs, loaded.torque, robot.nq),
     )
-    return _observe(scene, chain, loaded.frames, q, loaded.theta, wrench, lift)
+    return _observe(model, chain, loaded.frames, q, loaded.theta, wrench, lift)
 
 
 class Load(NamedTuple):
-    """What of a scene is solved: chain, joints as they stand without springs, lift of the drives, load on springs."""
+    """Inputs of the equilibrium: chain, joint positions without springs, lift of the drives, load on springs."""
 
     chain: Chain
     q: Array
@@ -188,42 +186,42 @@ class Load(NamedTuple):
     bias: Array | None
 
 
-def compute_model_loads(scene: ForwardModel, springs: dict[int, OwnSpring], chain: Chain | None = None) -> Load:
-    """Return what of a scene is solved, laws and payload left out; the robot's chain is built if left out."""
-    chain = model_chain(scene, chain)
-    drive = np.where(scene.campaign.link_controlled[:, None], 0.0, scene.drive)
-    return Load(chain, np.nan_to_num(scene.campaign.q) + drive + scene.zero, drive, _spring_load(scene, chain, springs))
+def compute_model_loads(model: ForwardModel, springs: dict[int, OwnSpring], chain: Chain | None = None) -> Load:
+    """Return the inputs of the equilibrium of a model, without laws and payload."""
+    chain = model_chain(model, chain)
+    drive = np.where(model.campaign.link_controlled[:, None], 0.0, model.drive)
+    return Load(chain, np.nan_to_num(model.campaign.q) + drive + model.zero, drive, _spring_load(model, chain, springs))
 
 
 def _observe(
-    scene: ForwardModel, chain: Chain, frames: Frames, q: Array, theta: Array, wrench: Array, lift: Array
+    model: ForwardModel, chain: Chain, frames: Frames, q: Array, theta: Array, wrench: Array, lift: Array
 ) -> Attained:
-    """Pass a loaded pose through tool, base and registration to the instrument, and through the encoders."""
-    position, rotation, target = see_target(scene, frames, wrench)
-    reading, linked = np.nan_to_num(scene.campaign.q), scene.campaign.link_controlled[:, None]
-    link = np.where(linked, reading, reading + lift + scene.encoder)
+    """Compute the readings of instrument and encoders at a loaded pose."""
+    position, rotation, target = see_target(model, frames, wrench)
+    reading, linked = np.nan_to_num(model.campaign.q), model.campaign.link_controlled[:, None]
+    link = np.where(linked, reading, reading + lift + model.encoder)
     motor = np.where(linked, reading - lift, reading)
     return Attained(position, rotation, link, motor, q, theta, wrench, chain, frames, target)
 
 
-def observe_again(scene: ForwardModel, attained: Attained) -> Attained:
-    """Observe what a scene has come to already through other frames of the campaign."""
-    position, rotation, target = see_target(scene, attained.frames, attained.wrench)
+def observe_again(model: ForwardModel, attained: Attained) -> Attained:
+    """Compute the readings of a solved model through other frames of the campaign."""
+    position, rotation, target = see_target(model, attained.frames, attained.wrench)
     return attained._replace(position=position, rotation=rotation, target=target)
 
 
-def see_target(scene: ForwardModel, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
-    """Return position and rotation of the target in the instrument's frame, and its position in the robot's."""
-    campaign, registration = scene.campaign, scene.registration
+def see_target(model: ForwardModel, frames: Frames, wrench: Array) -> tuple[Array, Array, Array]:
+    """Return pose of the target in the instrument's frame, and its position in the robot's."""
+    campaign, registration = model.campaign, model.registration
     position, rotation = frames.tcp_position, frames.tcp_rotation
-    position = position + np.einsum("nij,nj->ni", rotation, scene.tool_twist[:, :3])
-    rotation = rotation @ Rotation.from_rotvec(scene.tool_twist[:, 3:]).as_matrix()
+    position = position + np.einsum("nij,nj->ni", rotation, model.tool_twist[:, :3])
+    rotation = rotation @ Rotation.from_rotvec(model.tool_twist[:, 3:]).as_matrix()
     if registration is not None:
         tool = registration.tool[campaign.target_index]
         position = position + np.einsum("nij,nj->ni", rotation, tool[:, :3, 3])
         rotation = rotation @ tool[:, :3, :3]
     target = position
-    twist = scene.base_twist + _tilt(scene, frames, wrench)
+    twist = model.base_twist + _tilt(model, frames, wrench)
     turn = Rotation.from_rotvec(twist[:, 3:]).as_matrix()
     position = np.einsum("nij,nj->ni", turn, position) + twist[:, :3]
     rotation = turn @ rotation
@@ -233,19 +231,19 @@ def see_target(scene: ForwardModel, frames: Frames, wrench: Array) -> tuple[Arra
     return position, rotation, target
 
 
-def model_chain(scene: ForwardModel, chain: Chain | None = None) -> Chain:
-    """Build the chain of a scene: links grown row by row, actuator springs locked where link-side readings control."""
-    chain = chain or build_chain(scene.robot)
-    if scene.growth.any():
+def model_chain(model: ForwardModel, chain: Chain | None = None) -> Chain:
+    """Build the chain of a model: links grown row by row, actuator springs locked where link-side readings control."""
+    chain = chain or build_chain(model.robot)
+    if model.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
-        factor = 1.0 + scene.growth
+        factor = 1.0 + model.growth
         chain = replace(
             chain,
             position=chain.position * factor[:, segment, None],
-            tcp_position=chain.tcp_position + scene.growth[:, -1, None] * find_hand(scene.robot),
+            tcp_position=chain.tcp_position + model.growth[:, -1, None] * find_hand(model.robot),
         )
-    if scene.campaign.link_controlled.any() and chain.actuator.any():
-        locked = scene.campaign.link_controlled[:, None] & chain.actuator
+    if model.campaign.link_controlled.any() and chain.actuator.any():
+        locked = model.campaign.link_controlled[:, None] & chain.actuator
         keep = ~(locked[:, :, None] | locked[:, None, :])
         chain = replace(chain, compliance=chain.compliance * keep)
     return chain
@@ -265,7 +263,7 @@ class OwnSpring(NamedTuple):
 def own_springs(robot: Robot) -> dict[int, OwnSpring]:
     """Find the spring about each joint's own axis: `axis = "own"`, or a spring axis that is parallel to the joint's.
 
-    Springs that are shifted away from the joint are not its own. Returns one spring per commanded joint that has one.
+    Springs with an offset from the joint are excluded.
     """
     found: dict[int, OwnSpring] = {}
     joints = {joint.name: joint for joint in robot.joints}
@@ -314,7 +312,7 @@ def link_coordinates(robot: Robot) -> list[int]:
 
 
 def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Array:
-    """Return the deflection of every joint that its encoders see. Shape (n, nq). [rad or m]."""
+    """Return the deflection of every joint between its encoders. Shape (n, nq). [rad or m]."""
     result = np.zeros((len(theta), nq))
     for index, spring in springs.items():
         if spring.actuator:
@@ -323,7 +321,7 @@ def own_deflection(springs: dict[int, OwnSpring], theta: Array, nq: int) -> Arra
 
 
 def own_yield(springs: dict[int, OwnSpring], torque: Array, nq: int) -> Array:
-    """Return what the same springs yield under a load where link-side readings hold them. Shape (n, nq). [rad or m]."""
+    """Return the deflection of the same springs where link-side readings control them. Shape (n, nq). [rad or m]."""
     result = np.zeros((len(torque), nq))
     for index, spring in springs.items():
         if spring.actuator:
@@ -332,7 +330,7 @@ def own_yield(springs: dict[int, OwnSpring], torque: Array, nq: int) -> Array:
 
 
 def payload_wrench(robot: Robot, frames: Frames, payload: Array) -> Array:
-    """Return the weight of a mass that hangs on the flange, as a wrench at the TCP, base axes. Shape (n, 6). [N, N m].
+    """Return the weight of a mass on the flange, as a wrench at the TCP, base axes. Shape (n, 6). [N, N m].
 
     Args:
         robot: The robot; its flange and gravity.
@@ -357,17 +355,17 @@ def base_moment(frames: Frames, chain: Chain, wrench: Array) -> Array:
     return np.asarray(moment)
 
 
-def _tilt(scene: ForwardModel, frames: Frames, wrench: Array) -> Array:
+def _tilt(model: ForwardModel, frames: Frames, wrench: Array) -> Array:
     twist = np.zeros((len(wrench), 6))
-    if scene.tilt.any():
-        twist[:, 3:] = scene.tilt * base_moment(frames, build_chain(scene.robot), wrench)
+    if model.tilt.any():
+        twist[:, 3:] = model.tilt * base_moment(frames, build_chain(model.robot), wrench)
     return twist
 
 
-def _bend(scene: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> Array:
-    """Return the loads that bend springs as far as their laws bend them beyond the linear part. Shape (n, s)."""
+def _bend(model: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> Array:
+    """Return the loads equivalent to the nonlinear part of the spring laws. Shape (n, s)."""
     bent = np.zeros_like(torque)
-    for index, law in scene.laws:
+    for index, law in model.laws:
         if index in springs and springs[index].compliance > 0:
             spring = springs[index]
             k = spring.coordinate
@@ -375,10 +373,10 @@ def _bend(scene: ForwardModel, springs: dict[int, OwnSpring], torque: Array) -> 
     return bent
 
 
-def _spring_load(scene: ForwardModel, chain: Chain, springs: dict[int, OwnSpring]) -> Array | None:
-    if not scene.joint_load.any():
+def _spring_load(model: ForwardModel, chain: Chain, springs: dict[int, OwnSpring]) -> Array | None:
+    if not model.joint_load.any():
         return None
-    bias = np.zeros((len(scene.campaign), chain.n_springs))
+    bias = np.zeros((len(model.campaign), chain.n_springs))
     for index, spring in springs.items():
-        bias[:, spring.coordinate] = spring.sign * scene.joint_load[:, index]
+        bias[:, spring.coordinate] = spring.sign * model.joint_load[:, index]
     return bias

@@ -15,22 +15,19 @@ from compplan.effects.tool_frame import KEYS, twist_values
 from compplan.robot import Array, Robot
 
 name = "frame_shift"
-#: What it says; {at} is its place.
 words = "base or measuring instrument moved during the campaign"
-#: Where it sits and what its error follows.
 sits, follows = "instrument or base", "temperature and time"
-#: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer a shift at the beginning of every run but the first; `shift_at` offers other rows."""
+    """Return a shift at the beginning of every run but the first; see `shift_at` for other rows."""
     for row in np.flatnonzero(np.diff(at.campaign.run_index) > 0) + 1:
         yield from shift_at(at, int(row))
 
 
 def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
-    """Offer a shift just before a row: of the whole frame, or of its origin alone."""
+    """Return a shift before a row: of the whole frame, or of its origin alone."""
     twist = base_twists(at) * since(at.scene, row)[:, None, None]
     columns = tuple(f"{key} {row}" for key in KEYS)
     yield Signature(
@@ -50,18 +47,18 @@ def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]
     )
 
 
-def since(scene: ForwardModel, row: int) -> Array:
+def since(model: ForwardModel, row: int) -> Array:
     """Return 1 from a row on and 0 before; 1 everywhere in a later campaign. Shape (n,)."""
-    rows = np.arange(len(scene.campaign))
-    return np.ones(len(rows)) if scene.later else (rows >= row).astype(float)
+    rows = np.arange(len(model.campaign))
+    return np.ones(len(rows)) if model.later else (rows >= row).astype(float)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move everything in the measurement frame from the row on."""
-    step = since(scene, int(effect.parameters["row"]))[:, None] * twist_values(effect)
-    return replace(scene, base_twist=scene.base_twist + step)
+    step = since(model, int(effect.parameters["row"]))[:, None] * twist_values(effect)
+    return replace(model, base_twist=model.base_twist + step)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """It is no property of the robot."""
+    """Not a property of the robot."""
     return None

@@ -13,17 +13,15 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "gravity_compensator"
-#: What it says; {at} is its place.
 words = "a balancing spring or cylinder loads {at}"
-#: What its error follows.
 follows = "gravity"
 #: Assumed: a balancer of a heavy robot.
 SCALE = 1000.0
-#: Second harmonics of a balancer are smaller than its first: assumed half.
+#: Second harmonics of a balancer over its first (assumed).
 HIGHER = 0.5
-#: A balancer carries weight: it is offered at joints that the weights load by this share of the most loaded one.
+#: Least load by weights of a joint with a balancer, over that of the most loaded joint.
 WORTH_BALANCING = 0.2
-#: Least mass of the links of an arm that has a balancer (assumed: collaborative and bench robots have none). [kg]
+#: Least mass of the links of an arm with a balancer (assumed). [kg]
 LEAST_MASS = 60.0
 FORMS = {
     "sine": ("sine_Nm", "cosine_Nm"),
@@ -34,7 +32,7 @@ FORMS = {
 
 
 def shapes(angle: Array) -> dict[str, Array]:
-    """Return the shapes over the joint's angle that the load is made of."""
+    """Return the shapes of the load over the joint's angle."""
     return {
         "sine_Nm": np.sin(angle),
         "cosine_Nm": np.cos(angle),
@@ -45,7 +43,7 @@ def shapes(angle: Array) -> dict[str, Array]:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every revolute joint of a heavy arm with a spring of its own that there is weight to balance at."""
+    """Return every sprung revolute joint of a heavy arm that weights load."""
     if sum(body.mass for body in at.robot.bodies) < LEAST_MASS:
         return
     weight = np.abs(at.own_weight_load).max(axis=0, initial=0.0)
@@ -66,15 +64,15 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, joint.name, None, form, keys, scale, twist, encoder, columns=keys)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Load the joint's spring."""
-    index = scene.joint_index(effect.joint)
-    parts = shapes(np.nan_to_num(scene.campaign.q[:, index]))
-    load = scene.joint_load.copy()
+    index = model.joint_index(effect.joint)
+    parts = shapes(np.nan_to_num(model.campaign.q[:, index]))
+    load = model.joint_load.copy()
     load[:, index] += sum(float(value) * parts[key] for key, value in effect.parameters.items() if key in parts)
-    return replace(scene, joint_load=load)
+    return replace(model, joint_load=load)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it."""
+    """URDF and springs cannot express it."""
     return None

@@ -17,15 +17,13 @@ from compplan.robot.model import STANDARD_GRAVITY
 from compplan.statics.chain import gravity_torque
 
 name = "gravity_sag"
-#: What it says; {at} is its place.
 words = "link weights bend the arm and the model leaves them out"
-#: Where it sits and what its error follows.
 sits, follows = "links", "gravity"
 SHARE, JOINTS = "gravity_m_s2", "joints"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer gravity where the model has none; on a rigid robot without varying load, joints that bend under weight."""
+    """Return gravity where the model has none; on a rigid robot without varying load, compliances too."""
     if not at.robot.bodies:
         return
     found = at.current.get((name, None, None), {})
@@ -54,15 +52,15 @@ def _bending_joints(at: Linearization) -> Iterable[Signature]:
     keys = tuple(f"compliance_rad_per_Nm#{column}" for column in range(len(joints)))
     # assumed: small robots bend more, so that a load of 1 N m turns a joint by ten times the scale of a medium robot
     scale = np.array([10 * RIGID_SCALE[at.robot.actuated[k].kind] for k in joints])
-    # by joint, not by number: which joints weights load changes with the robot that is linearized
+    # by joint: which joints the weights load changes with the linearized robot
     columns = tuple(f"compliance of {joint}" for joint in names)
     fixed = {JOINTS: names}
     yield Signature(name, None, None, JOINTS, keys, scale, twist, encoder, fixed, positive=True, columns=columns)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the weights load the springs."""
-    return replace(scene, robot=fold(scene.robot, effect))
+    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -13,19 +13,16 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "joint_coupling"
-#: What it says; {at} is its place.
 words = "the reading of {at} contains another joint's motion, or counts against the model"
-#: What its error follows.
 follows = "posture"
 #: Assumed: a gear that drags its neighbour by a thousandth.
 SCALE = 1e-3
-#: Joints that a drive can pass on its way, so that they turn it (theory: hollow wrists and parallelogram arms couple an
-#: axis with the next two).
+#: Greatest distance of coupled joints: hollow wrists and parallelogram arms couple an axis with the next two (theory).
 REACH = 2
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer neighbours of the same kind: the true position contains a share of another joint's reading."""
+    """Return couplings of neighbours of the same kind."""
     q = np.nan_to_num(at.campaign.q)
     for index, joint in enumerate(at.robot.actuated):
         for other, source in enumerate(at.robot.actuated):
@@ -39,19 +36,19 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             )
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
-    """Add the other joint's share; or count the joint backwards; or move its zero far."""
-    index, values = scene.joint_index(effect.joint), effect.parameters
-    q = np.nan_to_num(scene.campaign.q)
-    zero = scene.zero.copy()
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
+    """Add the other joint's share, reverse the joint, or shift its zero far."""
+    index, values = model.joint_index(effect.joint), effect.parameters
+    q = np.nan_to_num(model.campaign.q)
+    zero = model.zero.copy()
     if "other" in values:
-        zero[:, index] += float(values["ratio"]) * q[:, scene.joint_index(values["other"])]
+        zero[:, index] += float(values["ratio"]) * q[:, model.joint_index(values["other"])]
     if values.get("reversed", False):
         zero[:, index] -= 2.0 * q[:, index]
     zero[:, index] += float(values.get("zero_rad", values.get("zero_m", 0.0)))
-    return replace(scene, zero=zero)
+    return replace(model, zero=zero)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it; mimic joints could, but the controller's counting is no property of the arm."""
+    """URDF and springs cannot express it; the controller's counting is no property of the arm."""
     return None

@@ -14,24 +14,22 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "joint_offset"
-#: What it says; {at} is its place.
 words = "the zero of {at} is off"
-#: What its error follows.
 follows = "posture"
 #: Assumed: a zero found with a dial gauge.
 SCALE = 1e-3
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every joint."""
+    """Return every joint."""
     for index, joint in enumerate(at.robot.actuated):
         key = "offset_m" if joint.kind == "prismatic" else "offset_rad"
         yield Signature(name, joint.name, None, "", (key,), np.array([SCALE]), at.motion[:, :, index, None])
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Shift the zero."""
-    return replace(scene, robot=fold(scene.robot, effect))
+    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

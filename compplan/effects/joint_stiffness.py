@@ -14,12 +14,9 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "joint_stiffness"
-#: What it says; {at} is its place.
 words = "the compliance of {at} differs from the model"
-#: What its error follows.
 follows = "load"
-#: Assumed: half of the modelled compliance; of a joint that the model holds rigid, what is usual for the robot, or that
-#: of a medium robot where the joint slides.
+#: Assumed: half of the modelled compliance; of a rigid joint the usual one of the robot (slide: medium robot).
 RELATIVE_SCALE = 0.5
 #: A joint keeps at least a tenth of its modelled compliance (assumed).
 LEAST_SHARE = 0.9
@@ -32,7 +29,7 @@ def compliance_key(kind: str) -> str:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every joint whose spring is loaded; joints without a spring only where the external load varies."""
+    """Return every joint with a loaded spring; joints without a spring only where the external load varies."""
     weighed = at.current.get(("gravity_sag", None, None), {})
     sag = dict(zip(weighed.get("joints", ()), weighed.get("compliance_rad_per_Nm", ()), strict=True))
     motor_side = ~at.campaign.link_controlled[:, None]
@@ -54,9 +51,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         yield Signature(name, joint.name, None, "", keys, np.array([scale]), twist, encoder, least=least)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Change the compliance about the joint's own axis."""
-    return replace(scene, robot=fold(scene.robot, effect))
+    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

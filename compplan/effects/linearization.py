@@ -1,7 +1,7 @@
-"""A scene and how it yields: Jacobians and loads at every place where an effect may sit.
+"""Linearization of a model: Jacobians and loads at every possible place of an effect.
 
-Effects compose their signatures from these few arrays. Springs of zero compliance at every joint and axis give the
-axes, origins and loads; all of it is taken in the loaded state.
+Effects build their signatures from these arrays. Springs of zero compliance at every joint and axis give axes, origins
+and loads, in the loaded state.
 """
 
 from __future__ import annotations
@@ -27,25 +27,22 @@ from compplan.statics.chain import Chain, Frames, build_chain, load_elements, lo
 
 Place = tuple[str, str | None, str | None]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
-#: How far the softest place of an arm without stated springs gives way under the loads of a campaign, its own weight
-#: among them (assumed: some millimetres, from desktop arms to palletisers). [m]
+#: Deflection of the softest place of an arm without springs under loads and own weight of a campaign (assumed). [m]
 GIVES = 5e-3
-#: Compliance where no load tells anything (assumed: joints and bearings of a large arm). [rad/(N m)]
+#: Compliance without any load (assumed: joints and bearings of a large arm). [rad/(N m)]
 LARGE_ARM = 4e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """A scene, what it comes to, and its first derivatives; n rows.
+    """A model, its solution and its first derivatives; n rows.
 
     Attributes:
-        scene: The scene.
-        attained: What it comes to.
+        scene: The model.
+        attained: Its solution.
         point: Target in the base frame. Shape (n, 3). [m]
-        motion: Motion of the target per motion of each commanded joint, joints that follow it included. Shape (n, 6,
-            nq).
-        spring_motion: The same per deflection of the joint's own spring, which no other joint follows. Shape (n, 6,
-            nq).
+        motion: Motion of the target per motion of each commanded joint with its mimic joints. Shape (n, 6, nq).
+        spring_motion: The same per deflection of the joint's own spring. Shape (n, 6, nq).
         elements: Number in `axis`, `origin` and `load` of joint j's axis a: `elements[joint, "rx"]`; of the base:
             "base".
         axis: Axes, base axes. Shape (n, e, 3).
@@ -69,12 +66,12 @@ class Linearization:
 
     @property
     def robot(self) -> Robot:
-        """The robot of the scene."""
+        """The robot of the model."""
         return self.scene.robot
 
     @property
     def campaign(self) -> Campaign:
-        """The rows of the scene."""
+        """The rows of the model."""
         return self.scene.campaign
 
     def twist(self, joint: str, axis: str) -> Array:
@@ -88,7 +85,7 @@ class Linearization:
     def parent_twist(self, joint: str, axis: str) -> Array:
         """Return the motion of the target per unit motion of a joint's origin, axes of its parent link.
 
-        The origin is where the joint stands at zero: a slide that has travelled turns about where it came from.
+        The origin is that of the joint at zero.
         Shape (n, 6).
         """
         k, number = self.elements[self.before[joint], axis], self.robot.joint_names.index(joint)
@@ -121,10 +118,10 @@ class Linearization:
 
     @cached_property
     def usual_compliance(self) -> float:
-        """Compliance that is nothing special about any axis of this robot: what unknown compliances are compared with.
+        """Typical rotary compliance of the robot, the scale of unknown compliances.
 
-        The median of its own rotary springs; of a robot without, that at which the place that the loads of the campaign
-        move most gives way by `GIVES`. Desktop arms are a thousand times as soft as palletisers. [rad/(N m)]
+        The median of its rotary springs; without springs, the compliance that lets the most loaded place deflect by
+        `GIVES`. [rad/(N m)]
         """
         own = [s.compliance for i, s in self.own.items() if not self.robot.prismatic[i] and s.compliance > 0.0]
         if own:
@@ -132,7 +129,7 @@ class Linearization:
         turns = [k for (_, axis), k in self.elements.items() if axis[0] == "r"]
         arm = np.cross(self.axis[:, turns], self.point[:, None] - self.origin[:, turns])
         moved = np.sqrt(np.mean(np.sum(arm**2, axis=2) * self.load[:, turns] ** 2, axis=0)).max(initial=0.0)
-        # one digit is enough, and stays the same while a fit goes on; softer than a radian a newton metre: no load
+        # one digit stays the same during a fit; softer than 1 rad/(N m): no load
         return float(f"{GIVES / moved:.0e}") if moved > GIVES else LARGE_ARM
 
     @cached_property
@@ -171,25 +168,25 @@ class Linearization:
 
 
 def linearize_model(
-    scene: ForwardModel, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
+    model: ForwardModel, attained: Attained, current: Mapping[Place, Mapping[str, Any]] | None = None
 ) -> Linearization:
-    """Take Jacobians and loads of a scene.
+    """Compute Jacobians and loads of a model.
 
     Args:
-        scene: The scene.
-        attained: What it comes to.
-        current: Parameters of the effects in it, by name, joint and axis.
+        model: The model.
+        attained: Its solution.
+        current: Parameters of its effects, by name, joint and axis.
     """
-    robot = scene.robot
+    robot = model.robot
     probed = replace(robot, springs=(*robot.springs, *_probes(robot)))
     chain = build_chain(probed)
     coordinates = spring_coordinates(probed)
     theta = np.zeros((len(attained.q), chain.n_springs))
     for old, new in _shared_coordinates(robot):
         theta[:, new] = attained.theta[:, old]
-    if scene.growth.any():
+    if model.growth.any():
         segment = np.searchsorted(chain.joint_elements, np.arange(len(chain.names)))
-        chain = replace(chain, position=chain.position * (1.0 + scene.growth)[:, segment, None])
+        chain = replace(chain, position=chain.position * (1.0 + model.growth)[:, segment, None])
     frames = locate_frames(chain, attained.q, theta)
     load = load_elements(chain, frames, attained.wrench)
     elements, picked = {}, []
@@ -212,7 +209,7 @@ def linearize_model(
         axis=-1,
     )
     return Linearization(
-        scene=scene,
+        scene=model,
         attained=attained,
         point=attained.target,
         motion=_with_mimics(attained, motion),
@@ -237,7 +234,7 @@ def coordinate_twists(attained: Attained, point: Array) -> Array:
     """Return the motion of points per motion of each elastic coordinate, in the loaded state. Shape (n, 6, s).
 
     Args:
-        attained: What a scene comes to.
+        attained: Solution of a model.
         point: A point of the tool in each row, base frame. Shape (n, 3). [m]
     """
     chain, frames = attained.chain, attained.frames
@@ -249,7 +246,7 @@ def coordinate_twists(attained: Attained, point: Array) -> Array:
 
 
 def _with_mimics(attained: Attained, motion: Array) -> Array:
-    """Add the motion of joints that follow others."""
+    """Add the motion of mimic joints."""
     chain, frames = attained.chain, attained.frames
     if (chain.q_index >= 0).sum() == chain.nq:
         return motion
@@ -265,7 +262,7 @@ def _probes(robot: Robot) -> list[Spring]:
 
 
 def _shared_coordinates(robot: Robot) -> list[tuple[int, int]]:
-    """Pair the elastic coordinates of a robot with those of the robot that carries probes."""
+    """Match the elastic coordinates of a robot with those of the robot with probe springs."""
     pairs, old, new = [], 0, 0
     for joint in robot.joints:
         for count, following in (

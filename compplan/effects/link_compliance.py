@@ -14,18 +14,16 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Robot
 
 name = "link_compliance"
-#: What it says; {at} is its place.
 words = "the link behind {at} bends where the model holds it rigid"
-#: What its error follows.
 follows = "load"
-#: Links and bearings over what is usual for the robot's joints: about an axis as soft as they are, along an axis as if
-#: bent about a place half a metre away (assumed). [-, m^2]
+#: Compliance of links and bearings over the usual one of the joints: about an axis, and along an axis at a lever of
+#: half a metre (assumed). [-, m^2]
 SHARE = {"r": 1.0, "t": 0.25}
 KEYS = {"r": "compliance_rad_per_Nm", "t": "compliance_m_per_N"}
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every axis of every moving link but the joint's own axis, where it is loaded."""
+    """Return every loaded axis of every moving link but the joint's own axis."""
     for joint in at.robot.actuated:
         for axis in AXES:
             if own_sign(joint.axis, axis, joint.kind == "prismatic"):
@@ -38,9 +36,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
             yield Signature(name, joint.name, axis, "", (KEYS[axis[0]],), scale, twist, positive=True)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the link bend."""
-    return replace(scene, robot=fold(scene.robot, effect))
+    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -14,9 +14,7 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Joint, Robot
 
 name = "link_geometry"
-#: What it says; {at} is its place.
 words = "a length or direction at {at} differs"
-#: What its error follows.
 follows = "posture"
 #: Assumed: lengths to half a millimetre, directions to half a milliradian.
 SCALE = {"t": 5e-4, "r": 5e-4}
@@ -24,7 +22,7 @@ UNIT = {"t": "m", "r": "rad"}
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer each axis of each moving joint's origin, and all of a joint together.
+    """Return each axis of each moving joint's origin, and all of a joint together.
 
     Axes are those of the parent link, as in the URDF. A turn about the joint's own axis is an offset of its zero.
     """
@@ -43,15 +41,15 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def _own(joint: Joint, axis: str) -> bool:
-    """Tell whether a parent axis is (nearly) the joint's own, about or along which it moves."""
+    """Return whether a parent axis is (nearly) the joint's own."""
     if (joint.kind == "prismatic") != (axis[0] == "t"):
         return False
     return abs(float((joint.placement[:3, :3] @ joint.axis)["xyz".index(axis[1])])) > 0.9
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the joint's origin."""
-    return replace(scene, robot=fold(scene.robot, effect))
+    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

@@ -14,9 +14,7 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "payload"
-#: What it says; {at} is its place.
 words = "the mass of tool or payload, or its centre, differs"
-#: Where it sits and what its error follows.
 sits, follows = "tool", "gravity"
 KEYS = ("mass_kg", "first_moment_kg_m#0", "first_moment_kg_m#1", "first_moment_kg_m#2")
 #: Assumed: a tenth of a heavy robot's payload, a quarter of a metre off.
@@ -24,18 +22,18 @@ SCALE = np.array([20.0, 5.0, 5.0, 5.0])
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer a further mass on the flange, alone or with its centre, where springs can feel it."""
+    """Return a further mass on the flange, alone or with its centre, where it loads springs."""
     if not at.attained.chain.n_springs:
         return
     wrench = np.stack([payload_wrench(at.robot, at.attained.frames, unit) for unit in np.eye(4)], axis=-1)
     twist, encoder = at.wrench_response(wrench)
     unbound = -np.inf
-    least = (-float(carried_payload(at.robot)[0]), unbound, unbound, unbound)  # no tool weighs less than nothing
+    least = (-float(carried_payload(at.robot)[0]), unbound, unbound, unbound)  # the total mass is not negative
     yield Signature(name, None, None, "", KEYS, SCALE, twist, encoder, least=least)
 
 
 def carried_payload(robot: Robot) -> Array:
-    """Return what the model hangs on the flange: mass, first moments about it in its axes. Shape (4,). [kg, kg m]"""
+    """Return mass and first moments of the modelled load on the flange. Shape (4,). [kg, kg m]"""
     placed = {robot.flange: np.eye(4)}
     for joint in robot.joints:
         if joint.parent in placed:
@@ -52,12 +50,12 @@ def payload_values(effect: Effect) -> Array:
     return np.array([effect.parameters["mass_kg"], *effect.parameters["first_moment_kg_m"]], float)
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
-    """Hang the mass on the flange."""
-    folded = fold(scene.robot, effect)
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
+    """Add the mass to the flange."""
+    folded = fold(model.robot, effect)
     if folded is not None:
-        return replace(scene, robot=folded)
-    return replace(scene, payload=scene.payload + payload_values(effect))
+        return replace(model, robot=folded)
+    return replace(model, payload=model.payload + payload_values(effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:

@@ -1,4 +1,4 @@
-"""Signatures that are asked for by name: geometry, or any effect at a place."""
+"""Signatures selected by name: geometry, or any effect at a place."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from compplan.effects.signature import Signature
 from compplan.errors import InputError, UnknownNameError
 
 GEOMETRY = ("none", "offsets", "all")
-#: Effects that are springs of a robot, which have names of their own.
+#: Effects that are springs, selected by the names of the springs.
 SPRINGS = ("joint_stiffness", "link_compliance")
 
 
 def geometry_forms(at: Linearization, geometry: str) -> list[Signature]:
-    """List the signatures of joint zeros ("offsets"), and of where every joint but the first begins ("all").
+    """List the signatures of joint zeros ("offsets"), and of the origins of every joint but the first ("all").
 
     Raises:
         UnknownNameError: If there is no such choice.
@@ -30,13 +30,13 @@ def geometry_forms(at: Linearization, geometry: str) -> list[Signature]:
 
 
 def effect_forms(at: Linearization, wanted: Sequence[str]) -> list[Signature]:
-    """List the signatures of effects that are asked for: "backlash", "backlash@joint_2", "joint_coupling@joint_5:FORM".
+    """List the signatures of selected effects: "backlash", "backlash@joint_2", "joint_coupling@joint_5:FORM".
 
-    Of several forms at one place, which exclude each other, the first is taken where none is named.
+    Without a form the first one at a place is taken.
 
     Raises:
-        UnknownNameError: If there is no such effect, or none there that this log could show.
-        InputError: If it is a spring, which is asked for by its name.
+        UnknownNameError: If the effect is unknown, or the log cannot show it there.
+        InputError: If it is a spring, which is selected by its name.
     """
     found: list[Signature] = []
     for text in wanted:
@@ -45,7 +45,7 @@ def effect_forms(at: Linearization, wanted: Sequence[str]) -> list[Signature]:
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
         if name in SPRINGS:
-            raise InputError(f"effect {name!r} is a spring, ask for it by its name (--springs, --add joint_3.rx)")
+            raise InputError(f"effect {name!r} is a spring, give its name (--springs, --add joint_3.rx)")
         offered = {(s.joint, s.axis, s.form): s for s in reversed(list(EFFECTS[name].signatures(at)))}
         matching = [s for s in offered.values() if joint in ("", s.joint) and form in ("", s.form)][::-1]
         if not matching:

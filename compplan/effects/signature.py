@@ -1,4 +1,4 @@
-"""The nouns of the effects: an effect with its parameters, and the signature that it leaves to first order."""
+"""Effects with their parameters, and their signatures to first order."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from compplan.robot import Array, Robot
 
 @dataclass(frozen=True)
 class Effect:
-    """One thing that is wrong with a robot or an instrument, with its size.
+    """An error of a robot or an instrument, with its parameters.
 
     Attributes:
         name: Name in the vocabulary.
-        joint: Joint it sits at, or None.
-        axis: Axis it acts about or along, or None.
+        joint: Joint, or None.
+        axis: Axis, or None.
         parameters: Numbers by key; the key ends in the unit (SI).
 
     """
@@ -32,11 +32,11 @@ class Effect:
 
     @property
     def place(self) -> tuple[str, str | None, str | None]:
-        """Name, joint and axis, which say which effect it is."""
+        """Name, joint and axis."""
         return self.name, self.joint, self.axis
 
     def to_table(self) -> dict[str, Any]:
-        """Return the table that effects.toml holds."""
+        """Return the table of effects.toml."""
         table: dict[str, Any] = {"effect": self.name}
         if self.joint is not None:
             table["joint"] = self.joint
@@ -47,24 +47,22 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What an effect at one place, in one form, adds to the measurement per unit of its parameters, to first order.
+    """Change of the measurement per unit of the parameters of an effect at one place, to first order.
 
     Attributes:
         name: Name of the effect.
         joint: Its joint, or None.
         axis: Its axis, or None.
-        form: Which of the effect's forms; several forms of one effect at one place exclude each other.
+        form: Form of the effect; forms at one place exclude each other.
         keys: Key of each parameter. A key "name#3" is item 3 of the list "name". Length k.
-        scale: Size that a parameter has where the effect is plain to see: the standard deviation of its prior. Shape
-            (k,).
+        scale: Standard deviation of the prior of each parameter. Shape (k,).
         twist: Motion of the target, base axes, per unit of each parameter. Shape (n, 6, k). [m, rad]
         encoder: Change of the link-side readings; None for none. Shape (n, nq, k). [rad or m]
-        fixed: Settings that the form holds fixed, such as a row or a period.
+        fixed: Fixed settings of the form, such as a row or a period.
         positive: Whether no parameter can be negative.
-        least: Least value that each parameter can have; empty for no bound. Length k.
-        tried: Number of alternatives (rows, periods) that this form was picked from.
-        columns: Names of the parameters' columns. Signatures of one effect whose columns have the same name share them;
-            empty for columns of its own.
+        least: Lower bound of each parameter; empty for none. Length k.
+        tried: Number of alternatives (rows, periods) compared for this form.
+        columns: Names of the parameters' columns, which signatures of one effect may share; empty for own columns.
         between: Change of the known distances between contacts; None for none. Shape (d, 1, k). [m]
     """
 
@@ -90,7 +88,7 @@ class Signature:
 
     @property
     def event(self) -> tuple[str, str | None, str | None, int | None]:
-        """Its place, and the row of what happens at one: a target may move several times."""
+        """Its place and, for events, its row."""
         return *self.place, self.fixed.get("row")
 
     @property
@@ -100,7 +98,7 @@ class Signature:
         return tuple(f"{self.name} {self.joint} {column}" for column in own)
 
     def without_motion(self) -> Signature:
-        """Return what it is, without what it adds to each row: that takes most of its memory."""
+        """Return it without `twist` and `encoder`, which take most of the memory."""
         return replace(self, twist=np.zeros((0, *self.twist.shape[1:])), encoder=None, between=None)
 
     def effect(self, values: Array) -> Effect:
@@ -109,21 +107,21 @@ class Signature:
 
 
 class EffectModel(Protocol):
-    """What one file of this package offers: one effect of the vocabulary."""
+    """Interface of the module of an effect."""
 
     name: str
     words: str
 
     def signatures(self, at: Linearization) -> Iterable[Signature]:
-        """List the places and forms in which the campaign could show the effect, with their signatures."""
+        """List the signatures of the possible places and forms in a campaign."""
         ...
 
-    def apply(self, scene: ForwardModel, effect: Effect) -> ForwardModel:
-        """Put the effect into a scene, exactly."""
+    def apply(self, model: ForwardModel, effect: Effect) -> ForwardModel:
+        """Put the effect into a model, exactly."""
         ...
 
     def fold(self, robot: Robot, effect: Effect) -> Robot | None:
-        """Write the effect into URDF and springs; None where they cannot say it (it then stands in effects.toml)."""
+        """Write the effect into URDF and springs; None where they cannot express it (effects.toml then holds it)."""
         ...
 
 

@@ -13,19 +13,17 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "stiffness_nonlinearity"
-#: What it says; {at} is its place.
 words = "the deflection of {at} is not proportional to its torque"
-#: What its error follows.
 follows = "load"
 #: Assumed: the deflection at a large load changes by a third.
 SCALE = 0.3
-#: Soft zones that are tried, as shares of a large load.
+#: Widths of soft zones, as shares of a large load.
 ZONES = (0.05, 0.12, 0.25, 0.5)
 LINEAR, QUADRATIC, CUBIC, SOFT, BENT = (
     "linear_ratio", "quadratic_ratio", "cubic_ratio", "soft_zone_ratio", "saturating_ratio",
 )  # fmt: skip
-#: Least ratios: more load never bends a joint less. From the slopes 1, 2, 3, 1 and 9/8 of the shapes where they are
-#: steepest, a tenth of the modelled compliance kept (assumed).
+#: Lower bounds that keep the deflection monotonic, from the steepest slopes 1, 2, 3, 1 and 9/8 of the shapes, with a
+#: tenth of the modelled compliance kept (assumed).
 LEAST = {LINEAR: -0.9, QUADRATIC: -0.45, CUBIC: -0.3, SOFT: -0.9, BENT: -0.8}
 FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("quadratic", (QUADRATIC,)),
@@ -36,7 +34,7 @@ FORMS: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 
 def shapes(load: Array, reference: float, zone: float) -> dict[str, Array]:
-    """Return the shapes that the deflection is made of, in units of load; all are odd.
+    """Return the odd shapes of the deflection, in units of load.
 
     linear t, quadratic t |t|/t_ref, cubic t^3/t_ref^2, soft zone clip(t, -z, z), saturating t u/(1 + u) with u =
     (t/z)^2.
@@ -52,11 +50,11 @@ def shapes(load: Array, reference: float, zone: float) -> dict[str, Array]:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every joint with a spring of its own, in several shapes, with and without a change of the linear part."""
+    """Return every sprung joint in several shapes, with and without a change of the linear part."""
     motor_side = ~at.campaign.link_controlled
     for index, spring in at.own.items():
         load = at.own_load[:, index]
-        # two digits are enough, and stay the same while a fit goes on
+        # two digits stay the same during a fit
         reference = float(f"{np.percentile(np.abs(load), 98):.1e}")
         if spring.compliance <= 0 or reference <= 1e-6:
             continue
@@ -83,11 +81,11 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def linear_in_disguise(keys: Iterable[str]) -> bool:
-    """Tell whether a form contains a straight line, or tends to one where its zone is small."""
+    """Return whether a form contains a straight line, or tends to one for a small zone."""
     return LINEAR in keys or BENT in keys
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the deflection beyond the linear one."""
     values = effect.parameters
     ratios = {key: float(values[key]) for key in (LINEAR, QUADRATIC, CUBIC, SOFT, BENT) if key in values}
@@ -97,10 +95,10 @@ def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
         parts = shapes(load, reference, zone)
         return np.asarray(compliance * sum((ratio * parts[key] for key, ratio in ratios.items()), np.zeros_like(load)))
 
-    laws: tuple[tuple[int, Law], ...] = (*scene.laws, (scene.joint_index(effect.joint), law))
-    return replace(scene, laws=laws)
+    laws: tuple[tuple[int, Law], ...] = (*model.laws, (model.joint_index(effect.joint), law))
+    return replace(model, laws=laws)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it."""
+    """URDF and springs cannot express it."""
     return None

@@ -16,18 +16,16 @@ from compplan.robot import Array, Robot
 from compplan.robot.mounting import mounted_tool
 
 name = "thermal_drift"
-#: What it says; {at} is its place.
 words = "the links grow as the robot warms up"
-#: Where it sits and what its error follows.
 sits, follows = "links", "temperature and time"
-#: Assumed: the expansion of steel and aluminium; where no temperature is known, the same over ten kelvin.
+#: Assumed: expansion of steel and aluminium; without temperature, over ten kelvin.
 SCALE_PER_K, SCALE = 1.5e-5, 1.5e-4
 TIME_CONSTANTS = (900.0, 1300.0, 1800.0, 2300.0, 3000.0, 3900.0, 5000.0, 7000.0, 10000.0)
 LINK_BY_LINK = (900.0, 3000.0, 10000.0)
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer a growth of all links alike, and link by link, with the temperature or, without one, with time."""
+    """Return a growth of all links alike, and link by link, with temperature or, without one, with time."""
     arms = segments(at)
     for label, warming, fixed, key, scale in _warmings(at.campaign):
         if float(np.ptp(warming)) * scale < 1e-6:
@@ -57,7 +55,7 @@ def segments(at: Linearization) -> Array:
 
 
 def _warmings(campaign: Campaign) -> list[tuple[str, Array, dict[str, Any], str, float]]:
-    """Return the courses of the warm-up that the log allows: label, course, settings, key, scale."""
+    """Return the possible courses of the warm-up: label, course, settings, key, scale."""
     if campaign.warming is not None:
         fixed = {"reference_temperature_C": campaign.reference_temperature}
         return [("", campaign.warming, fixed, "growth_per_K", SCALE_PER_K)]
@@ -76,21 +74,21 @@ def warm_up(campaign: Campaign, time_constant: float) -> Array:
     return np.asarray(1.0 - np.exp(-np.maximum(np.nan_to_num(campaign.time), 0.0) / time_constant))
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Let the placements grow."""
-    values, campaign = effect.parameters, scene.campaign
+    values, campaign = effect.parameters, model.campaign
     if "time_constant_s" in values:
         course, key = warm_up(campaign, float(values["time_constant_s"])), "growth_ratio"
     elif campaign.temperature is None:
-        return scene
+        return model
     else:
         course, key = _since_reference(campaign, float(values["reference_temperature_C"])), "growth_per_K"
-    sizes = np.zeros(scene.growth.shape[1])
+    sizes = np.zeros(model.growth.shape[1])
     if key in values:
         sizes = sizes + float(values[key])
     if f"segment_{key}" in values:
         sizes = sizes + np.array(values[f"segment_{key}"], float)
-    return replace(scene, growth=scene.growth + course[:, None] * sizes)
+    return replace(model, growth=model.growth + course[:, None] * sizes)
 
 
 def _since_reference(campaign: Campaign, reference: float) -> Array:
@@ -101,5 +99,5 @@ def _since_reference(campaign: Campaign, reference: float) -> Array:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it."""
+    """URDF and springs cannot express it."""
     return None

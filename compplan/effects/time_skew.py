@@ -14,18 +14,15 @@ from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 
 name = "time_skew"
-#: What it says; {at} is its place.
 words = "joint readings and positions were not taken at the same instant"
-#: Where it sits and what its error follows.
 sits, follows = "clock", "speed"
-#: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
-#: Assumed: a few milliseconds between clocks; readings stale by a part in ten thousand of the move.
+#: Assumed: a few milliseconds between clocks; readings late by 1e-4 of the move.
 SKEW_SCALE, STALE_SCALE = 0.01, 2e-4
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer a skew on paths, encoder clocks that differ, and readings logged before the arm stood still."""
+    """Return a skew on paths, different encoder clocks, and readings before the arm settled."""
     campaign = at.campaign
     if np.abs(campaign.speed).max(initial=0.0) > 1e-6:
         twist = -np.einsum("nij,nj->ni", at.motion, campaign.speed)[:, :, None]
@@ -45,7 +42,7 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 def static_move(campaign: Campaign) -> Array:
     """Return the last move of each joint at settled poses, zero on paths. Shape (n, nq). [rad or m].
 
-    Only joints that took part in the move to this stay count: a joint that rested has nothing left to settle.
+    Zero for joints that rested during the last move.
     """
     stay = campaign.stay
     start = np.r_[True, np.diff(stay) > 0]
@@ -55,17 +52,17 @@ def static_move(campaign: Campaign) -> Array:
     return np.asarray(np.where(campaign.on_path[:, None], 0.0, moves[source]))
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
-    """Take the joints where they stood when the position was taken."""
-    campaign, values = scene.campaign, effect.parameters
-    zero, encoder = scene.zero.copy(), scene.encoder
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
+    """Use the joints at the time of the position measurement."""
+    campaign, values = model.campaign, effect.parameters
+    zero, encoder = model.zero.copy(), model.encoder
     if "skew_s" in values:
         zero += _earlier(campaign, float(values["skew_s"]))
     if "stale_ratio" in values:
         zero += float(values["stale_ratio"]) * static_move(campaign)
     if "encoder_skew_s" in values:
         encoder = encoder + float(values["encoder_skew_s"]) * campaign.speed
-    return replace(scene, zero=zero, encoder=encoder)
+    return replace(model, zero=zero, encoder=encoder)
 
 
 def _earlier(campaign: Campaign, skew: float) -> Array:
@@ -88,5 +85,5 @@ def _earlier(campaign: Campaign, skew: float) -> Array:
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """It is no property of the robot."""
+    """Not a property of the robot."""
     return None

@@ -15,11 +15,9 @@ from compplan.robot import Array, Robot
 from compplan.robot.pose import apply_twist
 
 name = "tool_frame"
-#: What it says; {at} is its place.
 words = "the tool centre point differs"
-#: Where it sits and what its error follows.
 sits, follows = "tool", "posture"
-#: Assumed: a TCP taught by touching a tip.
+#: Assumed: a TCP measured by touching a tip.
 SCALE = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 KEYS = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -36,7 +34,7 @@ def tool_twists(at: Linearization) -> Array:
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer an offset of the TCP, and one with a turn where orientation or an offset target shows it."""
+    """Return an offset of the TCP, and one with a rotation where orientation or an offset target shows it."""
     twist = tool_twists(at)
     yield Signature(name, None, None, "offset", KEYS[:3], SCALE[:3], twist[:, :, :3], columns=KEYS[:3])
     if at.campaign.rotation is not None or np.abs(twist[:, :3, 3:]).max(initial=0.0) > 1e-6:
@@ -48,9 +46,9 @@ def twist_values(effect: Effect) -> Array:
     return np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the TCP frame."""
-    return replace(scene, robot=fold(scene.robot, effect))
+    return replace(model, robot=fold(model.robot, effect))
 
 
 def fold(robot: Robot, effect: Effect) -> Robot:

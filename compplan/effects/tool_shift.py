@@ -15,20 +15,18 @@ from compplan.effects.tool_frame import KEYS, SCALE, tool_twists, twist_values
 from compplan.robot import Robot
 
 name = "tool_shift"
-#: What it says; {at} is its place.
 words = "tool or target moved on the flange during the campaign"
-#: Where it sits and what its error follows.
 sits, follows = "tool", "temperature and time"
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer a shift at the beginning of every run but the first; `shift_at` offers other rows."""
+    """Return a shift at the beginning of every run but the first; see `shift_at` for other rows."""
     for row in np.flatnonzero(np.diff(at.campaign.run_index) > 0) + 1:
         yield from shift_at(at, int(row))
 
 
 def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]:
-    """Offer a shift just before a row: an offset, or one with a turn where orientation or an offset target shows it."""
+    """Return a shift before a row: an offset, or one with a rotation where the data show it."""
     twist = tool_twists(at) * since(at.scene, row)[:, None, None]
     columns = tuple(f"{key} {row}" for key in KEYS)
     yield Signature(
@@ -49,12 +47,12 @@ def shift_at(at: Linearization, row: int, tried: int = 1) -> Iterable[Signature]
         )
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Move the target on the tool from the row on."""
-    step = since(scene, int(effect.parameters["row"]))[:, None] * twist_values(effect)
-    return replace(scene, tool_twist=scene.tool_twist + step)
+    step = since(model, int(effect.parameters["row"]))[:, None] * twist_values(effect)
+    return replace(model, tool_twist=model.tool_twist + step)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """It stays in effects.toml, with the row."""
+    """effects.toml holds it, with the row."""
     return None

@@ -14,16 +14,14 @@ from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 
 name = "tracking_lag"
-#: What it says; {at} is its place.
 words = "{at} lags behind the command in motion"
-#: Where it sits if not at its joint and what its error follows.
 sits, follows = "drives", "speed"
 #: Assumed: one or two interpolation cycles.
 SCALE = 0.01
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer every joint that moves on a path, and all of them together."""
+    """Return every joint that moves on a path, and all of them together."""
     speed = at.campaign.speed * ~at.campaign.link_controlled[:, None]
     moving = [k for k in range(at.robot.nq) if np.abs(speed[:, k]).max(initial=0.0) > 1e-6]
     if not moving:
@@ -37,9 +35,9 @@ def signatures(at: Linearization) -> Iterable[Signature]:
 
 
 def lagged_speed(campaign: Campaign, lag: float) -> Array:
-    """Return how far a first-order lag leaves each joint behind, per second of lag: the speed, smoothed by the lag.
+    """Return the lag distance of each joint per second of lag: the speed, smoothed by the lag.
 
-    Steady motion at the first row of each path run is taken for granted. Shape (n, nq). [rad/s or m/s]
+    Motion is steady at the first row of each path run. Shape (n, nq). [rad/s or m/s]
     """
     result = np.zeros_like(campaign.q)
     if campaign.time is None or lag == 0.0:
@@ -59,16 +57,16 @@ def lagged_speed(campaign: Campaign, lag: float) -> Array:
     return result
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
-    """Let the joint, or all joints, stand behind the command by lag times speed."""
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
+    """Delay the joint, or all joints, by lag times speed."""
     lag = float(effect.parameters["lag_s"])
-    behind = -lag * lagged_speed(scene.campaign, lag)
-    drive = scene.drive.copy()
-    joints = slice(None) if effect.joint is None else scene.joint_index(effect.joint)
+    behind = -lag * lagged_speed(model.campaign, lag)
+    drive = model.drive.copy()
+    joints = slice(None) if effect.joint is None else model.joint_index(effect.joint)
     drive[:, joints] += behind[:, joints]
-    return replace(scene, drive=drive)
+    return replace(model, drive=drive)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it."""
+    """URDF and springs cannot express it."""
     return None

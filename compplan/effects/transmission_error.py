@@ -1,8 +1,8 @@
 """transmission_error: an error periodic in a joint's angle, or a bump at one angle.
 
 Two models: waves of given cycles per turn, and a cubic B-spline over the visited angles, which is zero beyond them.
-Lawful are a wave and a wave with overtones, which repeat. Several waves of different periods, bumps and splines carry
-any error that follows the joint's angle, whatever makes it.
+A gear error is a wave or a wave with overtones. Several waves of different periods, bumps and splines fit any error
+that follows the joint's angle.
 """
 
 from __future__ import annotations
@@ -19,27 +19,24 @@ from compplan.effects.signature import Effect, Signature
 from compplan.robot import Array, Robot
 
 name = "transmission_error"
-#: What it says; {at} is its place.
 words = "{at} has an error periodic in its angle"
-#: What its error follows.
 follows = "joint angle"
 #: Assumed: a tenth of a milliradian at the link.
 SCALE = {"revolute": 1e-4, "prismatic": 1e-4}
 HARMONICS = 4
-#: Sizes of the overtones of a wave that is no sine, over the wave's own (assumed: teeth and rollers err once a pitch,
-#: and seldom as a pure sine), and the periods that every joint is offered with them, in cycles per turn (assumed).
+#: Amplitudes of overtones over the fundamental (assumed), and the periods of waves with overtones that every joint
+#: has, in cycles per turn (assumed).
 OVERTONES = (1.0, 0.5, 1.0 / 3.0)
 SERIES = (1.0, 2.0)
 SPLINE_SPACING = np.deg2rad(10.0)
-#: Most and fewest pieces of a spline; between them as many as there are ten poses each for (the usual rule of
-#: regression).
+#: Greatest and least number of pieces of a spline; between them one per ten poses.
 MAX_SPLINES, FEWEST_SPLINES, POSES_A_VALUE = 30, 5, 10
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer the first harmonics of every joint: each, the first two, all of them, and two with overtones.
+    """Return the first harmonics of every joint: each, the first two, all of them, and two with overtones.
 
-    `waves_at` and `series_at` offer others.
+    See `waves_at` and `series_at` for others.
     """
     for index, joint in enumerate(at.robot.actuated):
         spread = float(np.ptp(at.campaign.q[:, index]))
@@ -61,7 +58,7 @@ def waves(angle: Array, cycles: Sequence[float], slides: bool) -> Array:
 
 
 def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int = 1) -> Signature:
-    """Offer waves of given cycles per turn (per metre of a sliding joint), picked from `tried` alternatives."""
+    """Return waves of given cycles per turn (per metre of a slide), chosen from `tried` alternatives."""
     joint = at.robot.actuated[index]
     slides = joint.kind == "prismatic"
     unit = "m" if slides else "rad"
@@ -75,12 +72,12 @@ def waves_at(at: Linearization, index: int, cycles: Sequence[float], tried: int 
 
 
 def periods_seen(cycles: float | Array, spread: float, slides: bool) -> Array:
-    """Return how many periods of a wave a visited range holds: that a curve of any shape repeats has to be seen."""
+    """Return the number of periods of a wave in the visited range."""
     return np.asarray(cycles) * spread * (1.0 if slides else 0.5 / np.pi)
 
 
 def series_at(at: Linearization, index: int, cycle: float, tried: int = 1) -> Signature:
-    """Offer a wave of any shape, as its first three harmonics, the higher the smaller, picked from `tried` periods."""
+    """Return a wave with its first three harmonics, chosen from `tried` periods."""
     plain = waves_at(at, index, [cycle * (k + 1) for k in range(len(OVERTONES))], tried)
     columns = tuple(f"series {cycle:.6g} {k} {part}" for k in range(len(OVERTONES)) for part in ("sine", "cosine"))
     scale = plain.scale * np.repeat(OVERTONES, 2)
@@ -93,7 +90,7 @@ def bump(angle: Array, centre: float | Array, width: float) -> Array:
 
 
 def bump_at(at: Linearization, index: int, centre: float, width: float, tried: int = 1) -> Signature:
-    """Offer an error around one angle of a joint, as a damaged tooth makes, picked from `tried` alternatives."""
+    """Return an error around one angle of a joint, as of a damaged tooth, chosen from `tried` alternatives."""
     unit = "m" if at.robot.actuated[index].kind == "prismatic" else "rad"
     shape = bump(np.nan_to_num(at.campaign.q[:, index]), centre, width)[:, None]
     fixed = {f"centre_{unit}": [centre], f"width_{unit}": [width]}
@@ -102,7 +99,7 @@ def bump_at(at: Linearization, index: int, centre: float, width: float, tried: i
 
 
 def spline_knots(low: float, high: float, spacing: float = SPLINE_SPACING, most: int = MAX_SPLINES) -> Array:
-    """Place the knots of a cubic spline that ends at zero at both ends of the visited range."""
+    """Return the knots of a cubic spline that is zero at both ends of the visited range."""
     count = int(np.clip(np.ceil((high - low) / spacing), FEWEST_SPLINES, max(most, FEWEST_SPLINES)))
     return np.linspace(low, high, count + 1)
 
@@ -114,7 +111,7 @@ def spline_basis(angle: Array, knots: Array) -> Array:
 
 
 def spline_at(at: Linearization, index: int) -> Signature:
-    """Offer a spline over the visited angles of a joint, mean and slope left to offset and geometry."""
+    """Return a spline over the visited angles of a joint without mean and slope."""
     joint = at.robot.actuated[index]
     angle = np.nan_to_num(at.campaign.q[:, index])
     most = min(len(np.unique(at.campaign.stay)) // POSES_A_VALUE, MAX_SPLINES)
@@ -155,14 +152,14 @@ def error_at(effect: Effect, angle: Array) -> Array:
     return total
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
     """Add the error between motor and link."""
-    index = scene.joint_index(effect.joint)
-    drive = scene.drive.copy()
-    drive[:, index] += error_at(effect, np.nan_to_num(scene.campaign.q[:, index]))
-    return replace(scene, drive=drive)
+    index = model.joint_index(effect.joint)
+    drive = model.drive.copy()
+    drive[:, index] += error_at(effect, np.nan_to_num(model.campaign.q[:, index]))
+    return replace(model, drive=drive)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """URDF and springs cannot say it."""
+    """URDF and springs cannot express it."""
     return None

@@ -14,14 +14,10 @@ from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
 name = "wrench_bias"
-#: What it says; {at} is its place.
 words = "the force sensor reads with a constant offset"
-#: Where it sits and what its error follows.
 sits, follows = "force sensor", "load"
-#: It is no part of where the tool goes: the instrument, a sensor or a clock has it.
 of_instrument = True
-#: Rows that read exactly zero come from no sensor with an offset, nor from any sensor with noise; so many are no chance
-#: (assumed).
+#: Number of rows with a wrench of exactly zero that excludes an offset of the sensor (assumed).
 ZERO_ROWS = 3
 KEYS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Assumed: a tool whose weight was not tared.
@@ -29,7 +25,7 @@ SCALE = np.array([50.0, 50.0, 50.0, 10.0, 10.0, 10.0])
 
 
 def signatures(at: Linearization) -> Iterable[Signature]:
-    """Offer an offset of force and moment, or of the force alone, in base axes and in those of the TCP."""
+    """Return an offset of force and moment, or of the force alone, in base and in TCP axes."""
     tared = (at.campaign.wrench[at.campaign.usable] == 0.0).all(axis=1)
     if not at.campaign.load_varies or not at.attained.chain.n_springs or tared.sum() >= ZERO_ROWS:
         return
@@ -56,20 +52,20 @@ def signatures(at: Linearization) -> Iterable[Signature]:
         )
 
 
-def apply(scene: ForwardModel, effect: Effect) -> ForwardModel:
-    """Take the offset off what the sensor reports."""
+def apply(model: ForwardModel, effect: Effect) -> ForwardModel:
+    """Subtract the offset from the sensor readings."""
     bias = np.array([float(effect.parameters.get(key, 0.0)) for key in KEYS])
-    return replace(scene, wrench=scene.wrench - _in_base_axes(scene, bias, str(effect.parameters["axes"])))
+    return replace(model, wrench=model.wrench - _in_base_axes(model, bias, str(effect.parameters["axes"])))
 
 
-def _in_base_axes(scene: ForwardModel, bias: Array, axes: str) -> Array:
+def _in_base_axes(model: ForwardModel, bias: Array, axes: str) -> Array:
     if axes == "base":
-        return np.broadcast_to(bias, scene.wrench.shape)
-    q = np.nan_to_num(scene.campaign.q) + scene.zero + scene.drive
-    R = locate_frames(build_chain(scene.robot), q).tcp_rotation
+        return np.broadcast_to(bias, model.wrench.shape)
+    q = np.nan_to_num(model.campaign.q) + model.zero + model.drive
+    R = locate_frames(build_chain(model.robot), q).tcp_rotation
     return np.concatenate([R @ bias[:3], R @ bias[3:]], axis=1)
 
 
 def fold(robot: Robot, effect: Effect) -> Robot | None:
-    """It is no property of the robot."""
+    """Not a property of the robot."""
     return None

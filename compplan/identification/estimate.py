@@ -197,4 +197,4 @@ def _check_enough(system: System, free: NDArray[np.bool_], held: tuple[Inseparab
     if len(free) and not free.any():
         raise InputError(f"nothing can be identified: {'; '.join(item.sentence for item in held[:3])}")
     if system.known.sum() <= free.sum():
-        raise InputError(f"{system.known.sum()} measured numbers for {free.sum()} parameters, expected more; add poses")
+        raise InputError(f"{system.known.sum()} measured values for {free.sum()} parameters, expected more; add poses")

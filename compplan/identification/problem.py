@@ -195,7 +195,7 @@ def screen_outliers(problem: IdentifyProblem) -> tuple[IdentifyProblem, tuple[in
     if apart.mean() > MOST_OUTLIERS:
         said = f"{apart.mean():.0%} of the rows lie apart from every model tried, too many for gross outliers"
         wide = replace(problem, rows=replace(rows, loss="huber"))
-        return wide, (), [f"{said}: all stay, under Huber's loss"]
+        return wide, (), [f"{said}: all are kept, with Huber's loss"]
     kept = replace(rows, row=rows.row[~apart], loss="least_squares")
     return replace(problem, rows=kept), tuple(rows.row[apart].tolist()), []
 

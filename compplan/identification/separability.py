@@ -116,7 +116,7 @@ def _why_together(log: Campaign, state: RowState, parameters: Sequence[Parameter
     if "effect" in kinds:
         return "they move the measured point in proportion in these rows; add poses, loads and ways to approach"
     if kinds & rigid:
-        return "these loads make bending look like an error of frame or geometry; load each pose in several ways"
+        return "with these loads bending resembles an error of frame or geometry; load each pose in several ways"
     if _loads_are_vertical(log.wrench):
         return "all loads are vertical, and then they act in proportion; add loads to the side and moments"
     if state.structure.chain.gravity.any() and not np.abs(log.wrench).max(initial=0.0) > 0:

@@ -1,4 +1,4 @@
-"""Columns whose names carry units: which units there are, which columns a table may have, and which a header names."""
+"""Units in column names, and the columns of a table."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ UNITS: dict[str, tuple[str, float]] = {
 
 @dataclass(frozen=True)
 class FileColumn:
-    """State one column that a table may have.
+    """One column that a table may have.
 
     Args:
         name: Name without unit. A trailing or inner `#` stands for a number from 1: `q#` is q1, q2, ...
         dimension: "length", "angle", "force", "moment", "time", "speed", "temperature", "power", "number" (no unit) or
-            "text"; several where the unit decides (joints: angle or length).
-        required: A table without it is refused.
+            "text"; several where the unit decides.
+        required: Whether a table without it is refused.
         missing: Whether a field may be empty, which reads as NaN.
-        group: Columns of one group stand together: all of them or none.
+        group: Columns of one group occur all or not at all.
         key: Key in the table that is read; default: the name. Columns of the same name need different keys
             (sigma_mm and sigma_deg).
 
@@ -66,11 +66,11 @@ class FileColumn:
         return (self.dimension,) if isinstance(self.dimension, str) else self.dimension
 
     def header(self) -> str:
-        """Return how the column is called in a file, in its first unit, for messages."""
+        """Return the title of the column in its first unit."""
         return " or ".join(self.headers()[:2])
 
     def headers(self) -> list[str]:
-        """Return every way in which the column may be called in a file; millimetres and degrees first."""
+        """Return every title of the column; millimetres and degrees first."""
         if set(self.dimensions) & {"number", "text"}:
             return [self.name]
         first = ("mm", "deg", "mm_s")
@@ -89,7 +89,7 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 def to_unit(values: NDArray[np.float64], header: str) -> NDArray[np.float64]:
-    """Return SI values in the unit that a column name carries, such as millimetres for "x_mm"."""
+    """Convert SI values to the unit of a column name, such as mm for "x_mm"."""
     _, unit = split_unit(header)
     return np.asarray(values, dtype=np.float64) / (UNITS[unit][1] if unit else 1.0)
 
@@ -97,7 +97,7 @@ def to_unit(values: NDArray[np.float64], header: str) -> NDArray[np.float64]:
 def match_columns(
     path: Path, line: int, header: list[str], columns: Sequence[FileColumn], unknown: str
 ) -> tuple[dict[str, tuple[int, FileColumn, str]], list[str]]:
-    """Match the header of a file with the columns that it may have.
+    """Match the header of a file with known columns.
 
     Args:
         path: The file, for messages.
@@ -107,7 +107,7 @@ def match_columns(
         unknown: "refuse" columns that are not in `columns`, or "note" them.
 
     Returns:
-        Key -> (index in the file, column, unit), and notes on columns read past.
+        Key -> (index in the file, column, unit), and notes on ignored columns.
 
     Raises:
         InputError: If a column is unknown, occurs twice, has no or a wrong unit, or is missing, alone or of a group.
@@ -127,7 +127,7 @@ def match_columns(
         if key in matched:
             other = header[matched[key][0]]
             twice = f"column '{title}' occurs twice"
-            message = twice if other == title else f"columns '{other}' and '{title}' say the same"
+            message = twice if other == title else f"columns '{other}' and '{title}' hold the same quantity"
             raise InputError(f"{message}; keep one of them", file=path, where=line)
         matched[key] = (index, column, unit)
     _check_groups(path, line, header, columns, [column for _, column, _ in matched.values()])
@@ -135,7 +135,7 @@ def match_columns(
 
 
 def _find_column(title: str, columns: Sequence[FileColumn]) -> tuple[FileColumn, str, str] | None:
-    """Return the column that a title names, with its unit and key."""
+    """Return the column of a title, with its unit and key."""
     name, unit = split_unit(title)
     for column in columns:
         plain = bool(set(column.dimensions) & {"number", "text"})
@@ -153,7 +153,7 @@ def _name_pattern(name: str) -> re.Pattern[str]:
 
 
 def _explain_unknown(title: str, columns: Sequence[FileColumn]) -> str:
-    """Return why a title is no column: no unit, another unit, or no such name."""
+    """Return why a title matches no column."""
     name, unit = split_unit(title)
     for column in columns:
         if _name_pattern(column.name).fullmatch(name) or _name_pattern(column.name).fullmatch(title):
@@ -176,5 +176,5 @@ def _check_groups(
             raise InputError(f"missing column {name}; the columns are {header}", file=path, where=line)
         if column.group in groups:
             mates = [other.headers()[0] for other in columns if other.group == column.group]
-            message = f"missing column {column.header()}; {', '.join(mates)} stand together or not at all"
+            message = f"missing column {column.header()}; {', '.join(mates)}: give all or none"
             raise InputError(message, file=path, where=line)

@@ -1,7 +1,7 @@
-"""Results as a person meets them: a few lines in a terminal, a table with a picture in a notebook, a plot, a DataFrame.
+"""Base class of results: text for a terminal, HTML for a notebook, a plot and a DataFrame.
 
-A result says its figures once (`summary`), its table once (`columns`) and its picture once (`curves`); text, HTML, plot
-and DataFrame follow. matplotlib is loaded for a plot alone, pandas for a DataFrame alone.
+A result defines `summary`, `columns` and `curves`; text, HTML, plot and DataFrame are made from them. matplotlib is
+imported for a plot alone, pandas for a DataFrame alone.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-#: Most lines and most letters of a line of a result in a terminal.
+#: Greatest number of lines, and of characters a line, of a printed result.
 MOST_LINES, MOST_LETTERS = 15, 130
-#: Colour and dash of a line by what it shows.
+#: Colour and dash of a line by its role.
 ROLES = {
     "before": (BEFORE, "solid"), "after": (AFTER, "solid"), "band": (BAND, "solid"), "limit": (LIMIT, "dash"),
     "tolerance": (TOLERANCE, "dash"), "neutral": (NEUTRAL, "solid"), "seen": (AFTER, "dot"),
 }  # fmt: skip
 MATPLOTLIB_DASHES = {"solid": "-", "dash": "--", "dot": ":"}
 
-#: Entries of a list that a print shows: it has fifteen lines.
+#: Number of entries of a list that a print shows.
 MOST_LISTED = 7
 
 
@@ -40,7 +40,7 @@ class Curve(NamedTuple):
     """One line of a plot.
 
     Attributes:
-        label: What it shows, for the legend.
+        label: Text of the legend.
         x: Shape (n,), in the unit of the axis.
         y: Shape (n,), in the unit of the axis.
         role: One of `ROLES`, or the number of a category.
@@ -55,15 +55,15 @@ class Curve(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """What a plot shows, as plain data.
+    """The data of a plot.
 
     Attributes:
-        title: What it is of.
+        title: Title of the plot.
         x: Label of the axis along, with its unit.
         y: Label of the axis up, with its unit.
         lines: The lines.
-        level: A height that is marked across, such as the tolerance, with its label; or None.
-        logarithmic: Whether the axis up counts in powers of ten.
+        level: Value of a horizontal line, such as the tolerance, with its label; or None.
+        logarithmic: Whether the vertical axis is logarithmic.
         square: Whether both axes have the same scale.
     """
 
@@ -77,10 +77,10 @@ class Curves(NamedTuple):
 
 
 class Shown:
-    """A result that says what it is; a subclass has `summary`, and `columns`, `curves`, `to_dict` where it has more."""
+    """Base class of results; a subclass defines `summary` and optionally `columns`, `curves`, `to_dict`."""
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return the figures that a person asks for first: a name and its words each; the first is the headline."""
+        """Return the main figures as pairs of name and text; the first is the headline."""
         raise NotImplementedError
 
     def __str__(self) -> str:
@@ -110,7 +110,7 @@ class Shown:
         return f"<div><p><b>{html.escape(what)}</b>: {html.escape(headline)}</p><table>{rows}</table>{image}</div>"
 
     def curves(self) -> Curves | None:
-        """Return what `plot` draws; None where there is nothing to draw."""
+        """Return the data of the plot, or None."""
         return None
 
     def columns(self) -> dict[str, Any]:
@@ -118,7 +118,7 @@ class Shown:
         raise InputError(f"a {type(self).__name__} has no rows; to_dict() has its figures")
 
     def to_dict(self) -> Mapping[str, Any]:
-        """Return the result as plain tables, lists, text and numbers, units in the keys."""
+        """Return the result as dictionaries, lists, text and numbers, units in the keys."""
         return {name: np.asarray(values).tolist() for name, values in self.columns().items()}
 
     def to_frame(self) -> DataFrame:
@@ -156,13 +156,13 @@ class Shown:
 
 
 def wrap_words(words: str, head: str) -> list[str]:
-    """Write words after a head over two lines at most."""
+    """Wrap text after a head into at most two lines."""
     lines = textwrap.wrap(words, MOST_LETTERS, initial_indent=head, subsequent_indent=" " * len(head))
     return lines if len(lines) <= 2 else [lines[0], cut_line(f"{lines[1]} {lines[2].strip()}")]
 
 
 def cut_line(line: str, most: int = MOST_LETTERS) -> str:
-    """Cut a line at a word where it is too long to read."""
+    """Shorten a long line at a word."""
     return line if len(line) <= most else line[: most - 4].rpartition(" ")[0] + " ..."
 
 
@@ -196,7 +196,7 @@ def pick_style(role: str | int) -> tuple[str, str]:
 
 
 def draw_png(curves: Curves | None) -> bytes | None:
-    """Draw curves as a PNG, without touching the figures that a user has open; None where there is nothing to draw."""
+    """Draw curves as a PNG without changing open figures; None without curves."""
     if curves is None:
         return None
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,4 +1,4 @@
-"""What stands in the way of a result in its folder: directories, and files that compplan did not write."""
+"""Checks that a result replaces no directory and no file that compplan did not write."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from compplan.errors import InputError
 
-#: What a user can do about it.
+#: Remedy.
 ADVICE = "move it away or name another folder"
 
 
@@ -16,17 +16,17 @@ def refuse_foreign(
     names: Iterable[str], place: Path, known: Collection[str], shown: Path,
     same: Callable[[str], bool] = lambda name: False,
 ) -> None:  # fmt: skip
-    """Refuse to put files where a directory or a file of the user's own stands, or into a folder that takes none.
+    """Refuse to replace a directory or a file of the user, or to write into a read-only folder.
 
     Args:
         names: Files of the result, relative to its folder.
         place: The folder, resolved.
-        known: Files in it that compplan wrote, as its manifest says.
+        known: Files in it that its manifest lists.
         shown: The folder as the user named it.
-        same: Tells whether a file of the result is the same as that in its place.
+        same: Returns whether a file of the result equals the one in its place.
 
     Raises:
-        InputError: With what is in the way; nothing has changed.
+        InputError: With the file in the way; nothing has changed.
 
     """
     for name in names:
@@ -34,11 +34,11 @@ def refuse_foreign(
         for depth in range(1, len(parts)):
             above, inside = place.joinpath(*parts[:depth]), shown.joinpath(*parts[:depth])
             if above.is_symlink() or (above.exists() and not above.is_dir()):
-                raise InputError(f"is no folder, but files are to be written into it; {ADVICE}", file=inside)
+                raise InputError(f"is no folder, but the result needs one of this name; {ADVICE}", file=inside)
             if above.is_dir() and not os.access(above, os.W_OK | os.X_OK):
-                raise InputError("cannot be written: takes no files from you", file=inside)
+                raise InputError("cannot be written: no permission to write", file=inside)
         if target.is_dir() and not target.is_symlink():
-            raise InputError(f"is a folder, but a file of this name is to be written; {ADVICE}", file=shown / name)
+            raise InputError(f"is a folder, but the result is a file of this name; {ADVICE}", file=shown / name)
         if (target.exists() or target.is_symlink()) and name not in known and not same(name):
-            message = f"is not of compplan's writing (no manifest.json names it), but is to be replaced; {ADVICE}"
+            message = f"was not written by compplan (it is in no manifest.json) and would be replaced; {ADVICE}"
             raise InputError(message, file=shown / name)

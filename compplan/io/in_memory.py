@@ -1,4 +1,4 @@
-"""Tables that are in memory already: a DataFrame, columns by name, an array with named fields; names carry units."""
+"""Tables in memory: a DataFrame, a mapping of columns, or an array with named fields, units in the names."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from compplan.io.tables import Array, Table, read_table
 def open_table(
     source: Any, columns: Sequence[FileColumn], *, what: str, rename: Callable[[str], str] | None = None
 ) -> Table:
-    """Read a table from a file or take one from memory, unknown columns noted; see `read_table` and `take_table`."""
+    """Read a table from a file or from memory, noting unknown columns; see `read_table` and `take_table`."""
     if is_file_name(source):
         return read_table(source, columns, unknown="note", rename=rename)
     return take_table(source, columns, what=what, unknown="note")
 
 
 def is_file_name(source: Any) -> bool:
-    """Tell whether something names a file, rather than being what a file would hold."""
+    """Return whether a value names a file."""
     return isinstance(source, str | Path)
 
 
 def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: str = "refuse") -> Table:
-    """Take a table that is in memory already: a DataFrame, a mapping of columns, or an array with named fields.
+    """Convert a DataFrame, a mapping of columns, or an array with named fields to a table.
 
     Column names carry units as in a file. A name may also stand for several columns side by side, `position_mm` for
     x_mm y_mm z_mm, `axis` for i j k, `q_deg` for q1_deg .., `force_N`, `moment_Nm` and `orientation_deg`; a single
@@ -38,7 +38,7 @@ def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: 
     Args:
         data: The table.
         columns: The columns that it may have.
-        what: What it is, for messages.
+        what: Name of the table in messages.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
 
     Returns:
@@ -80,7 +80,7 @@ def take_table(data: Any, columns: Sequence[FileColumn], *, what: str, unknown: 
     return Table(path, values, text, headers, units, lines, tuple(notes))
 
 
-#: Names that stand for several columns side by side: pattern of their names, {} is the unit.
+#: Names of array columns, and the names of their parts; {} is the unit.
 SIDE_BY_SIDE = {
     "position": ("x{}", "y{}", "z{}"), "axis": ("i", "j", "k"), "force": ("fx{}", "fy{}", "fz{}"),
     "moment": ("mx{}", "my{}", "mz{}"), "orientation": ("rx{}", "ry{}", "rz{}"), "q": (),
@@ -88,7 +88,7 @@ SIDE_BY_SIDE = {
 
 
 def spread_columns(data: Any, what: str) -> dict[str, NDArray[Any]]:
-    """Return the columns of a DataFrame, a mapping or an array with named fields, those side by side one by one.
+    """Return the columns of a DataFrame, a mapping or an array with named fields; array columns are split.
 
     Raises:
         InputError: If the columns have no names, or the wrong number of them stands side by side.

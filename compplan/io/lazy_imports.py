@@ -1,4 +1,4 @@
-"""Modules that others ask for and seldom use, loaded when something of theirs is used at all."""
+"""Lazy imports of heavy, rarely used modules."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-#: What a command line loads when it is used, parents before their children: pyplot for pictures alone;
-#: scipy.sparse looks at every part of numpy, the reader of Fortran and the tests too.
+#: Modules that the command line imports on first use, parents before their children.
 SELDOM_USED = ("matplotlib", "matplotlib.pyplot", "numpy.f2py", "numpy.testing")
 
 
 class _Later(ModuleType):
-    """Stand for a module until an attribute of it is asked for."""
+    """Placeholder of a module that is imported at the first access to an attribute."""
 
     def __getattr__(self, name: str) -> Any:
         if sys.modules.get(self.__name__) is self:
@@ -23,7 +22,7 @@ class _Later(ModuleType):
 
 
 def put_off(names: tuple[str, ...] = SELDOM_USED) -> None:
-    """Let modules that are not loaded yet be loaded when they are first used.
+    """Defer the import of modules to their first use.
 
     Args:
         names: Their names, parents before their children.

@@ -1,4 +1,4 @@
-"""Files of meshes and clouds that trimesh reads (STL, PLY, OBJ), and the lengths that they are in."""
+"""Meshes and point clouds read by trimesh (STL, PLY, OBJ), and their units."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from compplan.errors import InputError
 from compplan.io.parsing import GREATEST, guard_parser
 from compplan.io.tables import MOST_BYTES
 
-#: Metres of a unit.
+#: Length of a unit. [m]
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 
 
 def open_mesh(file: Path, **how: Any) -> Any:
-    """Read what trimesh finds in a file, in the file's own unit; `how` is trimesh's.
+    """Read a file by trimesh with options `how`, in the unit of the file.
 
     Raises:
         InputError: If the file is missing, too large or cannot be read.

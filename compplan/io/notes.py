@@ -1,7 +1,7 @@
-"""Notes of a result. The severity is set where a note is made.
+"""Notes of a result, with their severity.
 
-`Stop("...")` must be settled before the machine moves: it stands whole on the terminal, in the report and in the setup
-sheet. Plain text is a remark: it stands in the report and in the summary, the terminal counts it.
+`Stop("...")` must be settled before the machine moves: terminal, report and setup sheet show it in full. Plain text is
+a remark: report and summary show it, the terminal counts it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 
 class Stop(str):
-    """A note of the severity "must settle": to be settled before the machine moves."""
+    """A note that must be settled before the machine moves."""
 
     __slots__ = ()
 

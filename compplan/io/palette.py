@@ -9,8 +9,7 @@ BAND = "#6c60c0"
 TOLERANCE = "#737b85"
 LIMIT = "#c2382e"
 NEUTRAL = "#8b929b"
-#: One colour per category: strategies, runs, joints. As many as whoever sees two primaries can tell apart at the
-#: contrast that lines need on light and on dark paper (tests/reporting/test_palette.py); further ones take the next
-#: dash.
+#: Colours of categories, distinguishable with colour blindness (tests/reporting/test_palette.py); further categories
+#: take the next dash.
 CATEGORIES = ("#2b86a8", "#d1603d", "#6c60c0", "#78606c", "#c08478")
 DASHES = ("solid", "dash", "dot")

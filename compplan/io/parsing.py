@@ -1,4 +1,4 @@
-"""One guard for parsers of other packages: whatever a broken file leads to becomes one InputError with its name."""
+"""Conversion of every exception of a foreign parser into one InputError."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from xml.etree.ElementTree import ParseError
 
 from compplan.errors import CompplanError, InputError
 
-#: Greatest size of a number that is read from a table, in the unit of its column or key.
+#: Greatest number accepted in a table, in the unit of its column or key.
 GREATEST = 1e12
-#: Least standard deviation that is taken for true, in mm and in m or rad: no instrument that follows a robot sees less.
+#: Least plausible standard deviation of an instrument, in mm and in m or rad.
 LEAST_SIGMA_MM = 1e-6
 LEAST_SIGMA = 1e-3 * LEAST_SIGMA_MM
 
 
 @contextmanager
 def guard_parser(file: str | Path, fault: str, line: Callable[[], int] | None = None) -> Iterator[None]:
-    """Turn every exception of a parser into an InputError with the file, and the line where the parser tells it.
+    """Convert every exception of a parser into an InputError with the file and, if known, the line.
 
     Args:
         file: The file that is parsed.
-        fault: What the message begins with, such as "is not TOML".
-        line: Tells how far the parser has come, where its errors do not.
+        fault: Start of the message, such as "is not TOML".
+        line: Returns the line that the parser has reached, for errors without a line.
 
     Raises:
         InputError: Where the parser fails. Errors of this package and a lack of memory pass.
@@ -42,7 +42,7 @@ def guard_parser(file: str | Path, fault: str, line: Callable[[], int] | None = 
 
 
 def _describe(error: Exception) -> tuple[str, int | None]:
-    """Return what a parser says, and the line if it says one."""
+    """Return the message of a parser and its line, if any."""
     if isinstance(error, RecursionError):
         return "nested too deeply", None
     if isinstance(error, ParseError):

@@ -1,6 +1,6 @@
-"""Plug-ins: what an installed package adds to a registry, by an entry point of the group `compplan.<what>`.
+"""Plug-ins: entry points of the group `compplan.<what>` that extend a registry.
 
-A plug-in never replaces what is there, and one that cannot be loaded is left out with a warning.
+A plug-in never replaces an existing name, and one that cannot be loaded is left out with a warning.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
 
-#: What can be added, and what the entry point names.
+#: Groups of entry points, and what each one names.
 GROUPS = {
     "readers": "module with name, suffixes, recognise, read",
     "languages": "module with name, write",
@@ -25,10 +25,9 @@ Entry = TypeVar("Entry")
 
 
 class Registry(MutableMapping[str, Entry]):
-    """What is found by name: one module a name, in the package that holds them, imported when it is first asked for.
+    """Modules by name, imported at first access.
 
-    A room below that package may list the names; the package opens the registry then with `held_by`. What is added
-    later, or by an installed package, is a module too.
+    A lower package may list the names; the package that holds the modules then sets itself with `held_by`.
     """
 
     def __init__(self, names: Iterable[str], package: str = "") -> None:
@@ -37,7 +36,7 @@ class Registry(MutableMapping[str, Entry]):
         self._loaded: dict[str, Entry] = {}
 
     def held_by(self, package: str) -> Registry[Entry]:
-        """Say which package holds the modules; return the registry."""
+        """Set the package that holds the modules; return the registry."""
         self._package = package
         return self
 
@@ -84,7 +83,7 @@ class Registry(MutableMapping[str, Entry]):
 
 @cache
 def _list_installed() -> dict[str, list[EntryPoint]]:
-    """List the entry points of all groups of this package, by name: installed packages are looked through once."""
+    """List the entry points of all groups of this package, by name (cached)."""
     every = entry_points()
     return {what: sorted(every.select(group=f"compplan.{what}"), key=lambda entry: entry.name) for what in GROUPS}
 
@@ -94,7 +93,7 @@ def find_plugins(what: str, taken: Collection[str]) -> Iterator[EntryPoint]:
 
     Args:
         what: One of `GROUPS`.
-        taken: Names that the registry holds already.
+        taken: Names in the registry.
     """
     for entry in _list_installed()[what]:
         if entry.name in taken:
@@ -107,7 +106,7 @@ def _load(entry: EntryPoint) -> Any:
     """Load a plug-in; None where it cannot be loaded."""
     try:
         return entry.load()
-    except Exception as error:  # of a stranger's module anything may come
+    except Exception as error:  # a foreign module may raise anything
         _leave_out(entry, f"{type(error).__name__}: {error}")
         return None
 

@@ -1,4 +1,4 @@
-"""Where a result comes from: version, commit where it is known, and the digest of every file that was read for it."""
+"""Provenance of a result: version, commit, seeds and the digest of every input file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SEEDS: ContextVar[dict[str, int] | None] = ContextVar("seeds", default=None)
 
 @contextmanager
 def record_inputs() -> Iterator[None]:
-    """Keep the digest of every file that is read from now on, for `describe_origin`."""
+    """Record the digest of every file read from now on, for `describe_origin`."""
     tokens = _READ.set({}), _SEEDS.set({})
     try:
         yield
@@ -29,7 +29,7 @@ def record_inputs() -> Iterator[None]:
 
 
 def note_input(path: Path, content: bytes) -> None:
-    """Note that a file was read."""
+    """Record that a file was read."""
     LOG.debug("read %s, %d bytes", path, len(content))
     read = _READ.get()
     if read is not None:
@@ -37,12 +37,12 @@ def note_input(path: Path, content: bytes) -> None:
 
 
 def is_input(path: Path) -> bool:
-    """Tell whether a file was read since `record_inputs`."""
+    """Return whether a file was read since `record_inputs`."""
     return any(Path(name).resolve() == path.resolve() for name in _READ.get() or ())
 
 
 def note_seed(name: str, seed: int) -> None:
-    """Note the seed of something random."""
+    """Record a random seed."""
     seeds = _SEEDS.get()
     if seeds is not None:
         seeds[name] = seed
@@ -61,7 +61,7 @@ def describe_origin() -> dict[str, Any]:
 
 
 def find_commit() -> str | None:
-    """Return the commit of the checkout that the package stands in, or None."""
+    """Return the commit of the checkout that holds the package, or None."""
     git = Path(__file__).resolve().parents[2] / ".git"
     with suppress(OSError, IndexError):
         if git.is_file():  # a further work tree

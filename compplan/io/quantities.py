@@ -1,4 +1,4 @@
-"""Quantities as people read them: so many digits, the unit that suits the size, no zero that is none."""
+"""Formatting of quantities: significant digits, a suitable unit, no misleading zero."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Write a number with so many significant digits, thousands apart.
+    """Format a number with significant digits and separated thousands.
 
     Args:
         value: The number; NaN becomes a dash.
-        digits: Significant digits; integers keep all of theirs.
+        digits: Significant digits; integers keep all digits.
     """
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")
@@ -28,17 +28,17 @@ def format_number(value: float, digits: int = 3) -> str:
 
 
 def format_set_value(value: float) -> str:
-    """Write a number that someone has set, such as a tolerance: as short as it was given."""
+    """Format an input value, such as a tolerance, as short as it was given."""
     return f"{value:.6g}".replace("-", "−")
 
 
 def format_set_length(metres: float) -> str:
-    """Write a length that someone has set in mm, as short as it was given."""
+    """Format an input length in mm, as short as it was given."""
     return f"{format_set_value(1e3 * metres)}\u00a0mm"
 
 
 def format_length(metres: float, digits: int = 3) -> str:
-    """Write a measured or computed length in the unit that suits it: um below 0.1 mm, mm otherwise.
+    """Format a measured or computed length: um below 0.1 mm, mm otherwise.
 
     Args:
         metres: The length. [m]
@@ -54,7 +54,7 @@ def format_length(metres: float, digits: int = 3) -> str:
 
 
 def format_mm(metres: float) -> str:
-    """Write a length in mm beside others in mm: to the micrometre, and no finer than that.
+    """Format a length in mm with micrometres as the last digits.
 
     Args:
         metres: The length. [m]
@@ -66,17 +66,17 @@ def format_mm(metres: float) -> str:
 
 
 def format_mm_change(before: float, after: float) -> str:
-    """Write two lengths, one after the other, in mm. [m]."""
+    """Format a change from one length to another in mm. [m]"""
     return f"{format_mm(before).removesuffix(chr(160) + 'mm')} → {format_mm(after)}"
 
 
 def format_bound(metres: float) -> str:
-    """Write a length that something stays within: `format_length`, or 0.01 um where it is smaller."""
+    """Format an upper bound of a length: `format_length`, at least 0.01 um."""
     return "0.01\u00a0µm" if metres < 1e-8 else format_length(metres)
 
 
 def format_angle(radians: float, digits: int = 3) -> str:
-    """Write an angle in the unit that suits it: urad below 0.01 deg, deg otherwise.
+    """Format an angle: urad below 0.01 deg, deg otherwise.
 
     Args:
         radians: The angle. [rad]
@@ -90,7 +90,7 @@ def format_angle(radians: float, digits: int = 3) -> str:
 
 
 def format_percent(share: float) -> str:
-    """Write a share as percent; what is neither none nor all never reads as 0 or 100."""
+    """Format a share in percent; only exact 0 and 1 read as 0 and 100."""
     if math.isnan(share):
         return "–"
     if 0 < share < 1e-4:
@@ -101,7 +101,7 @@ def format_percent(share: float) -> str:
 
 
 def name_length(metres: float) -> str:
-    """Name a round length as axes do: 1e-6 is "1 µm", 0.2 is "200 mm"."""
+    """Format a round length for an axis: 1e-6 is "1 µm", 0.2 is "200 mm"."""
     for unit, size in (("nm", 1e-9), ("µm", 1e-6)):
         if metres < 999 * size:
             return f"{metres / size:.6g}\u00a0{unit}"

@@ -1,4 +1,4 @@
-"""Files that are scans of a part: meshes, and clouds of points without a head."""
+"""Detection of scan files: meshes, and point clouds without a header."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MESHES, CLOUDS = (".stl", ".ply"), (".xyz", ".asc", ".pts")
 
 
 def is_scan(file: Path) -> bool:
-    """Tell whether a file is a scan: by its ending, or as a table whose first row is numbers alone."""
+    """Return whether a file is a scan: by its ending, or a table whose first row has numbers alone."""
     if file.suffix.lower() in (*MESHES, *CLOUDS):
         return True
     if not file.is_file():
@@ -21,7 +21,7 @@ def is_scan(file: Path) -> bool:
 
 
 def read_numbers(line: str) -> list[float] | None:
-    """Return the numbers of a line, between spaces, commas or semicolons; None where it holds anything else."""
+    """Return the numbers of a line separated by spaces, commas or semicolons; None for other text."""
     try:
         return [float(word) for word in line.replace(",", " ").replace(";", " ").split()]
     except ValueError:

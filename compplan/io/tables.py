@@ -1,8 +1,7 @@
-"""Tables at the edge: CSV files whose column names carry units, as SI arrays, and files that appear whole or never.
+"""CSV files with units in their column names, read to SI arrays and written atomically.
 
-A reader states the columns it knows as `FileColumn`s (`compplan.io.columns`); `read_table` answers with SI arrays by
-key, or with one sentence that names file and line. `write_table` is the way back. Everything that compplan writes goes
-through `replace_file`.
+A reader lists the columns it knows as `FileColumn`s (`compplan.io.columns`); `read_table` returns SI arrays by key, or
+raises an InputError with file and line.
 """
 
 from __future__ import annotations
@@ -27,30 +26,30 @@ from compplan.io.provenance import note_input
 from compplan.io.transaction import replace_file
 
 Array = NDArray[np.float64]
-#: Greatest size of a text file that is read. [bytes]
+#: Greatest size of a text file. [bytes]
 MOST_BYTES = 512 * 2**20
-#: How Python holds a byte of a path that is no UTF-8.
+#: Surrogates of bytes of a path that are not UTF-8.
 NO_LETTER = re.compile("[\ud800-\udfff]")
 
 
 #: A number with a decimal comma.
 COMMA = re.compile(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*")
-#: Bytes of a table from which on it pays to read all numbers at once, and names of columns of such a table.
+#: Size from which on a table of numbers is parsed at once, and the column names of such a table.
 LONG, HEADER = 200_000, re.compile(r"[A-Za-z][A-Za-z0-9_.\[\]/]*")
 
 
 @dataclass(frozen=True)
 class Table:
-    """Hold the columns of one file in SI.
+    """The columns of one file in SI.
 
     Args:
-        file: Where the table was read from.
+        file: The file.
         values: Number columns by key, in SI; NaN is a missing value. Shape (n,) each.
         text: Text columns by key; "" is a missing value. Shape (n,) each.
-        headers: The column's own name in the file, by key.
+        headers: Title in the file, by key.
         units: Unit in the file by key, "" where there is none.
         lines: Line of the file that each row stands in, counted from 1. Shape (n,).
-        notes: What was read past, one sentence each.
+        notes: Ignored parts, one sentence each.
 
     """
 
@@ -63,10 +62,10 @@ class Table:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Refuse numbers that no measurement or path holds, before anything is computed from them.
+        """Refuse implausibly large numbers.
 
         Raises:
-            InputError: With the first row that holds one.
+            InputError: With the first such row.
 
         """
         for key, column in self.values.items():
@@ -117,8 +116,8 @@ def read_table(
         path: The file.
         columns: The columns that the table may have.
         unknown: "refuse" columns that are not in `columns`, or "note" them in `Table.notes`.
-        rename: Gives a column of another program's export our name, any other one its own; fields of such an export
-            may stand between semicolons, tabs or spaces, between semicolons with a decimal comma.
+        rename: Maps titles of another program's export to ours; fields of such an export may be separated by
+            semicolons (also with decimal commas), tabs or spaces.
 
     Returns:
         The table in SI.
@@ -157,7 +156,7 @@ def read_table(
 
 
 def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None:
-    """Return header, numbers and lines of a long table of nothing but numbers, read at once; None of any other file."""
+    """Return header, numbers and lines of a long table of numbers alone; None for any other file."""
     if not path.is_file() or not LONG <= path.stat().st_size <= MOST_BYTES:
         return None
     head, _, body = path.read_bytes().partition(b"\n")
@@ -170,7 +169,7 @@ def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None
     try:
         with guard_parser(path, "is not a table"):
             grid = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2)
-    except InputError:  # ragged or empty: the slow way says where
+    except InputError:  # ragged or empty: the slow path reports the line
         return None
     whole = grid.shape[1] == len(header) and bool(np.isfinite(grid).all())
     return (header, grid, np.arange(2, 2 + len(grid))) if whole else None
@@ -179,10 +178,10 @@ def _read_plain(path: Path) -> tuple[list[str], Array, NDArray[np.int64]] | None
 def _read_rows(path: Path, exported: bool) -> tuple[int, list[str], list[list[str]], NDArray[np.int64]]:
     """Return header line, header, rows and the line of every row; refuse ragged rows."""
     content = read_text(path)
-    told = content.splitlines()
-    head = next((line for line in told if line.strip() and line.lstrip()[0] != "#"), "")
+    text_lines = content.splitlines()
+    head = next((line for line in text_lines if line.strip() and line.lstrip()[0] != "#"), "")
     mark = next((mark for mark in ";\t, " if mark in head), ",") if exported else ","
-    reader = csv.reader(told, delimiter=mark)
+    reader = csv.reader(text_lines, delimiter=mark)
     header: list[str] = []
     header_line = 0
     rows: list[list[str]] = []
@@ -244,7 +243,7 @@ def _parse_number(path: Path, title: str, text: str, line: int) -> float:
 
 
 def is_plain(text: str) -> bool:
-    """Tell whether numbers in a text are written as other programs write them: no 1_000, no digits of other scripts."""
+    """Return whether a text has only ASCII digits and no underscores as in 1_000."""
     return text.isascii() and "_" not in text
 
 
@@ -259,7 +258,7 @@ def read_text(path: str | Path) -> str:
     try:
         kind, size = path.stat().st_mode, path.stat().st_size
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-            raise InputError("is no ordinary file but a device or a pipe", file=path)
+            raise InputError("is a device or a pipe, expected a file", file=path)
         if size > MOST_BYTES:
             raise InputError(f"holds {size / 2**20:.0f} MB, at most {MOST_BYTES >> 20} MB are read", file=path)
         content = path.read_bytes()
@@ -277,7 +276,7 @@ def read_text(path: str | Path) -> str:
 
 
 def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline: str = "\n") -> None:
-    """Write a text file whole or not at all; lines end as `newline` says.
+    """Write a text file atomically with the given line ends.
 
     Raises:
         InputError: If the folder cannot be written.
@@ -288,12 +287,12 @@ def write_text(path: str | Path, text: str, *, encoding: str = "utf-8", newline:
 
 
 def escape_bytes(text: str) -> str:
-    r"""Return text in which a byte of a path that is no UTF-8 reads as its escape, \xe9, so that it can be written."""
+    r"""Return a text with non-UTF-8 bytes of a path as escapes such as \xe9."""
     return text if text.isascii() else NO_LETTER.sub(lambda found: f"\\x{ord(found[0]) & 0xFF:02x}", text)
 
 
 def write_json(path: str | Path, content: Any, *, indent: int | None = 1) -> None:
-    """Write a JSON file whole or not at all; see `dump_json`.
+    """Write a JSON file atomically; see `dump_json`.
 
     Raises:
         InputError: If the folder cannot be written.
@@ -303,12 +302,12 @@ def write_json(path: str | Path, content: Any, *, indent: int | None = 1) -> Non
 
 
 def dump_json(content: Any, *, indent: int | None = None) -> str:
-    """Return strict JSON: arrays as lists, and null for what is not a finite number."""
+    """Return strict JSON: arrays as lists, null for non-finite numbers."""
     return json.dumps(_to_plain(content), indent=indent, allow_nan=False, separators=None if indent else (", ", ": "))
 
 
 def _to_plain(content: Any) -> Any:
-    """Return tables, lists, text and finite numbers alone."""
+    """Convert a value to dictionaries, lists, text and finite numbers."""
     if isinstance(content, Mapping):
         return {escape_bytes(str(key)): _to_plain(value) for key, value in content.items()}
     if isinstance(content, str):
@@ -323,7 +322,7 @@ def _to_plain(content: Any) -> Any:
 
 
 def write_table(path: str | Path, columns: Mapping[str, object], *, decimals: int = 9) -> None:
-    """Write a CSV file whole or not at all.
+    """Write a CSV file atomically.
 
     Args:
         path: The file.

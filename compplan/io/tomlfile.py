@@ -1,4 +1,4 @@
-"""TOML files checked against frozen pydantic models, with one sentence for each mistake."""
+"""TOML files checked against frozen pydantic models."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from compplan.io.tables import read_text
 
 
 class StrictTable(BaseModel):
-    """Stand for one TOML table: unknown keys are refused, nothing is converted silently, and nothing changes later."""
+    """Base class of TOML tables: unknown keys are refused, values are not converted, instances are frozen."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
 
-#: A key of more than fifty parts: tomllib takes the square of their number to read it.
+#: A key of more than fifty parts, which tomllib parses in quadratic time.
 KEY_WITHOUT_END = re.compile(r"\s*\[*\s*(?:[\w-]+\s*\.\s*){50}")
 
 Model = TypeVar("Model", bound=StrictTable)
 
 
 def refuse_other_types(value: object) -> object:
-    """Refuse what is no whole number: true and 1.0 are equal to 1, and no versions or signs."""
+    """Refuse values other than integers: true and 1.0 equal 1 in Python."""
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"is {value!r}, expected a whole number such as 1")
     return value
 
 
-#: The version of a file's format.
+#: Version of a file format.
 SchemaOne = Annotated[Literal[1], BeforeValidator(refuse_other_types)]
 #: TOML arrays as tuples; items stay strict.
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
@@ -55,7 +55,7 @@ Words = Annotated[tuple[str, ...], Field(strict=False)]
 
 @dataclass(frozen=True)
 class OneOf:
-    """Let a string be one of the names of a registry, as it stands when the string is checked."""
+    """Accept a string that is a name of a registry at the time of the check."""
 
     names: Collection[str]
 
@@ -72,7 +72,7 @@ class OneOf:
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file as plain tables.
+    """Read a TOML file as dictionaries.
 
     Raises:
         InputError: If the file is missing, or is not TOML (with the line).
@@ -89,7 +89,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def _refuse_huge(value: Any, path: str | Path, keys: list[str | int]) -> None:
-    """Refuse numbers that no table of this package holds, before anything is computed from them."""
+    """Refuse implausibly large numbers."""
     if isinstance(value, dict | list):
         for key, entry in value.items() if isinstance(value, dict) else enumerate(value):
             _refuse_huge(entry, path, [*keys, key])
@@ -103,7 +103,7 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
 
     Args:
         model: The model.
-        data: The table as `tomllib` gives it.
+        data: The table from `tomllib`.
         file: File that the table stands in, for messages.
         key: Dotted key of the table in that file, for messages.
 
@@ -114,7 +114,7 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        faults = error.errors()  # a misspelt key is told rather than the one that is missing for it
+        faults = error.errors()  # report a misspelt key, not the key that is missing because of it
         details = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
         keys, holder = _walk(details, model)
         if details["type"] in ("union_tag_invalid", "union_tag_not_found"):
@@ -123,13 +123,13 @@ def check_table(model: type[Model], data: Mapping[str, Any], *, file: str | Path
 
 
 def read_named_table(path: str | Path, name: str) -> tuple[dict[str, Any], str]:
-    """Read a table of its name from a TOML file, such as a job, or the whole file where that has no such table.
+    """Read a named table of a TOML file, such as a job, or the whole file if it has no such table.
 
     Returns:
         The table, and its key in the file, "" for the whole file.
 
     Raises:
-        InputError: If there is no such file, it is no TOML, it is empty, or the name stands for something else.
+        InputError: If the file is missing, not TOML or empty, or the name is no table.
 
     """
     data = read_toml(path)
@@ -152,10 +152,10 @@ def read_toml_model(model: type[Model], path: str | Path) -> Model:
 
 
 def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int], Any]:
-    """Follow the location of a fault through the models.
+    """Resolve the location of a fault in the models.
 
     Returns:
-        The keys on the way, without the tags of tagged unions, and the model that holds the last key (or None).
+        The keys without tags of tagged unions, and the model of the last key (or None).
 
     """
     keys: list[str | int] = []
@@ -175,20 +175,20 @@ def _walk(details: ErrorDetails, model: type[BaseModel]) -> tuple[list[str | int
 
 
 def shorten_value(value: Any) -> str:
-    """Return a value as a message shows it, its middle left out where it is long."""
+    """Format a value for a message; the middle of a long one is left out."""
     text = repr(value)
     return text if len(text) <= 100 else f"{text[:50]}...{text[-25:]}"
 
 
 def _models_in(annotation: Any) -> list[Any]:
-    """Return the models that a type annotation mentions."""
+    """Return the models in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in getattr(annotation, "__args__", ()) for model in _models_in(argument)]
 
 
 def _tags(model: type[BaseModel]) -> list[str]:
-    """Return the words that may choose a model among several."""
+    """Return the tags that select a model of a union."""
     return [word for field in model.model_fields.values() for word in getattr(field.annotation, "__args__", ())]
 
 
@@ -200,7 +200,7 @@ def _join(keys: list[str | int], prefix: str) -> str:
 
 
 def _say(details: ErrorDetails, holder: Any) -> str:
-    """Return the sentence for one fault."""
+    """Return the message of one fault."""
     kind, given, context = details["type"], shorten_value(details.get("input")), details.get("ctx", {})
     if kind == "extra_forbidden":
         if holder is None:

@@ -1,13 +1,11 @@
-"""Files and folders that appear whole or not at all, whatever moment the process dies at.
+"""Atomic writing of files and result folders.
 
-A file is written beside its place and renamed there. A folder of results is written beside its place too; then the old
-folder and the new one change places in one step, the user's own files in both. Where they cannot (a mount point, the
-working directory, a file system without links) the new files move over one by one; a process that dies meanwhile leaves
-them in a hidden folder that is ready, and the next run moves what is left before it begins.
+A file is written beside its place and renamed. A result folder is written beside its place and exchanged with the old
+one in one step; the user's own files are linked into both. Where an exchange is impossible (mount point, working
+directory, file system without links) the new files are moved one by one; after a crash the next run moves the rest.
 
-`manifest.json` in a folder says which command wrote which file, with its digest: of its own earlier files, a command
-removes those that the run does not replace, unless somebody has changed them. What a manifest does not name is the
-user's, and stays.
+`manifest.json` lists which command wrote which file, with its digest. A command removes its own earlier files that the
+run does not replace and nobody has changed. Files outside the manifest belong to the user and are kept.
 """
 
 from __future__ import annotations
@@ -31,15 +29,15 @@ from compplan.io.provenance import describe_origin, is_input
 
 LOG = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
-#: Ends of the names of hidden files and folders: still being written; complete, to be moved to their place.
+#: Endings of hidden files and folders: incomplete; complete and to be moved.
 PART, READY = ".part", ".ready"
-#: Folders that this process holds already.
+#: Folders locked by this process.
 _HELD: set[Path] = set()
 
 
 @contextmanager
 def replace_file(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` and rename it to `path` at the end; on an exception nothing is left.
+    """Yield a temporary path and rename it to `path` at the end; on an exception it is removed.
 
     Raises:
         InputError: If the file cannot be written.
@@ -68,7 +66,7 @@ def replace_file(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
-    """Give a temporary folder; at the end its files replace what the command wrote into `folder` before.
+    """Yield a temporary folder; at the end its files replace those of the last run in `folder`.
 
     Args:
         folder: The folder; made if needed. Files in it that the command did not write stay.
@@ -109,7 +107,7 @@ def replace_folder(folder: str | Path, command: str) -> Iterator[Path]:
 
 @contextmanager
 def lock_folder(folder: str | Path) -> Iterator[None]:
-    """Keep other runs out of a folder, and finish or clear what dead ones left; an empty folder goes at the end.
+    """Lock a folder, finish or clear files of crashed runs, and remove it at the end if empty.
 
     Raises:
         InputError: If the folder cannot be made, or another run writes into it.
@@ -141,27 +139,27 @@ def lock_folder(folder: str | Path) -> Iterator[None]:
 
 
 def check_file(path: Path) -> None:
-    """Refuse what no file can be written to: a folder, a device, a file that this run reads, a place that takes none.
+    """Refuse an output file that is a folder, a device, an input of this run, or not writable.
 
     Raises:
-        InputError: With what is in the way; nothing is tried.
+        InputError: With the file in the way.
 
     """
     with _describe_faults(path):
         if path.is_dir():
             raise InputError("cannot be written: is a folder, name a file", file=path)
         if path.exists() and not path.is_file():
-            raise InputError("cannot be written: is no ordinary file, name another one", file=path)
+            raise InputError("cannot be written: is a device or a pipe, name a file", file=path)
         if is_input(path):
             raise InputError("is a file that this run reads, name another one to write", file=path)
         _check_parent(path)
 
 
 def check_folder(path: Path) -> None:
-    """Refuse what no folder can be made of or written to.
+    """Refuse an output folder that cannot be made or written to.
 
     Raises:
-        InputError: With what is in the way; nothing is tried.
+        InputError: With the file in the way.
 
     """
     with _describe_faults(path):
@@ -171,23 +169,23 @@ def check_folder(path: Path) -> None:
 
 
 def _check_parent(path: Path) -> None:
-    """Refuse a path whose nearest folder that is there is none, or takes no files."""
+    """Refuse a path whose nearest existing parent is no writable folder."""
     there = next(place for place in (path, *path.absolute().parents) if place.is_dir() or place.is_file())
     if there.is_file() and there != path:
         raise InputError(f"cannot be written: {there} is a file", file=path)
     if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"cannot be written: folder {there} takes no files from you", file=path)
+        raise InputError(f"cannot be written: folder {there} no permission to write", file=path)
 
 
 def check_results(path: Path, names: Iterable[str]) -> None:
-    """Refuse a folder in which a directory or a file of the user's own has the name of a result.
+    """Refuse a folder in which a directory or a user file has the name of a result.
 
     Args:
-        path: The folder; it may not be there.
-        names: Names that the results are known to have before anything is computed.
+        path: The folder; it may be missing.
+        names: Names of results known before the computation.
 
     Raises:
-        InputError: With what is in the way; nothing is tried.
+        InputError: With the file in the way.
 
     """
     check_folder(path)
@@ -196,32 +194,32 @@ def check_results(path: Path, names: Iterable[str]) -> None:
 
 
 def known_files(folder: Path) -> set[str]:
-    """Return the files of a folder that compplan wrote by its manifest, and that one unless it is another program's."""
+    """Return the files in the manifest of a folder, and the manifest itself."""
     commands = read_manifest(folder)
     names = {name for entry in commands.values() for name in entry["files"]}
     try:
         table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        table = {}  # damaged: it counts as none
+        table = {}  # damaged: ignored
     foreign = isinstance(table, dict) and table and "commands" not in table
     return names if foreign else {MANIFEST, *names}
 
 
 def _is_same(part: Path, place: Path, name: str) -> bool:
-    """Tell whether a new file is the same as the one in its place."""
+    """Return whether a new file equals the one in its place."""
     both = (part / name).is_file() and (place / name).is_file()
     return both and digest_file(part / name) == digest_file(place / name)
 
 
 def _refuse_inputs(part: Path, folder: Path) -> None:
-    """Refuse to replace what this run reads."""
+    """Refuse to replace an input of this run."""
     for name in list_files(part):
         if is_input(folder / name):
             raise InputError("is a file that this run reads, name another folder to write", file=folder / name)
 
 
 def list_files(folder: Path) -> list[str]:
-    """List the files of a folder, relative to it, the manifest aside."""
+    """List the files of a folder, relative to it, without the manifest."""
     names = [str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()]
     return sorted(name for name in names if name != MANIFEST)
 
@@ -241,7 +239,7 @@ def _describe_faults(path: Path) -> Iterator[None]:
 
 
 def _remove_empty(folders: Iterable[Path]) -> None:
-    """Take away folders in which nothing is, the innermost first."""
+    """Remove empty folders, innermost first."""
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()
@@ -254,7 +252,7 @@ def _umask() -> int:
 
 
 def _sync(path: Path) -> None:
-    """Bring a file or folder to the disk, where the file system can."""
+    """Flush a file or folder to the disk, if supported."""
     handle = os.open(path, os.O_RDONLY)
     try:
         with suppress(OSError):
@@ -264,13 +262,13 @@ def _sync(path: Path) -> None:
 
 
 def _home_of(place: Path) -> Path:
-    """Return the folder that temporary files of a folder stand in: on the same file system, and to be written."""
+    """Return a writable folder on the same file system for temporary files."""
     inside = os.path.ismount(place) or not os.access(place.parent, os.W_OK)
     return place if inside else place.parent
 
 
 def _clear_leftovers(home: Path, place: Path) -> None:
-    """Finish what a dead run had ready for a place, and take away what it had not."""
+    """Move the complete files of a crashed run to their place and remove the others."""
     if not home.is_dir():
         return
     for path in [p for p in home.iterdir() if p.name.startswith(f".{place.name}."[:200])]:
@@ -285,14 +283,14 @@ def _clear_leftovers(home: Path, place: Path) -> None:
 
 
 def clear_parts(folder: Path) -> None:
-    """Take away the files of a folder that dead runs left half written."""
+    """Remove incomplete files that crashed runs left in a folder."""
     for path in folder.glob(f".*{PART}"):
         if path.is_file() and not path.is_symlink() and _is_abandoned(path):
             path.unlink(missing_ok=True)
 
 
 def _is_abandoned(path: Path) -> bool:
-    """Tell whether no living process holds a temporary file or folder."""
+    """Return whether no living process owns a temporary file or folder."""
     try:
         handle = os.open(path, os.O_RDONLY)
     except OSError:
@@ -307,7 +305,7 @@ def _is_abandoned(path: Path) -> bool:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a folder by command; what is no manifest counts as none."""
+    """Return the manifest of a folder by command; empty if missing or invalid."""
     try:
         table = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         commands = table["commands"]
@@ -317,7 +315,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _write_manifest(part: Path, place: Path, command: str) -> None:
-    """Write the manifest of a new result: its own entry, and those of other commands whose files stay."""
+    """Write the manifest of a new result and keep entries of other commands."""
     own = {name: digest_file(part / name) for name in list_files(part)}
     commands: dict[str, Any] = {}
     for name, entry in read_manifest(place).items():
@@ -330,7 +328,7 @@ def _write_manifest(part: Path, place: Path, command: str) -> None:
 
 
 def _stale_files(place: Path, manifest: Mapping[str, Any], command: str, new: set[str]) -> list[Path]:
-    """List the files that the command wrote before, does not replace, and nobody has changed since."""
+    """List unchanged files of the last run that the command does not replace."""
     stale = []
     for name, digest in manifest.get(command, {"files": {}})["files"].items():
         path = place / name
@@ -341,7 +339,7 @@ def _stale_files(place: Path, manifest: Mapping[str, Any], command: str, new: se
 
 
 def _put_in_place(part: Path, place: Path, command: str) -> None:
-    """Let a complete result take the place of the old one, in one step where the system can."""
+    """Replace the old result by a complete one, in one step if possible."""
     if part.parent == place.parent and not Path.cwd().is_relative_to(place):
         stale = {str(path) for path in _stale_files(place, read_manifest(place), command, set(list_files(part)))}
         if _link_rest(place, part, stale) and _exchange(part, place):
@@ -352,7 +350,7 @@ def _put_in_place(part: Path, place: Path, command: str) -> None:
 
 
 def _link_rest(place: Path, part: Path, stale: set[str]) -> bool:
-    """Link what stays of the old folder into the new one; tell whether everything could be linked."""
+    """Link the kept files of the old folder into the new one; return whether all were linked."""
     try:
         for path in sorted(place.rglob("*")):
             target = part / path.relative_to(place)
@@ -368,12 +366,12 @@ def _link_rest(place: Path, part: Path, stale: set[str]) -> bool:
 
 
 def _only_stale(folder: Path, stale: set[str]) -> bool:
-    """Tell whether a folder holds stale files alone."""
+    """Return whether a folder holds stale files only."""
     return all(str(path) in stale for path in folder.rglob("*") if not path.is_dir())
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Let two folders change places in one step (renameat2 of Linux); tell whether they did."""
+    """Exchange two folders in one step (Linux renameat2); return whether it worked."""
     library = ctypes.CDLL(None, use_errno=True)
     if not hasattr(library, "renameat2"):
         return False
@@ -382,7 +380,7 @@ def _exchange(one: Path, other: Path) -> bool:
 
 
 def _move_over(ready: Path, place: Path) -> None:
-    """Move the files of a complete result to their place, the manifest last; begun anew it goes on where it stopped."""
+    """Move the files of a complete result to their place, the manifest last; restartable."""
     commands, old = read_manifest(ready), read_manifest(place)
     place.mkdir(parents=True, exist_ok=True)
     for name in list_files(ready):

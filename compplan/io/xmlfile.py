@@ -1,4 +1,4 @@
-"""XML files that are data: no document types, no entities, no depth or size without bound."""
+"""Safe XML parsing: no document types, no entities, bounded depth and size."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEEPEST, MOST_ELEMENTS = 64, 100_000
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Build the tree, and stop at what has no place in a data file."""
+    """Build the tree with bounded depth and size."""
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -21,11 +21,11 @@ class _Builder(ElementTree.TreeBuilder):
         self.depth = self.count = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse a document type: it may define entities that grow or reach outside."""
+        """Refuse a document type, which may define entities."""
         raise InputError("holds a DOCTYPE declaration, expected plain XML without entities", file=self.file)
 
     def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:  # type: ignore[override]
-        """Count elements and their depth."""
+        """Count elements and depth."""
         self.depth += 1
         self.count += 1
         if self.depth > DEEPEST:

@@ -1,1 +1,1 @@
-"""The job file: what it may say, its check, its commented text, and the noise of a study."""
+"""The job file: schema, checks, commented text, frames, tools."""

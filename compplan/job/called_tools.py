@@ -1,4 +1,4 @@
-"""The tools that a CAM file calls, as a new job describes them: mill or drill, and the spindle speed."""
+"""Tools called by a CAM file, for a new job: mill or drill, and the spindle speed."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath
 
-#: Moves that go less than this beside the tool axis are along it. [m]
+#: Lateral distance below which a move is along the tool axis. [m]
 BESIDE = 1e-6
-#: Diameter [mm], material and spindle speed [1/min] of a drill that nobody has stated (assumed).
+#: Diameter [mm], material and spindle speed [1/min] of a drill by default (assumed).
 DRILL: dict[str, str | float] = {"diameter_mm": 6.0, "material": "al7075_t6", "spindle_rpm": 3000.0}
-#: Stands for the feed that the job may state, while a toolpath is only looked at. [m/s]
+#: Placeholder of a feed that the job may state. [m/s]
 ANY_FEED = 0.01
 
 
 @dataclass(frozen=True)
 class CalledTool:
-    """A tool that a CAM file cuts with.
+    """A tool of a CAM file.
 
     Attributes:
-        number: T number; 0 where the file calls none, or calls the tool by name.
+        number: T number; 0 without one.
         name: Its name, or "".
-        drills: Whether it cuts along its axis alone.
-        spindle_rpm: The one spindle speed that the file states for it, or None. [1/min]
-        top_mm: Where its stock may begin: the part zero where its cuts go through that, else their highest point. [mm]
+        drills: Whether all cuts are along its axis.
+        spindle_rpm: Its only spindle speed in the file, or None. [1/min]
+        top_mm: Top of the stock: the part zero where cuts pass it, else their highest point. [mm]
     """
 
     number: int
@@ -43,40 +43,40 @@ class CalledTool:
 
     @property
     def cut(self) -> dict[str, str | float]:
-        """Keys of the force model of its cut that are not those of a milling cutter."""
+        """Keys of its force model beyond those of a milling cutter."""
         speed: dict[str, str | float] = {} if self.spindle_rpm is None else {"spindle_rpm": self.spindle_rpm}
         return {"model": "drill", **DRILL, "stock_top_mm": self.top_mm, **speed} if self.drills else speed
 
     @property
     def label(self) -> str:
-        """What the file calls it."""
+        """Its name in the file."""
         return repr(self.name) if self.name else f"T{self.number}"
 
     @property
     def key(self) -> str:
-        """The line of [[tool]] that tells it apart."""
+        """The line of [[tool]] that identifies it."""
         return f"name = {json.dumps(self.name)}" if self.name else f"number = {self.number}"
 
     @property
     def process(self) -> str:
-        """The line of [[tool]] that describes its cut; "" where [process] does."""
+        """The line of [[tool]] for its cut, or ""."""
         table = ", ".join(f"{key} = {json.dumps(value)}" for key, value in self.cut.items())
-        said = "assumed: put yours" if self.drills else "S of the CAM file"
-        return f"process = {{ {table} }}  # {said}\n" if table else ""
+        source = "assumed: put yours" if self.drills else "S of the CAM file"
+        return f"process = {{ {table} }}  # {source}\n" if table else ""
 
     @property
     def assumed(self) -> str:
-        """Which numbers of its cut are assumed."""
+        """The assumed numbers of its cut."""
         milled = "depth, width, diameter and specific cutting force"
         numbers = "diameter, material and stock top" if self.drills else milled
         return f"{self.label} {numbers}{', and spindle speed' if self.spindle_rpm is None else ''}"
 
 
 def read_called_tools(path: Path) -> list[CalledTool]:
-    """Read which tools a CAM file cuts with, in the order of their first cut.
+    """List the tools of a CAM file in the order of their first cut.
 
     Raises:
-        InputError: If the file is not read as it stands.
+        InputError: If the file cannot be read.
     """
     operations = split_operations(read_toolpath(path, cam=CamTable(cycles="expand"), feed=ANY_FEED))
     by_tool: dict[tuple[int, str], list[Operation]] = {}
@@ -92,12 +92,12 @@ def read_called_tools(path: Path) -> list[CalledTool]:
 
 
 def describe_assumed(tools: Sequence[CalledTool]) -> str:
-    """Say which numbers of a new job are assumed."""
+    """List the assumed numbers of a new job."""
     return f"assumed, put yours: tool length and mass; {'; '.join(tool.assumed for tool in tools)}"
 
 
 def _goes_along_axis(toolpath: Toolpath) -> bool:
-    """Whether every cutting move goes along the tool axis."""
+    """Return whether every cutting move is along the tool axis."""
     cuts = ~toolpath.rapid[1:]
     moves, axis = np.diff(toolpath.position, axis=0)[cuts], toolpath.axis[1:][cuts]
     beside = moves - axis * np.einsum("ni,ni->n", moves, axis)[:, None]
@@ -105,7 +105,7 @@ def _goes_along_axis(toolpath: Toolpath) -> bool:
 
 
 def _find_top(toolpath: Toolpath) -> float:
-    """Return the part zero where cutting moves go through it, else their highest point, 0.1 mm. [mm]"""
+    """Return the part zero where cutting moves pass it, else their highest point, to 0.1 mm. [mm]"""
     cuts = np.flatnonzero(~toolpath.rapid[1:]) + 1
     heights = 1e3 * toolpath.position[np.union1d(cuts, cuts - 1), 2]
     return 0.0 if heights.min() < 0.0 <= heights.max() else round(float(heights.max()), 1)

@@ -1,4 +1,4 @@
-"""The commented job that `compplan init` writes; every key of `compplan.job.job` stands in it."""
+"""The commented job that `compplan init` writes, with every key of `compplan.job.job`."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from compplan.robot.mounting import mounted_tool, name_axis, outward_axis
 from compplan.toolpath.contact import ContactTable
 from compplan.toolpath.readers import READERS, list_suffixes
 
-#: Tables of a short job, and which of their keys; None: all that count.
+#: Tables of a short job and their keys; None: all active keys.
 SHORT: dict[str, tuple[str, ...] | None] = {
     "toolpath": None, "part": None, "tool": None, "process": None, "plan": ("strategy", "tolerance_mm"),
     "output": ("programs",),
 }  # fmt: skip
 
-#: Keys of a force model that stay out until somebody wants them.
+#: Keys of a force model that stay commented out.
 OPTIONAL = ("# required", "# stock_top_mm")
-#: What a schema says of a number, in words.
+#: Bounds of a schema in words.
 BOUNDS = {"exclusiveMinimum": "more than", "minimum": "at least", "exclusiveMaximum": "less than", "maximum": "at most"}
-#: The text, with marks where the registries say what can be chosen.
+#: The text, with marks for the names of registries.
 TEXT = Path(__file__).with_name("commented_job.toml")
 
 
 def write_job_text() -> str:
-    """Write the commented job; what can be chosen stands as the registries say it."""
+    """Return the commented job with the names of the registries."""
     choices = {
         "<strategies>": " | ".join(STRATEGIES),
         "<models>": _wrap_names(FORCE_MODELS),
@@ -57,48 +57,48 @@ def write_job_text() -> str:
 
 
 def _wrap_names(names: Iterable[str]) -> str:
-    """Put names into lines of a remark behind a key."""
+    """Wrap names into the lines of a comment."""
     return f"\n{'':36}#   ".join(wrap(" | ".join(names), 80))
 
 
 def _describe_model(name: str, model: ForceModel) -> str:
-    """Return remarks on the keys of a force model that the text does not know, as its table declares them."""
+    """Return comments on the keys of a force model outside the text, from its schema."""
     lines = [f"{f'# model = {json.dumps(name)}':<36}# {model.words}"]
-    for key, said in model.table.model_json_schema()["properties"].items():
+    for key, schema in model.table.model_json_schema()["properties"].items():
         if key in ContactTable.model_fields:
             continue
-        kinds = [kind for kind in (said, *said.get("anyOf", ())) if kind.get("type") != "null"]
+        kinds = [kind for kind in (schema, *schema.get("anyOf", ())) if kind.get("type") != "null"]
         values = [word for kind in kinds for word in kind.get("enum", [kind.get("const", kind.get("type"))]) if word]
         bounds = [f"{words} {kind[bound]:g}" for kind in kinds for bound, words in BOUNDS.items() if bound in kind]
-        left = "" if said.get("default") is None else json.dumps(said["default"])
-        needed = [] if "default" in said else ["needed"]
+        left = "" if schema.get("default") is None else json.dumps(schema["default"])
+        needed = [] if "default" in schema else ["needed"]
         remark = ", ".join([" | ".join(map(str, values)) or "table", *bounds, *needed])
         lines.append(f"{f'# {key} = {left}':<36}# {remark}")
     return "\n".join([*lines, ""])
 
 
 def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
-    """Let the tool of a job's text leave the flange of its robot straight.
+    """Set a straight tool on the flange in the text of a job.
 
     Args:
         text: The commented job.
-        robot: The robot as its folder has it.
-        used: Whether the table counts where the folder's own TCP is on the flange; otherwise it stays a comment.
+        robot: The robot of the folder.
+        used: Whether the table is active where the folder's TCP is on the flange; otherwise it stays a comment.
 
     """
     tool, out = mounted_tool(robot), outward_axis(robot)
     pendant = locate_pendant(robot)
     head, table, rest = re.split(r"(# \[tool\].*?\n)(?=\n)", text, maxsplit=1, flags=re.DOTALL)
     if pendant is not None and pendant.stated:
-        frame, said, turn, out = "pendant", "z of the maker's flange frame", np.zeros(3), pendant.pose[:3, :3].T @ out
+        frame, axis, turn, out = "pendant", "z of the maker's flange frame", np.zeros(3), pendant.pose[:3, :3].T @ out
     else:
-        frame, said = "flange", f"{name_axis(out)} of the flange frame"
+        frame, axis = "flange", f"{name_axis(out)} of the flange frame"
         turn = Rotation.from_matrix(tool[:3, :3]).as_rotvec(degrees=True)
     for key, value in {"position_mm": 150.0 * out, "rotation_deg": turn, "centre_of_mass_mm": 60.0 * out}.items():
         numbers = [round(float(number), 3) + 0.0 for number in value]
         table = re.sub(rf"# {key} = \[.*?\]", f"# {key} = {numbers}", table)
     table = table.replace('# frame = "flange" ', f'# frame = "{frame}" ')
-    straight = f"# {said} leaves this robot; length and mass are assumed: put yours\n"
+    straight = f"# {axis} leaves this robot; length and mass are assumed: put yours\n"
     first, _, keys = table.partition("\n")
     if used and not tool[:3, 3].any():
         first, keys = first.removeprefix("# "), "".join(line.removeprefix("# ") for line in keys.splitlines(True))
@@ -106,7 +106,7 @@ def mount_tool(text: str, robot: Robot, *, used: bool) -> str:
 
 
 def number_tools(text: str, tools: Sequence[CalledTool]) -> str:
-    """Let a job's text describe the tools of its CAM file.
+    """Describe the tools of the CAM file in the text of a job.
 
     Several tools give one [[tool]] each, all like its [tool]; the cut of a single one goes into [process].
     """
@@ -124,7 +124,7 @@ def number_tools(text: str, tools: Sequence[CalledTool]) -> str:
 
 
 def choose_process(text: str, model: str) -> str:
-    """Let a force model that suits the toolpath stand in place of sheet forming: its lines, and no other model's."""
+    """Replace sheet forming by another force model in the text of a job."""
     head, process, rest = _split_process(text)
     lines = [line if line.startswith(("#", "[")) else f"# {line}" for line in process.splitlines()]
     first = next(k for k, line in enumerate(lines) if line.startswith(f'# model = "{model}"'))
@@ -136,7 +136,7 @@ def choose_process(text: str, model: str) -> str:
 
 
 def _describe_cut(text: str, tool: CalledTool) -> str:
-    """Put the drill or the spindle speed of the one tool of a CAM file into [process]."""
+    """Write the drill or the spindle speed of the only tool of a CAM file into [process]."""
     head, process, rest = _split_process(text)
     if tool.drills:
         lines = process.splitlines(keepends=True)
@@ -156,21 +156,21 @@ def _split_process(text: str) -> tuple[str, str, str]:
 
 
 def set_place(text: str, position_mm: list[float], comment: str) -> str:
-    """Put the part of a job's text elsewhere."""
+    """Set the position of the part in the text of a job."""
     return re.sub(r"(?<=\[part\]).*?\nposition_mm = \[.*?\].*?(?=\n)",
                   lambda found: re.sub(r"position_mm = .*", f"position_mm = {position_mm}  # {comment}", found.group()),
                   text, count=1, flags=re.DOTALL)  # fmt: skip
 
 
 def set_force(text: str, axial: float, lateral: float, comment: str) -> str:
-    """Put other forces of sheet forming into a job's text. [N]"""
+    """Set the forces of sheet forming in the text of a job. [N]"""
     for key, value in (("axial_N", axial), ("lateral_N", lateral)):
         text = re.sub(rf"(?m)^{key} = [^#\n]*# ", f"{f'{key} = {value}':<36}# {comment}; ", text, count=1)
     return text
 
 
 def shorten_job(text: str) -> str:
-    """Return the keys of a commented job that one needs first, with their comments."""
+    """Return the first keys of a commented job, with their comments."""
     kept, table = ["# A compplan job: the keys that one needs first. All of them: compplan init without --short."], ""
     for line in text.splitlines():
         if line.startswith("["):

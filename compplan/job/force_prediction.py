@@ -1,4 +1,4 @@
-"""The force along a job's path: predicted, and beside a measured log."""
+"""Predicted force along a job's path, and its comparison with a measured log."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ForcePrediction:
     Attributes:
         job: The job.
         nominal: The path with its wrench, base frame.
-        law: Its law.
+        law: Force law of the process.
         ripple: Half of the range of the force through a turn of a cutter, path axes, or None. Shape (n, 3). [N]
         fit: The comparison with a log, or None.
 
@@ -49,24 +49,24 @@ class ForcePrediction:
 
     @property
     def engagement(self) -> Engagement | None:
-        """What a cutter touches, or None."""
+        """Engagement of a cutter, or None."""
         return None if self.law.cutting is None else self.law.cutting.engagement
 
     @property
     def notes(self) -> list[str]:
-        """What a user has to know, one sentence each."""
+        """Notes, one sentence each."""
         return [*self.nominal.notes, *([self.law.note] if self.law.note else [])]
 
 
 def predict_forces(job: Job, log: Path | None = None) -> ForcePrediction:
-    """Predict engagement and force along a job's path, and compare them with a log where there is one.
+    """Predict engagement and force along a job's path, and compare them with a log, if any.
 
     Raises:
-        InputError: If toolpath, process or log are not what they have to be.
+        InputError: If toolpath, process or log are invalid.
 
     """
     nominal, law = load_path(job)
-    law = replace(law, learned=None)  # a log is held against the model
+    law = replace(law, learned=None)  # a log is compared with the model
     ripple = None if law.cutting is None else law.cutting.ripple(nominal.feed)
     fit = None if log is None else fit_forces(read_force_log(log), law, nominal, log)
     return ForcePrediction(job, nominal, law, ripple, fit)

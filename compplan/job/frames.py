@@ -1,4 +1,4 @@
-"""Frames of a job as they are at hand: rotations by the name of their maker's form, the part frame by measured points.
+"""Frames of a job: rotations in the conventions of the makers, part frames from measured points.
 
 abc_deg      KUKA A B C: about z, then the new y, then the newest x
 wpr_deg      FANUC W P R, Yaskawa Rx Ry Rz: about the fixed x, y, z
@@ -25,17 +25,17 @@ from compplan.io.tomlfile import StrictTable, Vector3
 from compplan.robot import Robot
 from compplan.robot.pose import build_pose
 
-#: Greatest position [mm] and mass of a tool [kg] that are taken for true.
+#: Greatest position [mm] and mass of a tool [kg].
 FARTHEST_MM, HEAVIEST_KG = 1e6, 1e4
-#: Longest path of a file, in letters.
+#: Greatest length of a file path.
 LONGEST_PATH = 1000
-#: Greatest departure of a quaternion's length from 1 that is taken for rounding.
+#: Rounding of a quaternion's length.
 QUATERNION_ROUNDING = 1e-3
 #: Least size of a triangle of measured points, as the sine of an angle, and least distance of two [mm].
 FLATTEST, NEAREST_MM = 1e-3, 1.0
-#: Euler angles of each form, in scipy's letters: capitals turn about turning axes, small letters about fixed ones.
+#: Euler sequences of each form in scipy's notation: capitals intrinsic, small letters extrinsic.
 ANGLES = {"abc_deg": "ZYX", "wpr_deg": "xyz", "zyz_deg": "ZYZ", "val3_deg": "XYZ"}
-#: Keys that say a rotation.
+#: Keys of a rotation.
 ROTATIONS = ("rotation_deg", "rotation_rad", "quaternion", *ANGLES)
 
 
@@ -56,7 +56,7 @@ Quaternion = Annotated[tuple[float, float, float, float], Field(strict=False)]
 
 
 class PoseTable(StrictTable):
-    """A frame: X Y Z in mm, and its rotation in one of the forms above; without any it is not turned."""
+    """A frame: X Y Z in mm, and its rotation in one of the forms above (default: none)."""
 
     position_mm: Place = (0.0, 0.0, 0.0)
     rotation_deg: Place | None = None
@@ -69,9 +69,9 @@ class PoseTable(StrictTable):
 
     @model_validator(mode="after")
     def _check_rotation(self) -> PoseTable:
-        said = [key for key in ROTATIONS if getattr(self, key) is not None]
-        if len(said) > 1:
-            raise ValueError(f"says its rotation in {len(said)} forms ({', '.join(said)}), expected one")
+        given = [key for key in ROTATIONS if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"states its rotation in {len(given)} forms ({', '.join(given)}), expected one")
         if self.quaternion is not None and abs(np.linalg.norm(self.quaternion) - 1.0) > QUATERNION_ROUNDING:
             size = float(np.linalg.norm(self.quaternion))
             raise ValueError(f"has a quaternion of length {size:.4g}, expected w, x, y, z of length 1")
@@ -79,7 +79,7 @@ class PoseTable(StrictTable):
 
     @property
     def rotation(self) -> Rotation:
-        """The rotation, in whichever form it is said."""
+        """The rotation."""
         if self.quaternion is not None:
             w, x, y, z = self.quaternion
             return Rotation.from_quat([x, y, z, w])
@@ -99,11 +99,11 @@ class PoseTable(StrictTable):
 
 @dataclass(frozen=True)
 class FittedFrame:
-    """Hold a part frame that was found from points.
+    """A part frame found from points.
 
     Attributes:
         pose: Pose of the part frame seen from the base. Shape (4, 4). [m]
-        residual: Distance of each point from where the frame has it; empty where the points allow none. [mm]
+        residual: Residual distance of each point; empty without redundancy. [mm]
         method: How it was found.
 
     """
@@ -113,19 +113,19 @@ class FittedFrame:
     method: str
 
     def tell(self) -> str:
-        """Say in a sentence how well the points agree, and where the frame stands."""
+        """Return a sentence with the frame and the residuals of the points."""
         z = ", ".join(f"{value:.4g}" for value in np.round(self.pose[:3, 2], 4) + 0.0)
         at = ", ".join(f"{value:.3f}" for value in 1e3 * self.pose[:3, 3])
-        said = f"The part frame is found from points ({self.method}): origin [{at}] mm, its z along ({z}) of the base"
+        found = f"The part frame is found from points ({self.method}): origin [{at}] mm, its z along ({z}) of the base"
         if not len(self.residual):
-            return f"{said}; the points leave nothing over that could be checked."
+            return f"{found}; the points leave no residual to check."
         rms, worst = float(np.sqrt(np.mean(self.residual**2))), int(self.residual.argmax())
-        return (f"{said}; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
+        return (f"{found}; they are {rms:.3g} mm (rms) from where it has them, at most {self.residual[worst]:.3g} mm, "
                 f"point {worst + 1} of {len(self.residual)}.")  # fmt: skip
 
 
 class PointPairs(StrictTable):
-    """Points of the part as drawn (part frame), and where they were measured (robot base)."""
+    """Nominal points of the part (part frame) and measured points (robot base)."""
 
     nominal: Places
     measured: Places
@@ -140,11 +140,11 @@ class PointPairs(StrictTable):
         for name, points in (("nominal", self.nominal), ("measured", self.measured)):
             size = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), compute_uv=False)
             if size[0] < NEAREST_MM or size[1] < FLATTEST * size[0]:
-                raise ValueError(f"has {name} points on one line, which leave a turn about it open")
+                raise ValueError(f"has {name} points on one line, which do not determine the rotation about it")
         return self
 
     def fit(self) -> FittedFrame:
-        """Fit the frame so that the sum of the squared distances is least [Kabsch1976]."""
+        """Fit the frame by least squares [Kabsch1976]."""
         nominal, measured = np.asarray(self.nominal), np.asarray(self.measured)
         middle, seen = nominal.mean(axis=0), measured.mean(axis=0)
         u, _, vt = np.linalg.svd((nominal - middle).T @ (measured - seen))
@@ -157,7 +157,7 @@ class PointPairs(StrictTable):
 class Datums(StrictTable):
     """3-2-1: three points on the face z = 0, two on the face y = 0, one on the face x = 0, measured in the robot base.
 
-    The three turn counter-clockwise seen from outside, where z points; x points from the first of the two to the other.
+    The three are counter-clockwise seen from +z; x points from the first of the two to the second.
     """
 
     plane: Annotated[tuple[Place, Place, Place], Field(strict=False)]
@@ -191,9 +191,7 @@ class Datums(StrictTable):
 
 
 class PartTable(PoseTable):
-    """[part]: pose of the part frame, seen from the robot base (from the link that carries the part, where one does).
-
-    Or the points that it is found from.
+    """[part]: pose of the part frame in the robot base (or in the link that carries the part).
 
     touched_off: Whether the part was found by touching it with this robot and tool; otherwise the frame is absolute in
         the robot base (tracker, calibrated cell).
@@ -207,15 +205,15 @@ class PartTable(PoseTable):
 
     @model_validator(mode="after")
     def _check_one(self) -> PartTable:
-        said = self.model_fields_set & {"position_mm", *ROTATIONS}
+        given = self.model_fields_set & {"position_mm", *ROTATIONS}
         found = [key for key in ("points_mm", "datum_mm") if getattr(self, key) is not None]
-        if len(found) + bool(said) > 1:
-            raise ValueError(f"is said by {', '.join([*sorted(said), *found])}: expected one way only")
+        if len(found) + bool(given) > 1:
+            raise ValueError(f"is given by {', '.join([*sorted(given), *found])}, expected one of them")
         return self
 
     @property
     def touched_points(self) -> Array | None:
-        """Touched points in the part frame; None where they are not stated. Shape (k, 3). [m]."""
+        """Touched points in the part frame, or None. Shape (k, 3). [m]."""
         if self.datum_mm is not None:
             datum, pose = self.datum_mm, self.pose
             touched = 1e-3 * np.asarray([*datum.plane, *datum.line, datum.point])
@@ -224,23 +222,22 @@ class PartTable(PoseTable):
 
     @property
     def fit(self) -> FittedFrame | None:
-        """The frame found from points; None where it is stated."""
+        """The frame found from points, or None."""
         found = self.points_mm or self.datum_mm
         return None if found is None else found.fit()
 
     @property
     def pose(self) -> Array:
-        """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
+        """Pose of the part frame in the robot base. Shape (4, 4) [m]."""
         fit = self.fit
         return super().pose if fit is None else fit.pose
 
 
 class ToolTable(PoseTable):
-    """[tool]: from the flange frame to the TCP frame, in place of the robot folder's TCP; mass where it is known.
+    """[tool]: TCP frame on the flange and mass of the tool, replacing the robot folder's.
 
-    frame: which flange frame position, rotation and centre of mass count from: the URDF's, or the maker's, as the teach
-        pendant shows it.
-    cutter_file: a tool table (`compplan.job.tool_tables`) that says the cutter of [process]; cutter_name which of it.
+    frame: reference of position, rotation and centre of mass: the URDF's flange frame, or the maker's (pendant).
+    cutter_file: a tool table (`compplan.job.tool_tables`) with the cutter of [process]; cutter_name selects it.
     """
 
     frame: Literal["flange", "pendant"] = "flange"
@@ -250,43 +247,43 @@ class ToolTable(PoseTable):
     centre_of_mass_mm: Place = (0.0, 0.0, 0.0)
 
     def locate_frame(self, robot: Robot) -> Array:
-        """Return the pose of the frame that this table counts from, seen from the URDF's flange. Shape (4, 4) [m].
+        """Return the pose of the reference frame in the URDF's flange frame. Shape (4, 4) [m].
 
         Raises:
-            InputError: If it is the pendant's, and nothing says how that stands.
+            InputError: If it is the pendant's, and that is unknown.
 
         """
         if self.frame == "flange":
             return np.eye(4)
         found = locate_pendant(robot)
         if found is None:
-            message = f"is 'pendant', and nothing says how the pendant of {robot.name!r} counts tools"
+            message = f"is 'pendant', but the tool frame of the pendant of {robot.name!r} is unknown"
             cure = 'write [pendant] with x and z in its controller.toml, or frame = "flange"'
             raise InputError(f"{message}; {cure}", where="tool.frame")
         return found.pose
 
     def locate_tcp(self, robot: Robot) -> Array:
-        """Return the pose of the TCP frame seen from the URDF's flange. Shape (4, 4) [m]."""
+        """Return the pose of the TCP frame in the URDF's flange frame. Shape (4, 4) [m]."""
         return np.asarray(self.locate_frame(robot) @ self.pose)
 
     def mount(self, robot: Robot) -> Robot:
-        """Return a robot with this tool in place of its folder's; a mass that nobody states bends nothing."""
+        """Return a robot with this tool in place of its folder's; an unstated mass is zero."""
         frame = self.locate_frame(robot)
         centre = frame[:3, :3] @ (np.asarray(self.centre_of_mass_mm) * 1e-3) + frame[:3, 3]
         return robot.with_tool(frame @ self.pose, self.mass_kg, centre)
 
 
 class PositionerTable(StrictTable):
-    """[positioner]: joints that carry the part and stay where they are put, by name; the plan chooses the others."""
+    """[positioner]: fixed positions of joints that carry the part, by name; the plan chooses the others."""
 
     hold_deg: dict[str, float] = Field(default_factory=dict)
     hold_mm: dict[str, float] = Field(default_factory=dict)
 
     def hold(self, robot: Robot) -> Robot:
-        """Return a robot whose joints can take no other position than they are held at.
+        """Return a robot whose held joints have equal limits.
 
         Raises:
-            InputError: If a name is that of no joint that carries the part, or a position is out of its range.
+            InputError: If a name is no joint that carries the part, or a position is out of its range.
 
         """
         for key, factor in (("hold_deg", np.pi / 180.0), ("hold_mm", 1e-3)):

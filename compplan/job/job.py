@@ -1,7 +1,6 @@
-"""The job: one TOML file that says which robot follows which toolpath under which wrench, and what is wanted.
+"""The job: a TOML file with robot, toolpath, process and requirements.
 
-Each table of the file is a small model here; a further key is one line in its table, a further table one class and one
-line in `Job`. Keys carry their units; properties give SI.
+Each table of the file is a model here. Keys carry their units; properties are SI.
 """
 
 from __future__ import annotations
@@ -35,16 +34,16 @@ from compplan.toolpath.readers import list_suffixes
 from compplan.toolpath.readers.options import CamTable
 from compplan.toolpath.toolpath import Toolpath
 
-#: Words of [plan] keep: the posture that the job's own robot chooses, and whichever is best; else a program's file.
+#: Words of [plan] keep: the posture of the job's own robot, or the best one; else a file.
 KEEP_ROBOT, KEEP_NOTHING = "robot", "nothing"
-#: Share of the tolerance by which corners are rounded where a job does not say.
+#: Default corner rounding as a share of the tolerance.
 ROUNDED = 0.25
-#: Longest name, in letters.
+#: Greatest length of a name.
 LONGEST_NAME = 200
 
 
 class Configuration(StrictTable):
-    """Which of the arm's configurations is wanted; what is left out is free, and "auto" leaves out everything."""
+    """Configuration of the arm; keys left out are free, "auto" leaves all free."""
 
     shoulder: Literal["front", "back"] | None = None
     elbow: Literal["up", "down"] | None = None
@@ -61,7 +60,7 @@ def _expand_auto(value: object) -> object:
 
 
 class PlanTable(StrictTable):
-    """[plan]: what the plan may do and has to reach."""
+    """[plan]: strategy, tolerance and freedom of the plan."""
 
     strategy: Annotated[str, OneOf(STRATEGIES)] = "nlp"
     rotate_about_tool_axis: bool = True
@@ -87,10 +86,10 @@ class PlanTable(StrictTable):
 
 
 class SamplingTable(StrictTable):
-    """[sampling]: how moves are divided before planning; toolpath files at 1 mm where nothing is said.
+    """[sampling]: division of moves before planning (toolpath files: 1 mm by default).
 
-    chord_mm is how far the loaded tip may stray from the path between waypoints, whichever way the controller goes from
-    one to the next; the plan divides moves further until it holds. Left out: a tenth of the tolerance.
+    chord_mm: greatest deviation of the loaded tip between waypoints; the plan divides moves until it holds (default: a
+        tenth of the tolerance).
     """
 
     max_step_mm: float | None = Field(default=None, gt=0.0, le=1e5)
@@ -99,7 +98,7 @@ class SamplingTable(StrictTable):
 
 
 class FeedTable(StrictTable):
-    """[feed]: the feed of cutting moves in place of the toolpath's own, and what may slow it down."""
+    """[feed]: feed of cutting moves in place of the toolpath's, corners, torque limits."""
 
     constant_mm_s: float | None = Field(default=None, gt=0.0)
     mode: Literal["programmed", "constant"] = "programmed"
@@ -108,10 +107,10 @@ class FeedTable(StrictTable):
 
 
 class LimitsTable(StrictTable):
-    """[limits]: shares of the robot's rates that the plan may use.
+    """[limits]: shares of the robot's rate limits.
 
-    full_acceleration_after_s assumes a limit of the jerk where the robot folder states none (jerk_limits): a joint
-    takes this time to reach its greatest acceleration. Left out, such a robot's jerk has no limit.
+    full_acceleration_after_s: time in which a joint reaches its greatest acceleration, which assumes a jerk limit where
+        the robot folder has none.
     """
 
     velocity_scale: float = Field(default=1.0, ge=1e-3, le=1.0)
@@ -120,7 +119,7 @@ class LimitsTable(StrictTable):
 
 
 class PostureTable(StrictTable):
-    """[posture]: what the redundant degree of freedom is used for, and how far the tool axis may lean."""
+    """[posture]: objective of the redundant degree of freedom, and freedom of the tool axis."""
 
     preset: Literal["accurate", "error_band", "smooth", "fast"] = "accurate"
     weights: dict[str, Annotated[float, Field(le=1e9)]] = Field(default_factory=dict)
@@ -137,7 +136,7 @@ class PostureTable(StrictTable):
 
 
 def _ascend(limits: tuple[float, float]) -> tuple[float, float]:
-    """Refuse a range whose end lies before its beginning."""
+    """Refuse a range in falling order."""
     if limits[1] < limits[0]:
         raise ValueError(f"ends at {limits[1]:g} before it begins at {limits[0]:g}")
     return limits
@@ -147,7 +146,7 @@ Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_asce
 
 
 class PlaceTable(StrictTable):
-    """[place]: where `compplan place` may put the part, seen from the robot base; left out: around the job's place."""
+    """[place]: range of `compplan place` in the robot base (default: around the place of the job)."""
 
     x_mm: Range | None = None
     y_mm: Range | None = None
@@ -171,14 +170,14 @@ class CollisionTable(StrictTable):
 
 
 class FileTable(StrictTable):
-    """[toolpath] with a file: the same as `toolpath = "FILE"`; strict refuses a CAM file that is read with any note."""
+    """[toolpath] with a file, as `toolpath = "FILE"`; strict refuses a CAM file with any note."""
 
     file: str
     strict: bool = False
 
 
 class Job(StrictTable):
-    """Hold a job as its file says it; `load_job` reads it, `load_nominal` follows its references."""
+    """A job; `load_job` reads it, `load_nominal` its toolpath."""
 
     schema_: SchemaOne = Field(alias="schema")
     name: str = Field(default="", max_length=LONGEST_NAME)
@@ -225,21 +224,21 @@ class Job(StrictTable):
 
     @property
     def given(self) -> Toolpath | None:
-        """The toolpath, part frame, where the job was made in memory with one rather than with a file."""
+        """The toolpath in memory, part frame, or None."""
         return self._given
 
     @property
     def mounted(self) -> Robot | None:
-        """The robot, where the job was made in memory with one rather than with the name of a folder."""
+        """The robot in memory, or None."""
         return self._mounted
 
     @property
     def stated_force(self) -> tuple[LearnedForce | None] | None:
-        """What parts said of its force, alone, where that is told; None where the robot folder says it."""
+        """The force learned from parts, or None where the robot folder holds it."""
         return self._force
 
     def with_force(self, force: LearnedForce | None) -> Job:
-        """Return the job with what parts said of its force, whatever its robot folder says."""
+        """Return the job with a force learned from parts, in place of that of the robot folder."""
         job = self.model_copy()
         job._force = (force,)
         return job
@@ -251,25 +250,24 @@ class Job(StrictTable):
 
     @property
     def own_robot(self) -> str:
-        """The robot that the file names, whichever stands in for it."""
+        """The robot in the file, whichever replaces it."""
         return self.robot if self._own_robot is None else self._own_robot
 
     @property
     def tools(self) -> tuple[NumberedTool, ...]:
-        """[[tool]]: what each T number of the CAM file is; empty where the job has one [tool] or none."""
+        """[[tool]]: the numbered tools; empty where the job has one [tool] or none."""
         return self._tools
 
     @property
     def data(self) -> dict[str, Any]:
-        """The plain tables that the job was checked from."""
+        """The tables of the file."""
         return self._data
 
     @property
     def corner_tolerance(self) -> float:
-        """How far corners of the cut are rounded: as stated, else a share of the tolerance in files. [m].
+        """Rounding of corners: as stated, else a share of the tolerance for files. [m].
 
-        Where one feed is kept and the force turns with the travel they are not rounded unasked: the correction would
-        have to jump there.
+        With constant feed and a force that turns with the travel the default is 0: the correction would jump there.
         """
         if self.feed.corner_tolerance_mm is not None:
             return 1e-3 * self.feed.corner_tolerance_mm
@@ -284,27 +282,27 @@ class Job(StrictTable):
 
     @property
     def label(self) -> str:
-        """Short name of the one operation of a CAM file of several tools that this job is about, else ""."""
+        """Short name of the operation of this job in a CAM file of several tools, or ""."""
         return self._label
 
     @property
     def before(self) -> tuple[Job, ...]:
-        """The jobs of the operations that cut before this one, in order, as far as their tools are described."""
+        """The jobs of earlier operations with described tools, in order."""
         return self._before
 
     @property
     def T_base_part(self) -> Array:
-        """Pose of the part frame seen from the robot base. Shape (4, 4) [m]."""
+        """Pose of the part frame in the robot base. Shape (4, 4) [m]."""
         return self.part.pose
 
     @property
     def touched_off(self) -> bool:
-        """Whether the part was found by touching it with this robot and tool; otherwise its frame is absolute."""
+        """Whether the part frame is touched off, or else absolute."""
         return self.part.touched_off
 
     @property
     def tool_x_base(self) -> Array:
-        """Where the TCP frame's x axis points when rotation about the tool axis is not free, base axes. Shape (3,)."""
+        """Direction of the TCP frame's x axis without free rotation about the tool axis, base axes. Shape (3,)."""
         direction = self.T_base_part[:3, :3] @ np.asarray(self.plan.tool_x)
         return np.asarray(direction / np.linalg.norm(direction))
 
@@ -312,13 +310,13 @@ class Job(StrictTable):
 def check_job(
     data: dict[str, Any], file: str | Path = Path(), *, toolpath: Toolpath | None = None, robot: Robot | None = None
 ) -> Job:
-    """Check a job that is given as plain tables.
+    """Check a job given as tables.
 
     Args:
-        data: The tables, as `tomllib` gives them.
-        file: File they come from, or would stand in.
-        toolpath: A toolpath in memory in place of the file that the job names.
-        robot: A robot in memory in place of the folder that the job names.
+        data: The tables from `tomllib`.
+        file: Their file, for messages and relative paths.
+        toolpath: A toolpath in memory in place of the file.
+        robot: A robot in memory in place of the folder.
 
     Raises:
         InputError: With file and key.
@@ -330,14 +328,14 @@ def check_job(
     tools: tuple[NumberedTool, ...] = ()
     if isinstance(data.get("tool"), list):
         if "tools" in data:
-            raise InputError("stands beside [tools], expected one of both", file=file, where="tool")
+            raise InputError("is given beside [tools], expected one of them", file=file, where="tool")
         tools = check_tools(data["tool"], file)
         data = {key: value for key, value in data.items() if key != "tool"}
     if isinstance(data.get("process"), dict):
         data["process"] = apply_material(data["process"], Path(file), "process")
     if isinstance(data.get("tool"), dict) and "cutter_file" in data["tool"]:
         if "tools" in data:
-            raise InputError("stands beside [tools], which says every cutter", file=file, where="tool.cutter_file")
+            raise InputError("is given beside [tools], which holds every cutter", file=file, where="tool.cutter_file")
         tool = check_table(ToolTable, data["tool"], file=file, key="tool")
         data["process"] = place_cutter(data.get("process", {}), tool, Path(file))
     table = data.get("toolpath")
@@ -371,11 +369,11 @@ def load_job(path: str | Path, robot: str | None = None, keep: str | None = None
 
     Args:
         path: The file.
-        robot: Robot folder or name of a shipped robot in place of the job's; a path counts from the working directory.
-        keep: What the posture keeps, in place of [plan] keep; a path counts from the working directory.
+        robot: Robot folder or shipped robot in place of the job's; relative to the working directory.
+        keep: Replaces [plan] keep; relative to the working directory.
 
     Raises:
-        InputError: With file and line, or file and key, if it is not what it has to be.
+        InputError: With file and line or key, if it is invalid.
 
     """
     suffix = Path(path).suffix.lower()

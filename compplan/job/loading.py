@@ -1,4 +1,4 @@
-"""What a job's files hold: the toolpath as programmed, and the path that a plan has to reach, with its wrench."""
+"""Loading of a job's files: toolpath as programmed, and path to follow with its wrench."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from compplan.toolpath.operations import split_operations
 from compplan.toolpath.reading import read_toolpath
 from compplan.toolpath.toolpath import Toolpath, check_toolpath, place_toolpath, resample_toolpath
 
-#: Step that a toolpath file is divided into where the job says nothing. [m]
+#: Default step of a toolpath file. [m]
 FILE_STEP = 1e-3
-#: Greatest force or moment of a process that is taken for true. [N, N m]
+#: Greatest force or moment of a process. [N, N m]
 MOST_LOAD = 1e5
 
 
 def load_toolpath(job: Job) -> Toolpath:
-    """Return the job's toolpath as it is programmed, in the part frame.
+    """Return the job's toolpath as programmed, in the part frame.
 
     Raises:
-        InputError: If the toolpath file is not what it has to be.
+        InputError: If the toolpath file is invalid.
 
     """
     if job.given is not None:
@@ -56,7 +56,7 @@ def job_toolpath_file(job: Job) -> Path:
     """Return the toolpath file of a job.
 
     Raises:
-        InputError: If it names none that is there.
+        InputError: If it is missing.
 
     """
     if not isinstance(job.toolpath, str):
@@ -68,7 +68,7 @@ def job_toolpath_file(job: Job) -> Path:
 
 
 def refuse_unsettled(job: Job) -> None:
-    """Refuse a job that describes tools by number, and of which nobody has said which one is meant.
+    """Refuse a job with numbered tools but no selected operation.
 
     Raises:
         InputError: If it does.
@@ -80,7 +80,7 @@ def refuse_unsettled(job: Job) -> None:
 
 
 def _refuse_tools(job: Job, toolpath: Toolpath) -> None:
-    """Refuse a file that cuts with several tools where one is described: the others would cut with its length.
+    """Refuse a file with several tools where only one is described.
 
     Raises:
         InputError: With what to write.
@@ -96,7 +96,7 @@ def _refuse_tools(job: Job, toolpath: Toolpath) -> None:
 
 
 def load_nominal(job: Job) -> Toolpath:
-    """Return what the plan has to reach: the job's toolpath, divided, in the base frame, with the predicted wrench.
+    """Return the divided toolpath in the base frame with the predicted wrench.
 
     Raises:
         InputError: If toolpath or process are not what they have to be.
@@ -106,9 +106,9 @@ def load_nominal(job: Job) -> Toolpath:
 
 
 def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
-    """Return what the plan has to reach, as `load_nominal`, and the law of its wrench, parts' lessons in it.
+    """Return the path as `load_nominal`, and the force law with the level learned from parts.
 
-    The path carries the wrench as it is predicted: a lesson of the force moves no posture unasked.
+    The path carries the predicted wrench, so that a learned force does not change the posture.
 
     Raises:
         InputError: If toolpath or process are not what they have to be.
@@ -136,12 +136,12 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
             note = compare_zero(cutting, toolpath)
     nominal = place_toolpath(toolpath, job.T_base_part)
     with _name_job(job):
-        said = describe_process(job.process, nominal, cutting)
+        notes = describe_process(job.process, nominal, cutting)
     missing = 0 if cutting is None or job.cam.operation is None else job.cam.operation - 1 - len(job.before)
     if missing > 0:
-        said = (f"What {missing} operations before this one cut is left in its stock (assumed): no [[tool]] describes "
-                "them.", *said)  # fmt: skip
-    note = " ".join([*([note] if note else []), *list_remarks(said)])
+        notes = (f"The cuts of {missing} earlier operations are left out of the stock (assumed): no [[tool]] describes "
+                 "them.", *notes)  # fmt: skip
+    note = " ".join([*([note] if note else []), *list_remarks(notes)])
     law = ForceLaw(job.process, job.T_base_part, job.tool_x_base, job.folder, rows_at, top, note, cutting)
     with _name_job(job):
         wrench = law.predict(nominal)
@@ -151,12 +151,12 @@ def load_path(job: Job) -> tuple[Toolpath, ForceLaw]:
         note = " ".join([*([note] if note else []), f"{learned.words}."])
         law = replace(law, learned=learned, note=note)
         _check_load(law.predict(nominal), job)
-    return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(said))), law
+    return replace(nominal, wrench=wrench, notes=(*nominal.notes, *list_stops(notes))), law
 
 
 @contextmanager
 def _name_job(job: Job) -> Iterator[None]:
-    """Let what is refused of the job's own keys lead with the job's file, where the force itself knows none."""
+    """Add the job file to errors of its process keys."""
     try:
         yield
     except InputError as error:
@@ -166,7 +166,7 @@ def _name_job(job: Job) -> Iterator[None]:
 
 
 def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTable, Toolpath]]:
-    """Return what the operations before cut out of the same stock, part frame: none of a stock that is a tool's own."""
+    """Return the earlier cuts in the same stock, part frame."""
     return [
         (one.process, resample_toolpath(load_toolpath(one), FILE_STEP)) for one in job.before
         if isinstance(one.process, CuttingTable)
@@ -175,14 +175,14 @@ def _list_cuts_before(job: Job, process: CuttingTable) -> list[tuple[CuttingTabl
 
 
 def find_learned_force(job: Job) -> LearnedForce | None:
-    """Return what parts said of the force of a job's process: what it was told, or what its robot folder holds."""
+    """Return the force learned from parts: from the job, or from its robot folder."""
     if job.stated_force is not None:
         return job.stated_force[0]
     if job.mounted is not None:
         return read_learned_force(job.mounted.folder, job.process)
     try:
         folder = find_robot_folder(job.robot, job.folder)
-    except CompplanError:  # said where the robot is loaded
+    except CompplanError:  # reported when the robot is loaded
         return None
     return read_learned_force(folder, job.process)
 

@@ -1,10 +1,7 @@
-"""What a job may name: effects, strategies of a plan, and those that read sensors while the part is cut.
+"""Registries of names in a job: effects, strategies, and strategies with sensors.
 
-Each name is that of one file in `compplan.effects` or `compplan.planning.strategies`, which open these registries; a
-file
-is imported when it is first used, so that a job is checked before anything heavy is loaded. Job schema, help texts,
-commented job and pages read these lists. Program languages are listed in `compplan.controllers.writers`, CAM readers in
-`compplan.toolpath.readers`, force models in `compplan.process.force_models`.
+Each name is a module of `compplan.effects` or `compplan.planning.strategies`, imported at first use. Other registries:
+`compplan.controllers.writers`, `compplan.toolpath.readers`, `compplan.process.force_models`.
 """
 
 from __future__ import annotations
@@ -13,7 +10,7 @@ from typing import Any
 
 from compplan.io.plugins import Registry
 
-#: Effects, in the order in which they enter a scene: what changes the robot first, what needs its poses later.
+#: Effects in the order in which they enter the forward model: changes of the robot first.
 EFFECTS: Registry[Any] = Registry[Any]((
     "joint_stiffness",
     "link_compliance",

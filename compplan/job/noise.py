@@ -1,7 +1,6 @@
-"""[noise] of a job: what is uncertain about part, process and sensors in a Monte Carlo study.
+"""[noise] of a job: standard deviations of part, process and sensors in a Monte Carlo study.
 
-Every key is one standard deviation unless its comment says otherwise, and every default is assumed or taken from
-literature that did not measure the machine in front of you: `describe_noise` says which.
+Keys are standard deviations unless stated otherwise; defaults are assumed or from literature (`describe_noise`).
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from pydantic import Field
 from compplan.io.tomlfile import OneOf, StrictTable
 from compplan.job.names import EFFECTS
 
-#: Where the defaults come from, key by key.
+#: Sources of the defaults by key.
 SOURCES: dict[str, str] = {
     "link_share": "assumed; share of a joint spring beyond its link-side encoder where one spring stands for both",
     "part_frame_mm": "assumed; of a touched part [part] touch_repeatability_mm counts where this is not stated",
@@ -21,7 +20,7 @@ SOURCES: dict[str, str] = {
     "wrench_level": "what the force model states, else assumed; models of milling and forming err by 10 to 20 %",
     "wrench_direction_deg": "assumed",
     "wrench_path": "assumed; relative variation of the level along the path",
-    "correlation_mm": "assumed; distance at which errors along the path forget each other",
+    "correlation_mm": "assumed; correlation length of errors along the path",
     "motor_encoder_deg": "assumed; a 17-bit encoder behind a gear reads far finer than its mounting",
     "link_encoder_deg": "assumed; a 20-bit ring with its mounting error",
     "temperature_K": "assumed; drift of arms that warm up comes to 1 mm at most",
@@ -36,7 +35,7 @@ SOURCES: dict[str, str] = {
 
 
 class EffectNoise(StrictTable):
-    """[[noise.effects]]: an effect of the vocabulary that the cell may have; parameters are standard deviations, SI."""
+    """[[noise.effects]]: a random effect of the simulated robot; parameters are standard deviations, SI."""
 
     effect: Annotated[str, OneOf(EFFECTS)]
     joint: str | None = None
@@ -45,7 +44,7 @@ class EffectNoise(StrictTable):
 
 
 class NoiseTable(StrictTable):
-    """[noise]: standard deviations of a Monte Carlo study (`SOURCES` says where each default comes from).
+    """[noise]: standard deviations of a Monte Carlo study (sources: `SOURCES`).
 
     Robots are drawn from the uncertainty of the robot folder (`compplan.uncertainty.assumed`); these are the rest.
     """
@@ -70,7 +69,7 @@ class NoiseTable(StrictTable):
 
 
 def describe_noise(table: NoiseTable) -> list[str]:
-    """Say of every key its value and where it comes from, one sentence each."""
+    """Return value and source of every key, one sentence each."""
     stated = table.model_fields_set
     return [
         f"noise.{key} = {_show(getattr(table, key))}: {'set in the job' if key in stated else source}"

@@ -1,4 +1,4 @@
-"""A job whose CAM file calls several tools: one job for each of them, of one tool, which everything else takes."""
+"""Jobs with several tools: one job for each operation."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from compplan.toolpath.reading import read_toolpath
 
 
 def split_job(job: Job) -> tuple[Job, ...]:
-    """Return one job for each operation of the job's CAM file, each with the tool, mass and force law of its T number.
+    """Split a job into one for each operation of its CAM file, with tool, mass and force law of its T number.
 
-    A job without [[tool]] and [tools] is returned as it is, as is one whose toolpath is no CAM file.
+    Jobs without [[tool]] and [tools], or without a CAM file, are returned unchanged.
 
     Raises:
-        InputError: If a tool that cuts is not described; with the words that would describe it.
+        InputError: If a tool that cuts is not described.
 
     """
     if not job.tools and job.tool_table is None:
@@ -41,7 +41,7 @@ def split_job(job: Job) -> tuple[Job, ...]:
         except InputError:
             if number in wanted:
                 raise
-            continue  # what it cut before is not known
+            continue  # its earlier cuts are unknown
         one._before = tuple(made)
         made.append(one)
     return tuple(made) if job.cam.operation is None else (made[-1],)
@@ -71,20 +71,20 @@ def label_operations(operations: tuple[Operation, ...]) -> list[str]:
 
 
 def load_one_job(path: str | Path, robot: str | None = None, keep: str | None = None) -> Job:
-    """Read a job file for what takes one tool: the job of its one operation, or of the one that [cam] operation names.
+    """Read a job file as the job of its only operation, or of [cam] operation.
 
     Raises:
-        InputError: As `load_job` and `split_job` say, and if the file has several operations and none is named.
+        InputError: As `load_job` and `split_job`, and if none of several operations is selected.
 
     """
     return settle_job(load_job(path, robot, keep))
 
 
 def settle_job(job: Job) -> Job:
-    """Return the job of the one operation of a job, or of the one that its [cam] operation names.
+    """Return the job of the only operation, or of [cam] operation.
 
     Raises:
-        InputError: If there are several and none is named, or the tool is not described.
+        InputError: If none of several is selected, or the tool is not described.
 
     """
     jobs = split_job(job)
@@ -96,10 +96,10 @@ def settle_job(job: Job) -> Job:
 
 
 def _describe(job: Job, operation: Operation) -> Described:
-    """Return what the job says of the tool of an operation.
+    """Return the description of the tool of an operation.
 
     Raises:
-        InputError: If it says nothing.
+        InputError: If there is none.
 
     """
     if job.tool_table is not None:

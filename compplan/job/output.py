@@ -1,4 +1,4 @@
-"""[output]: the programs that a job asks for."""
+"""[output]: programs of a job."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from compplan.controllers.writers import WRITERS
 from compplan.io.tomlfile import OneOf, StrictTable
 from compplan.job.signals import IoTable
 
-#: How far written moves may lie beside the tip where a job does not say: a share of the tolerance, at least the second
-#: (assumed). [1, m]
+#: Default distance of written moves from the tip: a share of the tolerance, and its minimum (assumed). [1, m]
 FITTED, FINEST = 0.05, 2e-6
 
 
 class CellTable(StrictTable):
-    """[output.cell]: the cell's own tool data, frame and positioner, and whether programs fill the first two."""
+    """[output.cell]: tool data, frame and positioner of the cell, and whether programs fill the first two."""
 
     tool: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
     base: Annotated[int, Field(ge=0, le=999)] | Annotated[str, Field(max_length=32)] | None = None
@@ -25,7 +24,7 @@ class CellTable(StrictTable):
 
 
 class OutputTable(StrictTable):
-    """[output]: native programs, how closely their lines and arcs follow the path, and how they are cut up."""
+    """[output]: languages, form, fit tolerance and files of native programs."""
 
     programs: Annotated[tuple[Annotated[str, OneOf(WRITERS)], ...], Field(strict=False)] = ()
     form: Literal["linear", "joint", "both"] = "linear"
@@ -41,7 +40,7 @@ class OutputTable(StrictTable):
     io: IoTable = IoTable()
 
     def bound_fit(self, tolerance: float) -> float:
-        """Return how far written moves may lie beside the tip: as stated, else a share of the tolerance. [m].
+        """Return the allowed distance of written moves from the tip. [m]
 
         Args:
             tolerance: The strictest tolerance of the path. [m]

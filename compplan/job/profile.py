@@ -1,4 +1,4 @@
-"""Shop profile: what a shop answers once, as defaults under the tables of its jobs.
+"""Shop profile: defaults for the tables of the jobs of a shop.
 
 A profile is a TOML file with tables of a job: robot and controller, unit and machine of the CAM system, home, work
 offset, tool table. A job names it (`profile = "shop.toml"`), `compplan post` takes it (--profile).
@@ -14,23 +14,23 @@ from typing import Any
 from compplan.errors import InputError
 from compplan.io.tomlfile import read_toml
 
-#: Keys of a job that are its own.
+#: Keys that a profile must not contain.
 OWN = ("name", "toolpath", "profile")
-#: Tables that a job states whole: parts of two would contradict each other.
+#: Tables that are replaced as a whole.
 WHOLE = frozenset({"part", "tool", "tools", "process"})
-#: Tables of which a job has one.
+#: Tables that exclude each other.
 EITHER = ({"tool", "tools"},)
 
 
 def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
-    """Return a job's tables with those of the profile that it names under them; one without a profile stays as it is.
+    """Merge a job's tables over those of its profile, if any.
 
     Args:
         data: The tables of the job.
-        file: The job file; the profile's name counts from its folder.
+        file: The job file; the profile is relative to its folder.
 
     Raises:
-        InputError: If the profile is not what it has to be.
+        InputError: If the profile is invalid.
 
     """
     named = data.get("profile")
@@ -46,10 +46,10 @@ def apply_profile(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
 
 
 def read_profile(file: Path) -> dict[str, Any]:
-    """Read a profile; names of files in it count from its folder.
+    """Read a profile; file names in it are relative to its folder.
 
     Raises:
-        InputError: If it is no TOML file, or holds what belongs to a job.
+        InputError: If it is no TOML file, or contains keys of a job alone.
 
     """
     data = read_toml(file)
@@ -82,7 +82,7 @@ def _merge(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _place_files(value: Any, folder: Path) -> Any:
-    """Return tables in which names of files and folders that are there are absolute."""
+    """Return tables with absolute names of existing files and folders."""
     if isinstance(value, dict):
         return {key: _place_files(entry, folder) for key, entry in value.items()}
     if isinstance(value, list):

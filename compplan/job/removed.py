@@ -1,4 +1,4 @@
-"""Keys of earlier releases that a job may still hold."""
+"""Keys of earlier releases."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from compplan.errors import InputError
 
 CAM = "a CAM system checks finished walls and stock; delete it"
 DRAWN = "robots are drawn from the robot folder's uncertainty.toml, or by its grade; state it there and delete the key"
-#: Keys of [noise] that repeat what the robot folder knows.
+#: Keys of [noise] replaced by the robot folder.
 OF_ROBOT = (
     "robot", "joint_compliance", "link_compliance", "joint_zero_deg", "geometry_mm", "geometry_deg", "tool_frame_mm",
     "backlash_deg", "gear_error_deg", "gear_periods", "repeatability_mm",
 )  # fmt: skip
-#: Removed keys, dotted, and what to do instead.
+#: Removed keys, dotted, with remedies.
 REMOVED = {
     "coupling": "the force is that of the tool on its path; delete it",
     "stability": "state [process] tool_mode, a plan notes the limit of depth",
@@ -36,7 +36,7 @@ def refuse_removed(data: Mapping[str, Any], file: str | Path) -> None:
     """Refuse a job that holds a removed key.
 
     Raises:
-        InputError: With the key, and what to do.
+        InputError: With the key and a remedy.
 
     """
     for key, advice in REMOVED.items():

@@ -1,4 +1,4 @@
-"""The JSON schema of a job, as editors and other programs read it; plug-ins are in it."""
+"""JSON schema of a job for editors, plug-ins included."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def describe_schema() -> dict[str, Any]:
-    """Return the JSON schema of a job file: what a job may say, and in which form."""
+    """Return the JSON schema of a job file."""
     schema = Job.model_json_schema(by_alias=True)
     tables = schema["$defs"]
     tables["FileTable"] = FileTable.model_json_schema()

@@ -1,4 +1,4 @@
-"""[output.io] of a job: the signals of the cell."""
+"""[output.io]: signals of the cell."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SignalValue = Annotated[int | str, BeforeValidator(_check_signal)]
 
 
 class IoTable(StrictTable):
-    """[output.io]: signals of the cell for what the CAM file switches; what is left out asks the operator."""
+    """[output.io]: signals of the cell for events of the CAM file; events without one ask the operator."""
 
     spindle: SignalValue | None = None
     spindle_reverse: SignalValue | None = None
@@ -37,6 +37,6 @@ class IoTable(StrictTable):
 
     @property
     def wiring(self) -> Wiring:
-        """The same, as programs take it; names of signals count without regard to case."""
+        """The signals for program writers; names are case-insensitive."""
         signals = {name.upper(): signal for name, signal in self.signals.items()}
         return Wiring(**{**self.model_dump(exclude={"signals"}), "signals": signals})

@@ -1,4 +1,4 @@
-"""[tolerance]: how far the tip may be off the path, part by part of it, across and along the travel apart."""
+"""[tolerance]: tolerance across and along the travel, for parts of the path."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import Toolpath
 
 Size = Annotated[float, Field(gt=0.0, le=100.0)]
-#: Ways to say which part of a path is meant.
+#: Keys that select a part of a path.
 PLACES = ("waypoints", "s_mm", "operation")
 
 
 class TolerancePart(StrictTable):
-    """[[tolerance.part]]: another tolerance for some moves, such as those that rough.
+    """[[tolerance.part]]: another tolerance for some moves, such as roughing.
 
     waypoints: First and last row of the toolpath file, counted from 0; the moves between them.
     s_mm: Length along the path, rapid moves included.
-    operation: Number or name of a tool, or words of a comment of the CAM file: what follows until the next of its kind.
+    operation: Number or name of a tool, or words of a comment of the CAM file, until the next one.
     """
 
     name: str = Field(default="", max_length=200)
@@ -35,9 +35,9 @@ class TolerancePart(StrictTable):
 
     @model_validator(mode="after")
     def _check(self) -> TolerancePart:
-        said = [key for key in PLACES if getattr(self, key) is not None]
-        if len(said) != 1:
-            raise ValueError(f"says its place by {', '.join(said) or 'nothing'}, expected one of {', '.join(PLACES)}")
+        given = [key for key in PLACES if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError(f"has {', '.join(given) or 'no place'}, expected one of {', '.join(PLACES)}")
         if self.normal_mm is None and self.tangential_mm is None:
             raise ValueError("states no tolerance, expected normal_mm or tangential_mm")
         for key in ("waypoints", "s_mm"):
@@ -47,7 +47,7 @@ class TolerancePart(StrictTable):
         return self
 
     def mark(self, toolpath: Toolpath) -> NDArray[np.bool_]:
-        """Tell which moves are meant, by the row that each ends at. Shape (n,)."""
+        """Return which moves are selected, by the row of their end. Shape (n,)."""
         rows = np.arange(len(toolpath))
         if self.waypoints is not None:
             return (rows > self.waypoints[0]) & (rows <= self.waypoints[1])
@@ -65,10 +65,10 @@ class TolerancePart(StrictTable):
 
 
 class ToleranceTable(StrictTable):
-    """[tolerance]: what counts where no part says otherwise; left out, plan.tolerance_mm as a distance.
+    """[tolerance]: tolerance of the path outside its parts (default: plan.tolerance_mm as a distance).
 
-    With tangential_mm the deviation along the travel counts apart from that across it, and normal_mm is for the latter.
-    tube is the share of it by which a plan may leave the path where that makes its run shorter or its promise narrower.
+    tangential_mm: Tolerance along the travel; normal_mm is then for the deviation across it.
+    tube: Share of the tolerance by which a plan may leave the path for a shorter run or a narrower band.
     """
 
     normal_mm: Size | None = None
@@ -78,20 +78,20 @@ class ToleranceTable(StrictTable):
 
     @property
     def stated(self) -> bool:
-        """Tell whether it says anything."""
+        """Return whether any key is set."""
         return bool(self.model_fields_set - {"tube"})
 
     def strictest(self, whole: float) -> float:
-        """Return the least tolerance across the travel, with what counts everywhere where nothing is said. [mm]."""
+        """Return the least tolerance across the travel, given the default. [mm]"""
         normal = whole if self.normal_mm is None else self.normal_mm
         return min([normal, *(part.normal_mm for part in self.part if part.normal_mm is not None)])
 
     def lay(self, toolpath: Toolpath, whole: float) -> Toolpath:
-        """Return a toolpath with the tolerance of its moves; of parts that overlap the last one counts.
+        """Return a toolpath with the tolerance of its moves; the last of overlapping parts holds.
 
         Args:
-            toolpath: The toolpath as its file has it.
-            whole: What counts everywhere where nothing is said. [mm]
+            toolpath: The toolpath of the file.
+            whole: Default tolerance. [mm]
 
         Raises:
             InputError: If a part holds no cutting move.

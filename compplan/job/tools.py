@@ -1,4 +1,4 @@
-"""Tools as data: what each T number of a CAM file is, in the job ([[tool]]) or in a tool table ([tools])."""
+"""Tools of the T numbers of a CAM file, from the job ([[tool]]) or a tool table ([tools])."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from compplan.job.tool_tables.listed import LibraryTool
 from compplan.process.wrench import Process
 from compplan.toolpath.operations import Operation
 
-#: Force models that a tool table knows the cutter of, and what it says of it.
+#: Force models with a cutter, and the keys that a tool table supplies.
 CUTTERS = {
     "end_mill": ("diameter_mm", "teeth", "corner_radius_mm", "flute_mm"),
     "drill": ("diameter_mm", "teeth", "flute_mm", "point_deg"),
     "milling": ("diameter_mm",),
 }
-#: Keys of [tool] that name the cutter's file.
+#: Keys of [tool] for the file of the cutter.
 CUTTER_KEYS = ("cutter_file", "cutter_name")
-#: Sizes of a cutter that differ by no more than this are the same. [mm, deg]
+#: Tolerance of equal sizes of a cutter. [mm, deg]
 SAME_SIZE = 1e-3
-#: Force models that know a spindle speed.
+#: Force models with a spindle speed.
 SPINNING = ("end_mill", "drill", "milling")
 
 
 class NumberedTool(ToolTable):
-    """[[tool]]: one a T number (or name) of the CAM file: where its tip is, its mass, the force of its cut."""
+    """[[tool]]: tip, mass and cutting force of a T number (or name) of the CAM file."""
 
     number: int | None = Field(default=None, ge=0)
     name: str | None = None
@@ -42,15 +42,15 @@ class NumberedTool(ToolTable):
     @model_validator(mode="after")
     def _check_name(self) -> NumberedTool:
         if self.number is None and self.name is None:
-            raise ValueError("says neither number nor name, expected the T number of the CAM file, such as number = 1")
+            raise ValueError("has neither number nor name, expected the T number of the CAM file, such as number = 1")
         return self
 
 
 class ToolsTable(StrictTable):
-    """[tools]: a tool table; [tool] is then the spindle: its z points out, and each length counts along it.
+    """[tools]: a tool table; [tool] is then the spindle, with lengths along its z.
 
     file: any form of `compplan.job.tool_tables`.
-    unit: of a file that does not say it.
+    unit: of a file without one.
     """
 
     file: str
@@ -59,14 +59,14 @@ class ToolsTable(StrictTable):
 
 @dataclass(frozen=True)
 class Described:
-    """Hold what is known of the tool of an operation.
+    """Description of the tool of an operation.
 
     Attributes:
         tool: Its [tool] table, plain.
-        process: What it says of the force of its cut, plain; laid over [process].
-        where: Where that is said, for messages.
-        cutter: What a tool table says of its cutter, in the words of [process], and its `kind`; empty without one.
-        asked: Whether the job names that table for the cutter: it has to fit the force model then.
+        process: Its keys of [process], plain.
+        where: Key or file of the description, for messages.
+        cutter: Cutter of a tool table in keys of [process], and its `kind`; empty without one.
+        required: Whether the cutter has to fit the force model (cutter_file).
 
     """
 
@@ -74,14 +74,14 @@ class Described:
     process: dict[str, Any]
     where: str
     cutter: dict[str, Any] = field(default_factory=dict)
-    asked: bool = False
+    required: bool = False
 
 
 def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool, ...]:
     """Check [[tool]].
 
     Raises:
-        InputError: If one is not what it has to be, or two have the same number.
+        InputError: If one is invalid, or two have the same number.
 
     """
     tools: list[NumberedTool] = []
@@ -92,7 +92,8 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
         tool = check_table(NumberedTool, entry, file=file, key=f"tool[{k}]")
         key = (tool.number, tool.name)
         if key in seen:
-            message = f"describes {_call(tool.number or 0, tool.name or '')} again, tool[{seen[key]}] does already"
+            call = _call(tool.number or 0, tool.name or "")
+            message = f"describes {call} which tool[{seen[key]}] describes it already"
             raise InputError(message, file=file, where=f"tool[{k}]")
         seen[key] = k
         tools.append(tool)
@@ -100,19 +101,19 @@ def check_tools(entries: Sequence[Any], file: str | Path) -> tuple[NumberedTool,
 
 
 def find_numbered(tools: Sequence[NumberedTool], operation: Operation, folder: Path) -> Described | None:
-    """Return what [[tool]] says of the tool of an operation, None where it says nothing; its files are in a folder."""
+    """Return the [[tool]] of an operation, or None; files are relative to a folder."""
     for k, tool in enumerate(tools):
         named = tool.name is not None and operation.name and tool.name.lower() == operation.name.lower()
         if named or (not operation.name and tool.number == operation.number):
             plain = tool.model_dump(exclude_unset=True, exclude={"number", "name", "process", *CUTTER_KEYS})
-            return Described(plain, dict(tool.process or {}), f"tool[{k}]", _read_cutter(tool, folder), asked=True)
+            return Described(plain, dict(tool.process or {}), f"tool[{k}]", _read_cutter(tool, folder), required=True)
     return None
 
 
 def find_listed(
     library: Sequence[LibraryTool], operation: Operation, spindle: ToolTable | None, file: Path
 ) -> Described | None:
-    """Return what a tool table says of the tool of an operation, mounted in the spindle; None where it says nothing."""
+    """Return the tool of an operation from a tool table, mounted in the spindle, or None."""
     entry = take_tool(library, operation.number, operation.name, file)
     if entry is None:
         return None
@@ -120,7 +121,7 @@ def find_listed(
 
 
 def place_cutter(process: Mapping[str, Any], tool: ToolTable, job: Path) -> dict[str, Any]:
-    """Return [process] with the cutter that [tool] cutter_file says; as it is where it names none.
+    """Return [process] with the cutter of [tool] cutter_file, if any.
 
     Args:
         process: The table, plain.
@@ -128,7 +129,7 @@ def place_cutter(process: Mapping[str, Any], tool: ToolTable, job: Path) -> dict
         job: The job file.
 
     Raises:
-        InputError: If the file is no tool table, or says another cutter than [process] does.
+        InputError: If the file is no tool table, or contradicts [process].
 
     """
     cutter = _read_cutter(tool, job.parent)
@@ -148,19 +149,19 @@ def _read_cutter(tool: ToolTable, folder: Path) -> dict[str, Any]:
 
 
 def _check_fit(cutter: Mapping[str, Any], model: str, where: str) -> None:
-    """Refuse a cutter whose force a model does not predict."""
+    """Refuse a cutter that does not fit the force model."""
     fits = {"drill": ("drill",), "mill": ("end_mill", "milling"), "": tuple(CUTTERS)}.get(cutter["kind"], ())
     if model not in fits:
-        said = {"other": "a shape that no force model has", "": "a cutter"}.get(cutter["kind"], f"a {cutter['kind']}")
-        message = f"is {said}, and process.model is {model!r}; a mill fits end_mill and milling, a drill drill"
+        kind = {"other": "a shape without a force model", "": "a cutter"}.get(cutter["kind"], f"a {cutter['kind']}")
+        message = f"is {kind}, and process.model is {model!r}; a mill fits end_mill and milling, a drill drill"
         raise InputError(message, where=f"{where}.cutter_file")
 
 
 def _join_cutter(cutter: Mapping[str, Any], stated: Mapping[str, Any], model: str, where: str) -> dict[str, Any]:
-    """Return stated keys of [process] and, under them, those of a cutter that a force model has.
+    """Merge stated keys of [process] over those of a cutter.
 
     Raises:
-        InputError: If both state a size, differently.
+        InputError: If both state a size differently.
 
     """
     found = {key: cutter[key] for key in CUTTERS[model] if key in cutter}
@@ -173,7 +174,7 @@ def _join_cutter(cutter: Mapping[str, Any], stated: Mapping[str, Any], model: st
 
 
 def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
-    """Return the [tool] of a listed tool: the spindle's, longer along its z; its own mass sits half-way."""
+    """Return the [tool] of a listed tool: the spindle's, longer along z, own mass half-way."""
     plain = spindle.model_dump(exclude_unset=True)
     length = entry.length_mm or 0.0
     nose, out = np.asarray(spindle.position_mm), spindle.rotation.as_matrix()[:, 2]
@@ -187,38 +188,38 @@ def _mount(entry: LibraryTool, spindle: ToolTable) -> dict[str, Any]:
 
 
 def _describe_cutter(entry: LibraryTool) -> dict[str, Any]:
-    """Return what a tool table says of a cutter, in the words of [process]; its `kind` beside them."""
-    said = {
+    """Return the cutter of a tool table in keys of [process], with its `kind`."""
+    cutter = {
         "diameter_mm": entry.diameter_mm, "teeth": entry.teeth, "corner_radius_mm": entry.corner_radius_mm,
         "flute_mm": entry.flute_mm, "point_deg": entry.point_deg,
         "kind": entry.kind,
     }  # fmt: skip
-    return {key: value for key, value in said.items() if value is not None}
+    return {key: value for key, value in cutter.items() if value is not None}
 
 
 def fill_process(common: Mapping[str, Any], described: Described, speed: float | None) -> dict[str, Any] | None:
-    """Return the [process] of one tool: what holds for all, the tool's own keys over it, the file's spindle speed.
+    """Return the [process] of one tool: the common keys, the tool's keys over them, the spindle speed of the file.
 
     Args:
         common: [process] of the job.
         described: The tool.
-        speed: Spindle speed that the file calls in the operation, or None. [1/min]
+        speed: Spindle speed of the operation in the file, or None. [1/min]
 
     Raises:
-        InputError: If the job asks for a cutter that its force model does not have.
+        InputError: If the cutter of the job does not fit its force model.
 
     """
     own, cutter = dict(described.process), described.cutter
     if not common and not own:
         return None
     model = before = str(common.get("model", "columns"))
-    if cutter:  # a tool table knows the cutter, not what force model is wanted
-        if not described.asked and (before not in CUTTERS or cutter["kind"] == "other"):
+    if cutter:  # a tool table holds the cutter, not the force model
+        if not described.required and (before not in CUTTERS or cutter["kind"] == "other"):
             return dict(common)
         if before in ("end_mill", "drill"):
             model = {"drill": "drill", "mill": "end_mill"}.get(cutter["kind"], before)
         own = {"model": model, **own}
-        if described.asked:
+        if described.required:
             _check_fit(cutter, str(own["model"]), described.where)
         own = _join_cutter(cutter, own, str(own["model"]), described.where)
     model = str(own.get("model", before))
@@ -231,7 +232,7 @@ def fill_process(common: Mapping[str, Any], described: Described, speed: float |
 
 
 def model_keys(model: str) -> set[str] | None:
-    """Return the keys of a force model, None for one that is not known."""
+    """Return the keys of a force model, or None for an unknown one."""
     for table in get_args(get_args(Process)[0]):
         if model in get_args(table.model_fields["model"].annotation):
             return set(table.model_fields)
@@ -239,7 +240,7 @@ def model_keys(model: str) -> set[str] | None:
 
 
 def called_speed(operation: Operation) -> float | None:
-    """Return the one spindle speed that a file calls in an operation, None where it calls none or several. [1/min]"""
+    """Return the only spindle speed of an operation in the file, or None. [1/min]"""
     speeds = {event.value for event in operation.toolpath.events if event.kind in ("spindle_cw", "spindle_ccw")}
     return speeds.pop() if len(speeds) == 1 and min(speeds) > 0.0 else None
 

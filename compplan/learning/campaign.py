@@ -185,7 +185,7 @@ def _choose(
         sights = candidates.sights.drop_contacts(idle)
         candidates = replace(candidates, sights=sights).take(np.flatnonzero(sights.contact >= 0))
     left = len(candidates.sights.names)
-    said = f"{left} of {asked} unknown places are worth putting up: more poses at these tell more than any elsewhere"
+    said = f"{left} of {asked} unknown places are worth adding: more poses at these determine more than any other place"
     return design, start, candidates, choice, [said] if left < asked else []
 
 
@@ -231,16 +231,16 @@ def _ask_for_load(design: Design, equipment: Equipment, covariance: Array, force
             return []
         return [
             f"weights pull down, the process of this path pushes sideways with up to {aside:.0f} N: pull the tool"
-            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); what a log says in doubt counts on a path only where"
-            " forces like its own were measured"
+            f" sideways, too (--pull-N {min(aside, 400.0):.0f}); uncertain causes count on a path only where"
+            " similar forces were measured"
         ]
     rigid = [u.effect not in COMPLIANCES for u in design.known.unknowns for _ in u.keys]
     left, rest = model_part(design, covariance), model_part(design, covariance * np.outer(rigid, rigid))
     if rest**2 > 0.5 * left**2:
         return []
     return [
-        "poses without a load tell nothing of compliances, and these make most of what stays uncertain: hang weights at"
-        " the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
+        "poses without a load do not determine compliances, which make most of the remaining uncertainty: hang weights"
+        " at the tool (--weights-kg 0,60) or pull it sideways (--pull-N 400)"
     ]
 
 

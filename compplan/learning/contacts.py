@@ -33,8 +33,8 @@ SETUP = {
     SOCKETS: "socket {label} at ({at}) mm, fixed so that it does not move while its poses are measured",
     GAUGE: "dial gauge {label} at ({at}) mm, its axis along ({along}) within a few mrad: it reads more where the tip is"
            " farther that way; zero it anywhere and leave it",
-    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: as far as the stand is"
-              " off, the bar's length has to give; write the distance of both balls' centres down, not its change",
+    BALL_BAR: "ball bar {label} about a ball on a stand at ({at}) mm, {mm} mm from the tips: an error of the"
+              " stand changes the length of the bar; write the distance of both balls' centres down, not its change",
 }  # fmt: skip
 #: Directions of dials and plates, place by place.
 NORMALS = np.eye(3)[[2, 0, 1]]

@@ -50,7 +50,7 @@ def check_generalisation(
             here = np.arange(len(rows))
             change = tip_of(apply_wrench_to_model(after, shares, spread), here) - tip_of(before, here)
         except ConvergenceError:
-            return False, "the taught arm finds no equilibrium on a path beside this one"
+            return False, "the updated arm has no equilibrium on a displaced copy of the path"
         slopes = linearise_path(before, known, spread, every)
         parts = split_covariance(slopes, known)
         moved.append(np.linalg.norm(change, axis=1))
@@ -60,8 +60,8 @@ def check_generalisation(
     size, band = (np.sqrt(np.mean(np.square(values), axis=1)) for values in (moved, allowed))
     worst = int(np.argmax(size / np.maximum(band, 1e-12)))
     said = (
-        f"on {len(moved)} paths beside this one that the part did not see, the taught robot moves the tip by up to"
-        f" {1e3 * size[worst]:.3g} mm where the folder before allowed {1e3 * band[worst]:.3g} mm (95 %)"
+        f"on {len(moved)} displaced copies of the path, the updated robot moves the tip by up to"
+        f" {1e3 * size[worst]:.3g} mm where the old folder allowed {1e3 * band[worst]:.3g} mm (95 %)"
     )
     return bool(size[worst] <= band[worst]), said
 

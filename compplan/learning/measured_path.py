@@ -119,7 +119,7 @@ def read_measured_points(source: Any) -> Table:
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         message = f"sigma_mm is {sigma[row] * 1e3:g}, expected {LEAST_SIGMA_MM:g} to {FARTHEST * 1e3:g} mm"
-        raise table.error(f"{message}; leave it empty where it is not known", row)
+        raise table.error(f"{message}; leave it empty where it is unknown", row)
     return _probe_points(table)
 
 
@@ -134,7 +134,7 @@ def _probe_points(table: Table) -> Table:
     if "reading" not in table:
         return table
     if "column 'contact' is not read" in table.notes:
-        raise table.error("contact beside reading_mm: a zero that nobody knows; leave it out, with --align best_fit")
+        raise table.error("contact beside reading_mm: an unknown zero; leave it out and use --align best_fit")
     if "dir_i" not in table:
         raise table.error("reading_mm without dir_i dir_j dir_k, expected the direction of each reading")
     unit = table.stack(["dir_i", "dir_j", "dir_k"])
@@ -196,7 +196,7 @@ def match_points(
     given, scanned = table.stack(["x", "y", "z"]), is_scanned(table)
     surface = surface if surface is None or in_base else surface.move(T_base_part)
     if "distance" in table and align != "best_fit":
-        raise table.error("distance_mm of a ball bar needs --align best_fit: nobody knows where its centre stands")
+        raise table.error("distance_mm of a ball bar needs --align best_fit: its centre is unknown")
     place = _place_points(table, given, nominal, T_base_part, in_base=in_base, align=align, surface=surface)
     point, normal = place.point, place.normal
     level = sigma or (SCAN_SIGMA if scanned else SIGMA)
@@ -271,7 +271,7 @@ def _place_points(
     said = f"best fit: the points were moved by {describe_motion(motion, point.mean(axis=0))}"
     turned = None if normal is None else normal @ motion[:3, :3].T
     moved = point @ motion[:3, :3].T + motion[:3, 3]
-    return _Placed(moved, turned, motion, (f"{said}; a shift or turn of the whole part teaches nothing then",))
+    return _Placed(moved, turned, motion, (f"{said}; a shift or turn of the whole part is then ignored",))
 
 
 def reach_of(process: object) -> float:

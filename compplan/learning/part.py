@@ -66,13 +66,13 @@ LONG_MOVE = 0.02
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPart(Shown):
-    """A lesson with the plans before and after it.
+    """A model update with the plans before and after it.
 
     Attributes:
         job: The job.
         robot: The robot of the folder before.
-        taught: The robot of the folder after.
-        lesson: What the part teaches.
+        taught: The updated robot.
+        lesson: Force, robot and residual learned from the part.
         measured: The measured points.
         path: The wanted path, base frame.
         slopes: The path to first order, as it was cut.
@@ -110,7 +110,7 @@ class LearnedPart(Shown):
         return np.asarray(task.position + self.residual.at(length))
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return what the part taught, and what the next one may be expected to be."""
+        """Return the results of the update and the prediction for the next part."""
         lesson, name = self.lesson, self.job.name or self.job.file.stem
         rows = [
             ("measured", f"rms {format_length(lesson.rms)} at {len(self.measured)} points"),
@@ -273,7 +273,7 @@ def _list_notes(
     """Return why the lesson is taken or left, and what to know of the points and of long moves."""
     longest = float(wanted.steps[~wanted.rapid[1:]].max(initial=0.0))
     coarse = f"moves longer than {LONG_MOVE * 1e3:g} mm are corrected at their ends only; sample them finer"
-    told = (travel.reason, *([f"{stood}: it is learned as the robot's"] if stood else [])) if lesson.taken else ()
+    told = (travel.reason, *([f"{stood}: learned as an error of the robot"] if stood else [])) if lesson.taken else ()
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
@@ -285,7 +285,7 @@ def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, *, asked:
     """
     stood = describe_whole(gathered, tip, job.T_base_part[:3, :3])
     if stood and asked:
-        raise points.error(f"{stood}; did the part stand so? {WHOLE_PART}")
+        raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
     return stood
 
 
@@ -306,8 +306,8 @@ def ask_possible(
     )
     other = explain_points(points.stack(["x", "y", "z"]), nominal, T_base_part, in_base=in_base, whole=whole)
     raise points.error(
-        f"{said}{other}; is it this part, and did it stand where the job says? --align best_fit takes a shift of the"
-        " whole part off, --assume-ok learns it as it is"
+        f"{said}{other}; is it this part, at the place of the job? --align best_fit removes a shift of the whole part,"
+        " --assume-ok learns it as it is"
     )
 
 
@@ -319,7 +319,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     plan = replace(plan_task(task, options.strategy, name=name, feed=options.feed, output=job.output), job=job)
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
-        said = f"the path is shifted by up to {most:.3g} mm for what cut parts taught; deviations count from there"
+        said = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
         plan = replace(plan, notes=(said, *plan.notes))
     return nominal, plan
 

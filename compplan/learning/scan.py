@@ -29,7 +29,7 @@ def read_scan(file: Path) -> Table:
     """
     found = _read_mesh(file) if file.suffix.lower() in MESHES else _read_cloud(file)
     if not len(found):
-        raise InputError("the scan holds no points", file=file)
+        raise InputError("the scan has no points", file=file)
     if not np.isfinite(found).all():
         bad = int((~np.isfinite(found).all(axis=1)).sum())
         raise InputError(f"{bad} of {len(found)} points of the scan are no finite numbers", file=file)

@@ -52,7 +52,7 @@ class Transfer:
     def without_robot(self, why: str) -> Transfer:
         """Return what travels where the robot does not: the force, if it helps alone."""
         force = bool(self.left[1] < FORCE * self.left[0])
-        return replace(self, force=force, robot=False, reason=f"{self.reason}; the robot is not told: {why}")
+        return replace(self, force=force, robot=False, reason=f"{self.reason}; the robot model is not updated: {why}")
 
 
 def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
@@ -76,7 +76,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
     names = ("nothing", "the force", "both")
     said = ", ".join(f"{1e3 * value:.3g} mm with {name}" for value, name in zip(rms, names, strict=True))
     told = "force and robot" if robot and pushes else "the robot" if robot else "the force" if force else "nothing"
-    reason = f"other paths are told {told}: stretches of the part that were left out stay off by {said}"
+    reason = f"transferred to other paths: {told}; error on left-out stretches of the part: {said}"
     return Transfer(force or (robot and pushes), robot, reason, (float(rms[0]), float(rms[1]), float(rms[2])))
 
 
@@ -166,7 +166,7 @@ class Others(NamedTuple):
 
 def transfer_nothing(job: Job, robot: Robot, lesson: ModelUpdate) -> Others:
     """Tell other paths nothing."""
-    travel = Transfer(False, False, "other paths are told nothing", (np.inf,) * 3)
+    travel = Transfer(False, False, "nothing is transferred to other paths", (np.inf,) * 3)
     return Others(travel, robot, np.zeros(len(lesson.values)), find_learned_force(job), np.zeros(4))
 
 

@@ -51,8 +51,8 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         notes.append(
-            f"{bad.sum()} of {len(campaign)} rows say what earlier rows say in every column, the first in line "
-            f"{table.lines[row]}: pasted again, they count once"
+            f"{bad.sum()} of {len(campaign)} rows repeat earlier rows in every column, the first in line "
+            f"{table.lines[row]}: they count once"
         )
     for about, wrong in _absurd_rows(campaign, robot).items():
         if not wrong.any():
@@ -61,7 +61,7 @@ def check_campaign(campaign: Campaign, robot: Robot, table: Table) -> Campaign:
         said = _describe(about, campaign, robot, row)
         if wrong.sum() > max(1, OUTLIERS * len(campaign)) or wrong.all():
             raise table.error(f"{said}, and so in {wrong.sum()} of {len(campaign)} rows", row)
-        notes.append(f"line {table.lines[row]}: {said}; taken for an outlier, left out")
+        notes.append(f"line {table.lines[row]}: {said}; left out as an outlier")
         bad |= wrong
     if bad.any():
         campaign = replace(
@@ -105,7 +105,7 @@ def check_runs(campaign: Campaign) -> None:
     """
     n, usable = len(campaign), int(campaign.usable.sum())
     if usable < LEAST_ROWS:
-        message = f"{usable} rows hold joints, load and position, expected at least {LEAST_ROWS}"
+        message = f"{usable} rows have joints, load and position, expected at least {LEAST_ROWS}"
         raise InputError(message, file=campaign.file)
     if n > 3 and len(np.unique(campaign.run)) == n:
         message = f"column 'run' has {n} labels in {n} rows; rows of one run were taken without a break"
@@ -138,7 +138,7 @@ def _check_clock(campaign: Campaign, table: Table) -> None:
     back = np.flatnonzero((np.diff(time) < 0.0) & (np.diff(runs) == 0))
     if len(back):
         row = int(known[back[0] + 1])
-        raise table.error(f"time runs back to {campaign.time[row]:g} s, rows stand in time order", row)
+        raise table.error(f"time runs back to {campaign.time[row]:g} s, expected rows in time order", row)
     if np.ptp(time) == 0.0 and len(known) > 3:
         raise table.error(f"column '{table.headers['time']}' never changes; leave it out where no time was taken")
     if np.ptp(time) > LONGEST:
@@ -224,7 +224,7 @@ def _check_motion(campaign: Campaign, table: Table) -> None:
         message = f"the joints never move, while positions spread over {travels * 1e3:.4g} mm; were they recorded?"
         raise table.error(message)
     if not moves and travels <= SAME and rows.sum() > 3:
-        raise table.error("all rows hold the same joints and the same position; expected poses that differ")
+        raise table.error("all rows have the same joints and position; expected different poses")
 
 
 def _far_apart(joints: Array) -> bool:

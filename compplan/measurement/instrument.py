@@ -128,13 +128,13 @@ def read_observations(table: Table, position: Array, instrument: InstrumentFile 
         notes.append(f"no sigma_mm of the instrument is stated: {ASSUMED_SIGMA * 1e3:g} mm is assumed")
     if not sights.estimate_scale and not (measured & (kind == POSITION)).any():
         notes.append(
-            "the scale is not known from these rows: contacts alone look the same for an arm of other size, so lengths"
-            " stay near the robot folder's; a known [[distance]] between contacts, a reading or a ball bar tells it"
+            "these rows do not determine the scale: lengths stay near the robot folder's; add a known [[distance]]"
+            " between contacts, a reading or a ball bar"
         )
     if np.isin(sights.kind, (READING, DISTANCE)).any():
         notes.append(
-            "readings and distances tell one direction a row, and so does what is said of the gap there: in space the"
-            " tip may be 1.7 times as far off; bands count all three directions"
+            "readings and distances have one direction a row, and so has the gap: in space the tip may be 1.7 times as"
+            " far off; bands count all three directions"
         )
     level = ASSUMED_SIGMA if sigma is None else sigma * 1e-3
     return ObservedRows(sights, np.where(sights.seen, level, np.nan), tuple(notes))
@@ -168,7 +168,7 @@ def _check_rows(
 def _check_met_again(table: Table, contact: NDArray[np.int_]) -> None:
     """Refuse contacts that are all met once: nothing is compared with anything."""
     if np.bincount(contact[contact >= 0], minlength=1).max() < 2:
-        raise table.error("every contact stands in one row only, expected several poses at one place under one label")
+        raise table.error("every contact has one row only, expected several poses at one place under one label")
 
 
 def _drop_lonely(
@@ -191,7 +191,7 @@ def _drop_lonely(
     if not lonely.any():
         return sights, []
     one = int(np.argmax(lonely))
-    few = f"contact {sights.names[one]!r} stands in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
+    few = f"contact {sights.names[one]!r} is in {rows[one]} row{'' if rows[one] == 1 else 's'}, expected at least"
     few = f"{few} {least[one]}: as many as its unknown place takes, and one more"
     out = np.append(lonely, False)[sights.contact]
     if not (sights.seen & ~out).any() and not measured.any():

@@ -62,7 +62,7 @@ def read_campaign(source: Any, robot: Robot, instrument: InstrumentFile | None =
         table = open_table(source, log_columns(robot), what="measurements", rename=rename_title)
     except InputError:
         if is_file_name(source) and Path(source).is_file() and is_scan(Path(source)):
-            said = "is a scan: it measures a part and holds no joints, expected a log of poses"
+            said = "is a scan: it measures a part and has no joints, expected a log of poses"
             raise InputError(f"{said}; compplan learn takes scans", file=Path(source)) from None
         raise
     if not len(table):
@@ -123,7 +123,7 @@ def _positions(table: Table, instrument: InstrumentFile | None) -> tuple[Array, 
 
 def _refuse_empty(campaign: Campaign, table: Table) -> None:
     if not campaign.usable.any():
-        raise table.error("no row holds joints and a position, expected at least one")
+        raise table.error("no row has joints and a position, expected at least one")
     if not campaign.measured.any():
         return
     reach = float(np.nanmax(np.abs(campaign.position)))

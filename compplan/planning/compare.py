@@ -63,7 +63,7 @@ class Comparison(Shown):
         cells: The cells; in the first the planner's model is the truth.
         commands: What each strategy commands.
         evaluations: By cell name and strategy, the run against the path.
-        judge: Who computed the evaluations.
+        judge: Name of the model that computed the evaluations.
         job: The job, or None.
         drawn: What the strategies leave on robots drawn from the folder's own uncertainty, or None.
 

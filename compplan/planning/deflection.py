@@ -96,7 +96,7 @@ def measure_bending(task: PlanTask, q: Array, timing: Timing, damping: float = D
         inertia, at_once = _greatest(motion.answer[task.cut]), _greatest(motion.static)
         few = rows[np.linspace(0, len(rows) - 1, min(POSTURES, len(rows))).astype(int)]
         rings = natural_frequencies(dynamics, q[few]).min(axis=0)
-    masses = str(task.robot.sources.get("masses", "the folder does not say"))
+    masses = str(task.robot.sources.get("masses", "not stated in the folder"))
     return Bending(_greatest(loaded - free), _greatest(free - stiff), inertia, task.inertia, rings, masses, motion,
                    at_once)  # fmt: skip
 

@@ -36,7 +36,7 @@ class Evaluation:
         rotation: Attained orientation of the TCP frame. Shape (n, 3, 3).
         deviation: Attained minus nominal tip. Shape (n, 3). [m]
         tilt: Angle between attained and nominal tool axis. Shape (n,). [rad]
-        cut: Waypoints that are compensated and judged. Shape (n,).
+        cut: Waypoints that are compensated and evaluated. Shape (n,).
 
     """
 

@@ -113,7 +113,7 @@ class ExecutedPath:
         if not self.known:
             return (f"{self.smaller} corners have zones of their own size, so that programs leave the path there "
                     f"by at most {ROUNDED:.0%} of the tolerance.") if self.smaller else ""  # fmt: skip
-        left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm beside the path"
+        left = f"The drives as identified ({self.source}) leave the tip up to {1e3 * self.most:.3g} mm off the path"
         if self.leads:
             return f"{left}: the programs lead by their lag (without that {1e3 * self.plain[1]:.3g} mm)."
         return f"{left}; a lead by their lag is not written, it does not help or a limit of a joint forbids it."
@@ -134,7 +134,7 @@ def describe_floor(task: PlanTask, q: Array) -> str:
 
 def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
     """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
-    cubics = "Executed path: cubics (POLY) are not followed, lines and arcs fitted as closely stand for them."
+    cubics = "Executed path: cubics (POLY) are replaced by lines and arcs of the same accuracy."
     carried = "Executed path: written moves are not followed where joints carry the part."
     moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
     return [cubics] * ("sinumerik" in output.programs and output.splines) + [carried] * bool(moves)

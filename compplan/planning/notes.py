@@ -39,9 +39,9 @@ def describe_shrinkage(robot: Robot, share: float) -> str:
     parts = [] if robot.visited is None else robot.visited.parts
     names = ", ".join(dict.fromkeys(part.effect.replace("_", " ") for part in parts))
     return (
-        f"The campaign of the robot folder does not show that its errors in doubt ({names}) hold at the poses and "
-        f"loads of this path: {100.0 * share:.0f} % of them are compensated, the rest widens the 95 % band. Poses near "
-        "the path, under its load, settle it: compplan campaign."
+        f"The campaign of the robot folder does not validate its uncertain errors ({names}) at the poses and "
+        f"loads of this path: {100.0 * share:.0f} % of them are compensated, the rest widens the 95 % band. Measure "
+        "poses near the path under its load: compplan campaign."
     )
 
 
@@ -50,7 +50,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
     notes += [*describe_spindle(task, job), *describe_frames(task, job), *_describe_positioner(task.robot, job)]
     if job is not None and job.tool is not None and job.tool.mass_kg is None:
-        notes.append("The weight of the tool is not known: [tool] says no mass_kg, so none bends the arm.")
+        notes.append("The weight of the tool is unknown ([tool] has no mass_kg) and left out.")
     if not task.inertia and bending.inertia > WORTH_A_NOTE * task.tolerance:
         asked = job is None or job.plan.inertia
         reason = "parts of the path are out of reach" if task.missed.any() else "with [plan] inertia = true it does"
@@ -99,7 +99,7 @@ def _ask_about_x(task: PlanTask, job: Job | None) -> list[str]:
     across = np.linalg.norm(np.cross(task.nominal.axis, wanted / np.linalg.norm(wanted)), axis=1)
     if across.max() > np.sin(np.radians(1.0)):
         return []
-    return ["plan.tool_x points along the tool axis, so it says nothing: the rotation about the axis is chosen freely."]
+    return ["plan.tool_x points along the tool axis and is ignored: the rotation about the axis is free."]
 
 
 def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
@@ -111,7 +111,7 @@ def _describe_positioner(robot: Robot, job: Job | None) -> list[str]:
     stays = f" (held: {', '.join(held)})" if held else ""
     return [
         f"The part is carried by {', '.join(names)}{stays}: poses and deviations count from {robot.base}. It is taken "
-        "as rigid under the part, whose weight nobody states, and as true as its model."
+        "as rigid and exact; the weight of the part is unknown."
     ]
 
 
@@ -189,8 +189,8 @@ def ask_about_tool(job: Job, robot: Robot) -> list[str]:
         return notes
     said = (f"The tool points {angle:.3g} deg away from" if angle > SIDEWAYS
             else f"The tip lies {aside:.3g} deg aside of")  # fmt: skip
-    return [*notes, Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} looks: is that "
-                         f"so? {_straight(robot, length or 0.1)}")]  # fmt: skip
+    return [*notes, Stop(f"{said} the direction {name_axis(out)} in which the flange of {robot.name} points: is "
+                         f"that right? {_straight(robot, length or 0.1)}")]  # fmt: skip
 
 
 def _straight(robot: Robot, length: float) -> str:
@@ -216,8 +216,8 @@ def ask_about_form(job: Job, robot: Robot) -> list[str]:
     found = locate_pendant(robot) if job.tool is not None and job.tool.frame == "pendant" else None
     if found is not None and not found.confirmed:
         notes.append(Stop(
-            f"How the pendant of {robot.name} counts tools is not confirmed ({found.source}): jog along +x of tool 0 "
-            f"and see whether the flange goes where compplan doctor {robot.name} says."
+            f"The tool frame of the pendant of {robot.name} is not confirmed ({found.source}): jog along +x of tool 0 "
+            f"and check the direction against compplan doctor {robot.name} says."
         ))  # fmt: skip
     return notes
 
@@ -228,8 +228,8 @@ def look_at_spindle(axis: Array, job: Job) -> list[str]:
     if not len(axis) or float((axis @ up).max()) > -np.cos(np.radians(SIDEWAYS)):
         return []
     return [
-        Stop("The spindle looks away from the part all along: it stands on the side of -z of the part frame. Is z of "
-             "the part turned over, or i j k of the toolpath?")
+        Stop("The spindle is on the side of -z of the part frame all along. Is z of the part reversed, or i j k of the "
+             "toolpath?")
     ]  # fmt: skip
 
 
@@ -259,7 +259,7 @@ def describe_outside(job: Job, robot: Robot) -> str:
     told = [f"{key} = {path}{COPIED_NOTE if key.startswith(COPIED) else ''}" for key, path in list_outside(job, robot)]
     if not told:
         return ""
-    said = f"Read from outside the job's folder: {'; '.join(told)}."
+    said = f"Files outside the job's folder: {'; '.join(told)}."
     return Stop(said) if any(COPIED_NOTE in text for text in told) else said
 
 

@@ -71,7 +71,7 @@ class PlanOptions:
             [m]
         inertia: Whether the inertia of the motion counts as a load and is compensated.
         lock: What is kept of a posture that was chosen before, or None.
-        force: How surely the force is known, as assumed if left out.
+        force: Uncertainty of the force (default: assumed).
         tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
         touch: How the part was found by touching it with the robot; None: its frame is absolute.
 
@@ -137,7 +137,7 @@ def plan_compensation(
     robot: Robot, nominal: Toolpath, options: PlanOptions | None = None, *, name: str = "path",
     progress: Callable[[str], None] = lambda text: None,
 ) -> Plan:  # fmt: skip
-    """Plan a path with its predicted wrench, base frame: choose the posture, compensate, time, and judge as modelled.
+    """Plan a path with its predicted wrench, base frame: choose the posture, compensate, time, and check as modelled.
 
     `progress` is told what is being done; an exception raised in it ends the call.
 

@@ -57,13 +57,13 @@ class Plan(Shown):
         retract: The way from the last waypoint, where the toolpath ends in a cut.
         between: Where the loaded tip goes between waypoints, by the planner's model.
         bending: What bends the arm along the path, cause by cause.
-        judge: Who computed `before` and `after`.
+        judge: Name of the model that computed `before` and `after`.
         checks: What was checked, with values and limits.
-        breaches: What keeps the judge from confirming the plan, one sentence each.
+        breaches: Reasons why the independent check does not confirm the plan, one sentence each.
         clearance: How far arm and tool keep clear of part and fixture, or None.
         notes: Warnings, one sentence each; those of the class `Stop` have to be settled before the machine moves.
         job: The job, or None.
-        learned: The promise of what measured parts have taught on this path, or None.
+        learned: Uncertainty of the tip learned from measured parts on this path, or None.
 
     """
 
@@ -217,7 +217,7 @@ class Plan(Shown):
         band, margins, nominal = self.promise, self.margins, self.task.nominal
         sizes = [f"rms {format_length(e.rms_deviation)}, greatest {format_length(e.max_deviation)}"
                  for e in (self.before, self.after)]  # fmt: skip
-        missing = "not known: a robot within the stated widths finds no equilibrium"
+        missing = "not known: a robot within the stated widths has no equilibrium"
         missing = NO_BAND if self.status == "infeasible" else missing
         widest = missing if band is None else (
             f"{format_length(band.greatest)} at its widest, {format_length(band.whole)} over the whole path; the robot "

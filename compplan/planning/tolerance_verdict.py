@@ -133,7 +133,7 @@ def check_tolerance(plan: Plan) -> ToleranceVerdict:
     if plan.status == "infeasible":
         return _no_solution(plan)
     if promise is None:
-        return _not_known(plan, "no robot within what is known finds an equilibrium under this load", MEASURE, None)
+        return _not_known(plan, "no robot within the uncertainty has an equilibrium under this load", MEASURE, None)
     use = use_tolerance(task, promise)
     beyond = task.cut & (use > 1.0)
     share = share_length(task.nominal.arc_length, task.cut, beyond)
@@ -226,7 +226,7 @@ def find_missing(plan: Plan) -> tuple[str, str] | None:
     """Say what has to be known for a verdict and is not, and what to do about it; None where all is known."""
     robot = plan.task.robot
     if robot.uncertainty is None and robot.grade == "placeholder":
-        return "nobody has measured how this robot bends (its model is a placeholder)", MEASURE
+        return "the stiffness of this robot was never measured (its model is a placeholder)", MEASURE
     if not np.isfinite(plan.bending.inertia):
         return "the robot folder has no masses or no springs, so inertia is not counted", "State them in its folder."
     return None
@@ -281,7 +281,7 @@ def explain_width(promise: ErrorBand | None, nominal: float) -> str:
     """Say why a band is far wider than the uncorrected program is off, nominal [m]; "" where it is not."""
     if promise is None or promise.greatest <= WIDE * nominal:
         return ""
-    cause = max(promise.causes, key=lambda name: promise.causes[name], default="what is not known of the robot")
+    cause = max(promise.causes, key=lambda name: promise.causes[name], default="the uncertainty of the robot")
     share = f", above all {promise.leading[0][0]} ({_percent(promise.leading[0][1])})" if promise.leading else ""
     return (
         f" The band is wide, {_mm(promise.greatest)} where the uncorrected program is off by {_mm(nominal)} in the"

@@ -90,11 +90,11 @@ class CuttingTable(ForceTable):
     @model_validator(mode="after")
     def _check_material(self) -> CuttingTable:
         if self.materials is not None:
-            raise ValueError("materials stands beside coefficients, choose one")
+            raise ValueError("materials and coefficients are both given, choose one")
         if (self.material is None) == (self.coefficients is None):
             raise ValueError(f"needs one of coefficients and material, choose from {list(MATERIALS)}")
         if self.stock is not None and self.stock_top_mm is not None:
-            raise ValueError("stock_top_mm and stock both say where the stock ends, choose one")
+            raise ValueError("stock_top_mm and stock both state the end of the stock, choose one")
         return self
 
     @property
@@ -218,7 +218,7 @@ def prepare_cutting(
     stock = take_away(stock, [Cut(p.cutter(), t.position @ R_view, t.axis @ R_view, ~t.rapid) for p, t in before])
     found = find_engagement(cutter, position, cutting, stock, axis=axes)
     if before and not found.touches.any():
-        notes.append("This tool meets no stock: those before it left none on its path.")
+        notes.append("This tool touches no stock: earlier tools left none on its path.")
     elif not found.touches.any():
         low, high = 1e3 * (stock.bounds() @ R_view.T)
         message = (f"no cutting move meets the stock, which reaches from {_place(np.minimum(low, high))} to "

@@ -324,8 +324,8 @@ def _describe(
     force = left[:, :3]
     ratio = (np.diff(force, axis=0) ** 2).sum(axis=0) / np.maximum((force**2).sum(axis=0), 1e-300)
     for axis in np.flatnonzero(ratio < HANGS_TOGETHER):
-        notes.append(f"What is left of f{'xyz'[axis]}, {(left * scale)[:, axis].std():.3g} N (rms), hangs together "
-                     "along the path: the model misses something there; the intervals count it.")  # fmt: skip
+        notes.append(f"What is left of f{'xyz'[axis]}, {(left * scale)[:, axis].std():.3g} N (rms), is correlated "
+                     "along the path: the model misses something there; the intervals include it.")  # fmt: skip
     return notes
 
 

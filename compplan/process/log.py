@@ -49,7 +49,7 @@ def read_force_log(path: Path) -> ForceLog:
     back = np.flatnonzero(np.diff(place) < 0.0)
     if len(back):
         name = "t_s" if timed else "s_mm"
-        raise table.error(f"{name} falls here; rows must stand in the order of the path", int(back[0]) + 1)
+        raise table.error(f"{name} falls here; rows must be in the order of the path", int(back[0]) + 1)
     wrench = np.column_stack([table.values[name] for name in WRENCH if name in table.values])
     wrong = np.abs(wrench[:, :3]).max(axis=1) > MOST_FORCE
     if wrong.any():

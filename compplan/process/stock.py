@@ -177,7 +177,7 @@ def build_height_map(mesh: Any, R_view: Array, cell: float) -> tuple[HeightMap, 
     note = ""
     if abs(volume / mesh.volume - 1.0) > HOLLOW:
         held = f"{volume * 1e9:.4g} mm3, the stock's mesh {mesh.volume * 1e9:.4g} mm3"
-        note = f"Columns along the tool axis hold {held}: hollows and undercuts are taken for solid."
+        note = f"Columns along the tool axis hold {held}: hollows and undercuts count as solid."
     return HeightMap(origin, cell, bottoms, tops), note
 
 

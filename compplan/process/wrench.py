@@ -94,7 +94,7 @@ def predict_wrench(
 def _tell_no_force(source: str) -> InputError:
     """Say that neither the toolpath nor the job tells a force, and what does."""
     table = source.lower().endswith(".csv")
-    known = "missing column fx_N" if table else "no force is told along this path"
+    known = "missing column fx_N" if table else "no force is given along this path"
     message = (
         f"{known}, expected columns fx_N fy_N fz_N in a CSV, or a table [process] with another model in the job; "
         f"compplan init NEW.toml --toolpath {Path(source).name or 'PATH'} writes a job with one, and "

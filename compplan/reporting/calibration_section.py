@@ -37,7 +37,7 @@ def show_calibration(
         if shown:
             blocks.append(_corrections(shown, "Lengths, directions, tool and base that differ from the model."))
         text = "Every length and direction; lengths in axes of the parent link, tool and base in their own"
-        words = "Intervals hold 95 %. What these poses do not see is left out."
+        words = "Intervals hold 95 %. Parameters that these poses do not determine are left out."
         blocks.append(page.Fold(text, [_corrections(others, words)]))
     else:
         blocks.append("The nominal robot is delivered as it is: there is nothing to enter.")
@@ -58,7 +58,7 @@ def _accuracy(assessment: Assessment) -> page.Table:
 
 def _more_poses(learning: Learning | None) -> list[page.Block]:
     if learning is None:
-        return ["Too few poses, or nothing delivered: what more poses would bring is not known."]
+        return ["Too few poses, or nothing delivered: the gain of more poses is unknown."]
 
     from compplan.diagnosis.results.accuracy import MORE
 

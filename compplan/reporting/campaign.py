@@ -191,7 +191,7 @@ def _render(campaign: PoseCampaign) -> str:
     """Return the page: which poses, what they will bring, when to stop."""
     plan, place = campaign.plan, campaign.equipment.place
     rest: list[page.Row] = [[name, format_percent(share)] for name, share in campaign.rest]
-    heads = ["if this were known exactly", "the variance of the tip would shrink by"]
+    heads = ["if this were exact", "the variance of the tip would shrink by"]
     sections = [
         page.Section("What it brings", [_compare(campaign)], f"The 95 % band of the true tip {place}."),
         page.Section("Poses", [_draw_poses(campaign), _list_poses(campaign)],
@@ -237,7 +237,7 @@ def _open(campaign: PoseCampaign) -> page.Summary:
     level = (1e3 * floor, "no pose lowers it below")
     chart = draw_curves(Curves("", "poses measured", "95 % band [mm]", lines, level))
     caption = (
-        f"Dashed: {format_length(floor)} are left by the force, repeatability and what no parameter explains. Cut and"
+        f"Dashed: {format_length(floor)} remain from force, repeatability and unmodelled errors. Cut and"
         " measure a part for those (compplan learn)."
     )
     todo = "Measure the poses in the order of the list and fill in campaign.csv. Then: compplan diagnose campaign.csv "

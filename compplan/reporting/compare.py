@@ -111,7 +111,7 @@ def _open(comparison: Comparison) -> page.Summary:
         figures.append(page.KeyFigure(format_mm(left["none"]), "rms deviation without correction"))
     todo = f'Plan with it: compplan plan JOB, where the job says strategy = "{best}".'
     if not kept:
-        todo = f"{MEASURE} What is not known of it matters more than the strategy."
+        todo = f"{MEASURE} Its uncertainty matters more than the strategy."
     names = [f"{name_strategy(name)}: {format_mm(median)}" for name, (median, _) in found.items()]
     high = [1e3 * max(median, most) for median, most in found.values()]
     series = {"": Bars([1e3 * median for median, _ in found.values()], colour_strategies(found, best), None, high)}
@@ -149,7 +149,7 @@ def _describe_drawn(comparison: Comparison) -> str:
     left = {name: median for name, (median, _) in drawn.items()}
     equals = _list_closest(left, CLOSE)
     most = max(drawn[name][1] for name in equals)
-    text = f"On robots that may be yours, by what is known of it, {_say_closest(equals)}: "
+    text = f"On robots drawn from the uncertainty, {_say_closest(equals)}: "
     text += f"{format_length(min(left.values()))} rms in the median, {format_length(most)} in 95 %"
     if "none" in drawn and "none" not in equals:
         median, most = drawn["none"]
@@ -179,7 +179,7 @@ def _show_cells(comparison: Comparison) -> page.Section:
             text = f"{format_length(run.rms_deviation)}  ({format_length(run.max_deviation)})"
             row.append(page.Cell(text, "good" if close else ""))
         rows.append([*row, format_percent(runs[own][name].share_within(comparison.task.tolerance))])
-    first = [] if drawn is None else ["robots drawn from what is known"]
+    first = [] if drawn is None else ["robots drawn from the uncertainty"]
     tolerance = comparison.task.tolerance
     caption = "Deviation of the loaded tool tip from the path: rms (largest); the closest of each cell is green."
     if drawn is not None:

@@ -136,7 +136,9 @@ def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: 
         alike = good & ~campaign.first_visit  # their approach is fitted, no folder holds it
     off = float(np.abs(gap[alike] - expected[alike]).max(initial=0.0))
     if off > SAME_POSITION:
-        raise InputError(f"the robot as read differs by {1e3 * off:.3g} mm from the one that was judged", file=folder)
+        raise InputError(
+            f"the robot as read differs by {1e3 * off:.3g} mm from the one that was validated", file=folder
+        )
     good[diagnosis.outliers] = False
     return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))
 
@@ -238,7 +240,7 @@ def open_diagnosis(
     alone = " by itself, but calibration takes it up to the noise" if taken_up else ""
     verdicts = {
         "none": ("Nothing is wrong: what is left is noise of the measurement.", "good"),
-        "unknown": (f"Something is wrong that none of the known effects explains{alone}.", "unsure"),
+        "unknown": (f"No known effect explains the gap{alone}.", "unsure"),
         "calibrated": ("The robot was not calibrated: many small errors, none of them a cause by itself.", "good"),
         "explained": (f"Found: {first}{more}.", "good"),
     }
@@ -247,7 +249,7 @@ def open_diagnosis(
         rivals = join_names([name_effect(rival) for rival in doubtful[0]["ambiguous_with"][:2]])
         verdicts["explained"] = (f"Found, but not for certain: {first}{more}.", "unsure")
     floor = gap.get("noise_floor_mm")
-    left = "Something is left that nothing explains."
+    left = "A part of the gap is not explained."
     if taken_up:
         left = "The rest has no name, but calibration takes it up to the noise."
     if small > 0.5:
@@ -353,7 +355,7 @@ def _list_splits(split: Split) -> list[page.Block]:
         page.Table(["direction", "share of the gap", "95 %"], axes, "By direction, base axes."),
     ]  # fmt: skip
     if approach:
-        caption = "How far a joint stands apart when its last move came from either side; positive: it lags behind."
+        caption = "Difference of a joint's position between approaches from either side; positive: it lags behind."
         blocks.append(page.Table(["joint", "lost motion", "standard error", "unit"], approach, caption))
     return blocks
 
@@ -438,6 +440,6 @@ def _show_next(steps: Sequence[Mapping[str, Any]]) -> page.Section:
         how = str(step.get("how", step.get("kind", ""))) or "–"
         separates = " from ".join(map(name, step.get("separates", [])))
         rows.append([separates, how, len(step.get("poses", [])), len(step.get("wrenches", [])), gain])
-    text = "Poses and loads stand in diagnosis.json; all are within joint limits and the loads of this campaign."
+    text = "Poses and loads are in diagnosis.json; all are within joint limits and the loads of this campaign."
     table = page.Table(["separates", "how", "poses", "loads", "expected gain"], rows)
     return page.Section("What to measure next", [table, text])

@@ -154,7 +154,7 @@ def describe_structure(diagnosis: Diagnosis) -> list[str]:
         ]
         return [f"No named effect makes {'; '.join(parts)}{against}."]
     return [
-        f"An error of {format_length(structure.rms)} rms stays the same while the robot stands still and follows "
+        f"An error of {format_length(structure.rms)} rms is constant while the robot stands still and matches "
         f"no effect of the vocabulary{against}."
     ]
 

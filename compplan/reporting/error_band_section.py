@@ -24,13 +24,13 @@ def show_error_band(promise: ErrorBand, stations: Stations, tolerance: float) ->
     series |= {WORDS[name]: promise.parts[name] * evaluated for name in PARTS if promise.parts[name].any()}
     limit = (1e3 * tolerance, f"tolerance {format_set_value(1e3 * tolerance)} mm")
     chart = draw_lines(stations, series, "mm", title="95 % band", zero=True, limit=limit)
-    caption = "Distance from the path that holds the true tip with 95 %, and the same by each cause alone."
+    caption = "95 % band: distance from the path that contains the true tip, in all and by each cause alone."
     blocks: list[page.Block] = [page.Chart(chart, caption, height=360, along=True), _list_parts(promise)]
     if promise.ladder:
         blocks.append(_list_steps(promise))
     if promise.leading:
         rows = [[name, format_percent(share)] for name, share in promise.leading]
-        columns = ["if this were known exactly", "the variance of the tip would shrink by"]
+        columns = ["if this were exact", "the variance of the tip would shrink by"]
         blocks.append(page.Table(columns, rows, "What would narrow the band most, mean over the path."))
     if promise.assumed:
         blocks.append(page.Fold("What is assumed", list(promise.assumed)))
@@ -52,8 +52,8 @@ def describe_error_band(promise: ErrorBand, tolerance: float) -> str:
         return f"{text} The widths are {'assumed' if known.grade == 'assumed' else 'from literature'}: {known.source}."
     if known.groups:
         text += (
-            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} for what {known.groups}"
-            " groups of poses showed that the fit had never seen."
+            f" Widths are measured ({known.source}) and widened by {known.calibration:.3g} from {known.groups}"
+            " groups of poses left out of the fit."
         )
     return text
 

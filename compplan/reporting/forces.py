@@ -146,7 +146,7 @@ def write_level(found: ForcePrediction, file: Path) -> None:
         InputError: If the file does not stand in a robot folder, or nothing was fitted.
     """
     if found.fit is None or not (file.parent / "robot.urdf").is_file():
-        raise InputError("process.toml stands in a robot folder, beside robot.urdf", file=file)
+        raise InputError("process.toml belongs into a robot folder, beside robot.urdf", file=file)
     process, (level, sigma) = found.job.process, found.fit.ratio
     if not 0.0 < level <= MOST_LEVEL:
         raise InputError(f"the log's force is {level:.3g} times the predicted one, above 0 is allowed", file=file)
@@ -330,7 +330,7 @@ def _show_engagement(found: ForcePrediction, cut: Engagement, stations: Stations
                    "Axial depth and radial width of what the cutter meets.", height=300),
         page.Chart(draw_lines(stations, angles, "deg", title="angle", colours=colours),
                    "First and last engaged angle, from the travel to the left; none in the air.", height=280),
-        page.Table(columns, table, "At even steps of the cut; forces.csv holds every waypoint.", scroll=14),
+        page.Table(columns, table, "At even steps of the cut; forces.csv has every waypoint.", scroll=14),
     ]  # fmt: skip
 
 

@@ -128,7 +128,7 @@ def _render(teaching: LearnedPart) -> str:
             f" on stretches left out in turn it leaves {format_length(lesson.held_out)} of what was measured."
         )
         expected, warning = f"The band narrows from {before} to {after} at its widest", ""
-    bands = "Distance that holds the true tip with 95 %. Dotted: in the directions that were measured alone."
+    bands = "95 % band of the true tip. Dotted: in the directions that were measured alone."
     sections = [
         page.Section("What explains it", [_list_causes(teaching), _list_learned(teaching)]),
         page.Section("The next part", [page.Chart(_draw_bands(teaching), bands, 320)], f"{expected}; {told}."),
@@ -146,7 +146,7 @@ def _open(teaching: LearnedPart) -> page.Summary:
     caption = "Dots: measured. Lines: what explains it; distances without sign, in the directions that were measured."
     picture = page.Chart(_draw_part(teaching), caption, 340)
     if not lesson.taken:
-        verdict = "The program stays as it is: the measured part does not say how to make the next one better."
+        verdict = "The program stays as it is: the measured part does not improve the next one."
         figures = [page.KeyFigure(format_mm(lesson.rms), "rms deviation of the measured part")]
         todo = "Measure more points, or another part, and learn again."
         return page.Summary(verdict, "unsure", figures, picture, todo)
@@ -207,5 +207,5 @@ def _list_learned(teaching: LearnedPart) -> page.Table:
         name = re.sub(r"_(rad|m)#\d+$", "", one.name).replace("_", " ")
         rows.append([name, moved, width, one.value / one.width if one.width > 0 else None, place])
     columns = ["parameter", "change", "known before, ±", "ratio [, 2]", "kept in"]
-    caption = "The greatest changes beside how surely each value was known before (one standard deviation)."
+    caption = "The greatest changes and the standard deviation of each value before."
     return page.Table(columns, rows, caption)

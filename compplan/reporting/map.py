@@ -28,7 +28,7 @@ ROWS = {
 #: What the lines of a map mean.
 LINES = (
     "White lines: contours. Black line: limit of reach inside the joint limits. Dotted line: the stiffer posture "
-    "changes from elbow up to elbow down. Cross: maximum. The arm stands where the worst unit force has its maximum."
+    "changes from elbow up to elbow down. Cross: maximum. The arm is drawn where the worst unit force has its maximum."
 )
 
 
@@ -68,7 +68,7 @@ def draw_maps(result: RobotMaps) -> dict[str, page.Picture]:
     first, second = (result.robot.joint_names[j] for j in joints.joints)
     caption = (
         f"Inverse condition number of the Jacobian over the characteristic length of {joints.length * 1e3:.0f} mm. "
-        f"Wrist joints stand at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first joint in the middle of its limits."
+        f"Wrist joints are at {WRIST_FOR_QUALITY_DEG:.0f} deg, the first joint in the middle of its limits."
     )
     png = draw_joint_map(joints, [], (first, second), "Dexterity 1/κ (1 is best)")
     return {**pictures, "dexterity.png": page.Picture(png, caption)}
@@ -138,5 +138,5 @@ def _open(result: RobotMaps, flat: dict[str, Any]) -> page.Summary:
     panel = Panel("Under 1000 N in the worst direction", plane.best.worst * 1e6, "mm")
     caption = f"Deflection of the tool over the plane z = {result.settings.height * 1e3:.0f} mm, seen from above."
     picture = page.Picture(draw_deflection(result.robot, plane, [panel], result.robot.name), caption)
-    todo = "Put the part where the map is low: compplan place JOB looks for the place."
+    todo = "Put the part where the map is low: compplan place JOB finds it."
     return page.Summary(verdict, "", figures, picture, todo)

@@ -62,11 +62,10 @@ def _render(result: JobStudy) -> str:
         ("tip computed by", "exact loaded equilibrium of every sample and waypoint to 1 nm, geometry to first order"),
     ]
     notes = [
-        "The uncertainties are assumed unless the job sets them: the ranking holds for cells like these, "
-        "and only as far as they are like yours."
+        "The uncertainties are assumed unless the job sets them: the ranking holds for such robots and forces only."
     ]
     if summary["waypoints"] < summary["waypoints_of_path"]:
-        thinned = f"{summary['waypoints_of_path']} waypoints; the study looks at {summary['waypoints']}"
+        thinned = f"{summary['waypoints_of_path']} waypoints; the study uses {summary['waypoints']}"
         notes.insert(0, f"The path has {thinned}, spread evenly.")
     return page.render_page(
         summary["name"], _describe(result), sections, kind=f"Strategies under uncertainty, {study.task.robot.name}",
@@ -94,7 +93,7 @@ def _open(result: JobStudy) -> page.Summary:
         page.KeyFigure(format_mm(1e-3 * entry["rms_mm"]["mean"]), "rms deviation with the best strategy, mean of all"),
         page.KeyFigure(format_mm(1e-3 * entry["max_mm"]["p95"]), "95 of 100 parts are nowhere farther off than that"),
     ]
-    todo = "More samples make the figures surer: --samples."
+    todo = "More samples narrow the intervals: --samples."
     if result.sensitivity is not None:
         group = result.sensitivity.groups[int(np.argmax(result.sensitivity.total[result.summary["sensitivity_of"]]))]
         todo = f"Measure {GROUPS.get(group, group.replace('_', ' '))}: it makes most of the deviation that is left."
@@ -202,7 +201,7 @@ def _show_sensitivity(found: Sensitivity, strategy: str) -> page.Section:
     ]
     heads = ["total index", *(f"{name_strategy(name)} [, 2]" for name in found.total)]
     caption = (
-        "Share of the variance of the rms deviation that is left if all but this were known, with 95 % interval; "
+        "Share of the variance of the rms deviation that remains if all but this were exact, with 95 % interval; "
         f"{found.samples} samples, {found.waypoints} waypoints."
     )
     order = np.argsort(-found.total[strategy])

@@ -40,7 +40,7 @@ def write_placement(result: PlaceResult, job: Job, folder: Path) -> dict[str, An
         page.Section("Turns about the vertical", [_turns(summary["grids"])], "The best place of each turn."),
         page.Section("Posture", [posture], "The posture along the path at the chosen place."),
     ]
-    unknown = ["what is not known of the robot (job: [posture.uncertainty])"]
+    unknown = ["the uncertainty of the robot (job: [posture.uncertainty])"]
     assumed = unknown if "uncertainty_assumed" in summary else []
     html = page.render_page(
         f"{summary['robot']}: where the part should stand", _describe(summary), sections, kind="Placement",

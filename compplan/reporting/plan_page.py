@@ -251,7 +251,7 @@ def _show_deviation(plan: Plan, stations: Stations) -> page.Section:
     caption = f"Distance of the loaded tool tip from the path, logarithmic.{floor}{shaded}{marked}"
     fold = page.Fold("Along the path, logarithmic", [page.Chart(line, caption, height=340, along=True)])
     failed = [_list_failures(plan, after)] if plan.command.failures else []
-    about = "How far the loaded tool tip is from where the toolpath wants it."
+    about = "Distance of the loaded tool tip from the toolpath."
     return page.Section("Deviation", [scene, fold, *failed], about)
 
 

@@ -97,7 +97,7 @@ def _list_limits(traces: Sequence[PlacedLog], found: Identified) -> list[str]:
         notes.append("the figures are of stretches of time that were left out; another path or speed was not held "
                      "against the model: give logs of two programs")  # fmt: skip
     if not found.ladder:
-        notes.append(f"{len(traces[0].log)} rows are too few to leave some out; nothing is identified")
+        notes.append(f"{len(traces[0].log)} rows are too few for validation; nothing is identified")
     elif not found.helps:
         notes.append("no model is nearer to the rows left out than the programmed path and the folder's values, in "
                      "median and 95th percentile; the folder keeps its values")  # fmt: skip

@@ -10,20 +10,23 @@ from scipy.optimize import brentq
 
 from compplan.identification import reduce_model
 from compplan.reporting.maps.pictures import draw_shares
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, compare, describe_paper, statement
+from compplan.reproduce.paper import CLOSE, PaperFigure, Reproduction, Row, compare, describe_paper, statement
 from compplan.robot import Array, LinkElasticity, Robot
 from compplan.robot.beam import hollow_beam_compliance
-from compplan.statics.chain import build_chain, locate_frames
+from compplan.statics.chain import build_chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import cartesian_compliance
 from compplan.statics.encoders import combined_gain, control_equilibrium
 
-#: Table 1: mean, standard deviation and maximum of the error. [mm]
-PRIMARY, SECONDARY = (4.03, 2.28, 9.17), (1.81, 0.79, 4.63)
+#: Table 1: mean, standard deviation and maximum of the error. The 0.79 mm printed as the secondary deviation are 19.5 %
+#: of 4.03 mm, the mean that the stiffness model leaves; the deviation is 44.8 % of 2.28 mm. [mm]
+PRIMARY, SECONDARY = (4.03, 2.28, 9.17), (1.81, 0.448 * 2.28, 4.63)
 #: Tables 1 and 2: the error that a stiffness model leaves, of the mean and the maximum. [%]
 MODEL_WORKSPACE, MODEL_SET = (19.5, 24.7), (15.7, 15.9)
-#: Table 1: what the secondary encoders leave, of the mean, the maximum and (by its millimetres) the deviation. [%]
-SECONDARY_LEFT = (44.7, 50.4, 100 * 0.79 / 2.28)
+#: Table 1: shares of mean, maximum and deviation that the secondary encoders leave. [%]
+SECONDARY_LEFT = (44.7, 50.4, 44.8)
 LOAD_N, POSES, SEED = 100 * 9.81, 3000, 0
+#: Poses of the experiment in four modes, lever of its load, standard deviation of a measured position (assumed). [m]
+MODE_POSES, MODE_LEVER, MODE_SIGMA = 15, 0.3, 2e-5
 #: Outer diameters of the beams, by link. [m]
 BEAMS = {"link_1": (0.73, 0.40), "link_2": (1.35, 0.35), "link_3": (1.82, 0.28), "link_6": (0.215, 0.25)}
 YOUNG, POISSON = 70e9, 0.33
@@ -58,6 +61,7 @@ def reproduce(load: Callable[[str], Robot]) -> Reproduction:
         statement("Joint 1 under vertical loads", "loads of all directions are needed", said,
                   any(item.held == "joint_1" for item in unseen), "pure vertical forces at the flange"),
         *_rows_of_link_share(shipped, q[:1000]),
+        *_rows_of_modes(robot, q[:MODE_POSES]),
         *_rows_of_contradictions(),
     ]  # fmt: skip
     plain, ratio = found["vertical"], found["any direction"]
@@ -182,6 +186,52 @@ def _rows_of_link_share(robot: Robot, q: Array) -> list[Row]:
     return rows
 
 
+def identify_by_modes(robot: Robot, q: Array, wrench: Array) -> tuple[Array, Array]:
+    """Identify joint and link compliances from positions in the modes U1, L1, U2 and L2 [eqs. 4 and 5].
+
+    Args:
+        robot: A robot with one spring per joint and link shares.
+        q: Joint positions, held by motor-side (1) and link-side (2) encoders in turn. Shape (n, 6). [rad]
+        wrench: Load of the modes L1 and L2. Shape (n, 6). [N, N m]
+
+    Returns:
+        Compliances of joints and of links. Shape (6,) each. [rad/(N m)]
+    """
+    chain = build_chain(robot)
+    rng = np.random.default_rng(SEED)
+    places = {
+        (feedback, loaded): control_equilibrium(chain, q, loaded * wrench, feedback=feedback).loaded.position
+        + rng.normal(0.0, MODE_SIGMA, (len(q), 3))
+        for feedback in ("motor", "link")
+        for loaded in (0.0, 1.0)
+    }
+    first, second = (places[name, 1.0] - places[name, 0.0] for name in ("motor", "link"))
+    lever = joint_jacobian(chain, locate_frames(chain, q))
+    observed = lever[:, :3] * np.einsum("nij,ni->nj", lever, wrench)[:, None, :]
+
+    def solve(deflection: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(observed.reshape(-1, 6), deflection.ravel(), rcond=None)[0])
+
+    return solve(first - second), solve(second)
+
+
+def _rows_of_modes(robot: Robot, q: Array) -> list[Row]:
+    springs = tuple(replace(spring, link_share=0.4) for spring in robot.springs)
+    total, wrench = np.array([spring.compliance for spring in springs]), random_load(len(q))
+    wrench[:, 3:] = MODE_LEVER * wrench[::-1, :3]
+    joint, link = identify_by_modes(replace(robot, springs=springs, link_elasticities=()), q, wrench)
+    note = (
+        f"{MODE_POSES} drawn poses, 100 kg in every direction at a lever of {MODE_LEVER:g} m, one spring a joint, link "
+        f"share 0.4, {1e3 * MODE_SIGMA:g} mm of noise; joint 6 passes through the measured point"
+    )
+    worst = [float(np.abs(found / true - 1)[:5].max()) for found, true in ((joint, 0.6 * total), (link, 0.4 * total))]
+    return [
+        statement(f"Eqs. 4 to 6: {name} compliances from the modes U1, L1, U2, L2", "can be identified separately",
+                  f"largest error of joints 1 to 5 {error:.1%}", error < CLOSE, note)
+        for name, error in zip(("joint", "link"), worst, strict=True)
+    ]  # fmt: skip
+
+
 def _rows_of_fit(wall: float, factor: float, result: Strategies) -> list[Row]:
     first, second = (float(values.mean()) * 1e3 for values in (result.primary, result.secondary))
     scalars = f"wall {wall * 1e3:.2f} mm, joints {factor:.3f} times those of the robot folder"
@@ -246,6 +296,7 @@ def _rows_of_contradictions() -> list[Row]:
             "",
             None,
             "inconsistent in the paper",
+            "0.79 mm is 19.5 % of 4.03 mm, the mean with the stiffness model; 44.8 % of 2.28 mm is taken",
         ),
     ]
 

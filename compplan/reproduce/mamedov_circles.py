@@ -21,7 +21,7 @@ POINTS = 36
 MEANS_BEFORE = ((0.776, 1.825, 0.628), (0.753, 1.968, 0.701))
 MAXIMA_BEFORE = ((0.779, 1.841, 0.639), (1.072, 2.838, 1.261))
 MEANS_AFTER = ((0.113, 0.160, 0.017), (0.111, 0.314, 0.045))
-_TARGET = np.array(MEANS_BEFORE) * 1e-3
+_TARGET = np.array([MEANS_BEFORE, MEANS_AFTER]) * 1e-3
 
 
 @dataclass(frozen=True)
@@ -54,30 +54,34 @@ class CircleErrors:
     after: Array
 
     def means(self, errors: Array) -> Array:
-        """Mean size per axis. Shape (2, 3). [m]."""
+        """Return the mean size per axis. Shape (2, 3). [m]."""
         return np.asarray(np.abs(errors).mean(axis=1))
 
+    def misfit(self) -> Array:
+        """Return the relative errors of the means before and after compensation. Shape (2, 2, 3)."""
+        return np.array([self.means(self.before), self.means(self.after)]) / _TARGET - 1.0
 
-def fit_posture(full: Robot, *, seed: int = 0) -> CirclePosture:
-    """Find a posture whose uncompensated means are the paper's: six numbers, seven free ones.
+
+def fit_posture(full: Robot, reduced: Robot, *, seed: int = 0) -> CirclePosture:
+    """Fit a posture to the paper's means before and after compensation: twelve numbers, seven free ones.
 
     Postures are drawn at random, the best on the small circle are tried on the large one, and the best of them refined.
 
     Args:
         full: The full model.
+        reduced: The model of the compensation.
         seed: Seed of the draw.
     """
-    arm, chain = build_arm(full), build_chain(full)
     best: tuple[float, CirclePosture] | None = None
-    for posture in _shortlist(arm, chain, seed):
-        cost = float(np.sum(_misfit(arm, chain, posture) ** 2))
+    for posture in _shortlist(build_arm(full), build_chain(full), seed):
+        cost = float(np.sum(_misfit(full, reduced, posture) ** 2))
         if best is None or cost < best[0]:
             best = cost, posture
     assert best is not None
     start = best[1]
 
     def residual(x: Array) -> Array:
-        return _misfit(arm, chain, CirclePosture(x[:3], x[3:], start.plane, start.slot))
+        return _misfit(full, reduced, CirclePosture(x[:3], x[3:], start.plane, start.slot))
 
     found = least_squares(residual, np.r_[start.centre, start.orientation], diff_step=1e-4, max_nfev=15)
     return CirclePosture(found.x[:3], found.x[3:], start.plane, start.slot)
@@ -115,21 +119,22 @@ def _shortlist(arm: Arm, chain: Chain, seed: int) -> list[CirclePosture]:
     slots = solve_branches(arm, centre, turn.as_matrix())[:, :4]
     inside = ((slots >= arm.robot.lower) & (slots <= arm.robot.upper)).all(axis=-1)
     rows, slot = np.nonzero(inside)
-    gap = np.abs(_move(chain, slots[rows, slot])) / _TARGET[0] - 1
+    gap = np.abs(_move(chain, slots[rows, slot])) / _TARGET[0, 0] - 1
     order = np.argsort((gap**2).sum(axis=1))[:12]
     vectors = turn.as_rotvec()
     return [CirclePosture(centre[rows[k]], vectors[rows[k]], plane, int(slot[k])) for k in order for plane in PLANES]
 
 
-def _misfit(arm: Arm, chain: Chain, posture: CirclePosture) -> Array:
-    """Compare the uncompensated means with the paper's; points out of reach count as a large miss. Shape (6,)."""
-    result = np.empty((2, 3))
-    for k, radius in enumerate(RADII):
-        q = _reach(arm, circle(posture, radius), posture)
-        q = q[np.isfinite(q).all(axis=1)]
-        lost = 1 - len(q) / POINTS
-        means = np.abs(_move(chain, q)).mean(axis=0) if len(q) else np.zeros(3)
-        result[k] = (means / _TARGET[k] - 1) + 5 * lost
+def _misfit(full: Robot, reduced: Robot, posture: CirclePosture) -> Array:
+    """Return the relative errors of the twelve means, with a penalty for points out of reach. Shape (12,)."""
+    errors = compensate_circles(full, reduced, posture)
+    result = np.empty((2, 2, 3))
+    for i, values in enumerate((errors.before, errors.after)):
+        reached = np.isfinite(values).all(axis=2)
+        for k in range(len(RADII)):
+            known = np.abs(values[k, reached[k]])
+            means = known.mean(axis=0) if len(known) else np.zeros(3)
+            result[i, k] = means / _TARGET[i, k] - 1 + 5 * (1 - reached[k].mean())
     return result.ravel()
 
 

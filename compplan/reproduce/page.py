@@ -114,5 +114,6 @@ def _show(value: float | str | None) -> str:
 def _explain_verdicts() -> str:
     return (
         "Matches: within 5 %; close: within 20 %; order of magnitude: within a factor of 3. Fitted: tuned to the "
-        "paper's number, so no evidence. Every number of ours was computed in this run."
+        "paper's number; arithmetic: computed from the paper's own numbers; neither is evidence. Every other number of "
+        "ours was computed in this run."
     )

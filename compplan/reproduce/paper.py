@@ -1,9 +1,9 @@
 """What a reproduction says: rows of a paper's figure beside ours, and a verdict by one rule for all.
 
 A verdict compares numbers: within 5 % it matches, within 20 % it is close, within a factor of 3 it is the order of
-magnitude. Where a number was tuned to the paper it is fitted, whatever it says; where only a tendency is stated, trend
-only; where the paper contradicts itself, inconsistent in the paper; and where our number differs by more, or there is
-none, the missing information is named.
+magnitude. A number tuned to the paper is fitted; one computed from the paper's own numbers is arithmetic; a tendency is
+trend only; a contradiction of the paper is inconsistent in the paper; a statement that ours contradicts is not seen.
+Where our number differs by more, or there is none, the missing information is named.
 """
 
 from __future__ import annotations
@@ -132,19 +132,15 @@ def compare(
     return Row(quantity, paper, ours, unit, None, cannot(missing), assumption)
 
 
+def recompute(quantity: str, paper: float, ours: float, unit: str, note: str) -> Row:
+    """Compare a number of the paper with the same computed from its own numbers: arithmetic, no evidence."""
+    return Row(quantity, paper, float(f"{ours:.6g}"), unit, None, "arithmetic", note)
+
+
 def cannot(missing: str) -> str:
     """Word the verdict of a figure that cannot be had, and why."""
     verb = "are" if " and " in missing else "is"
     return f"cannot be reproduced because {missing} {verb} missing"
-
-
-def compare_range(
-    quantity: str, paper: float, ours: Sequence[float], unit: str, assumption: str = "", *, missing: str
-) -> Row:
-    """Compare several numbers that are equally good with the paper's: the one that is furthest away counts."""
-    worst = max(ours, key=lambda value: abs(math.log(max(value, 1e-300) / paper)))
-    note = f"{assumption}; {len(ours)} of them give {min(ours):.3g} to {max(ours):.3g}, the furthest counts"
-    return compare(quantity, paper, worst, unit, note, missing=missing)
 
 
 def unavailable(quantity: str, paper: float | str, missing: str) -> Row:
@@ -159,7 +155,7 @@ def statement(quantity: str, paper: str, ours: str, holds: bool, assumption: str
         quantity: What it is about.
         paper: What the paper says.
         ours: What this run found.
-        holds: Whether both say the same.
+        holds: Whether both hold the same quantity.
         assumption: What had to be assumed.
     """
     return Row(quantity, paper, ours, "", None, "matches" if holds else "order of magnitude", assumption)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compplan.reporting.maps.pictures import draw_lines, draw_shares
-from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, compare, describe_paper, unavailable
+from compplan.reproduce.paper import PaperFigure, Reproduction, Row, cannot, describe_paper, recompute, unavailable
 from compplan.reproduce.service_sphere import ServiceSphere, serve_point, spread_directions
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain
@@ -178,7 +178,7 @@ def _rows_of_improvement(points: list[CloudPoint], robot: Robot) -> list[Row]:
 def _rows_of_table() -> list[Row]:
     note = "both stiffness columns are the paper's; rounded to whole per cent as there"
     rows = [
-        compare(f"Table i: improvement of joint {j + 1}", float(IMPROVEMENT[j]), round(100 * (b / a - 1)), "%", note)
+        recompute(f"Table i: improvement of joint {j + 1}", float(IMPROVEMENT[j]), round(100 * (b / a - 1)), "%", note)
         for j, (a, b) in enumerate(zip(PLAIN, DEXTEROUS, strict=True))
     ]
     rows.append(unavailable("Largest deflections at r1, r3, r5", "1.04, 1.29, 1.39 mm", WRENCH))

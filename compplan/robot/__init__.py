@@ -1,4 +1,4 @@
-"""A robot: its URDF chain from base to tool centre point, what bends in it, and the folder it lives in."""
+"""Robot models: URDF chain, elasticity, and robot folders."""
 
 from compplan.robot.folder import (
     as_read,

@@ -1,8 +1,7 @@
-"""How a maker's controller counts joints, configurations and tools, derived from the geometry of a six-axis arm.
+"""Joint, configuration and tool conventions of a maker, derived from the geometry of a six-axis arm.
 
-A maker's arms share a zero posture and the senses of their axes. Both are stated here by maker, in axes of the arm: x
-forward, z up along axis 1, y to the left. The URDF may have other zeros and senses; its geometry tells which.
-The result is a proposal: it has to be compared with the controller's display.
+Zero posture and senses of the axes are stated by maker, in axes of the arm: x forward, y left, z up along axis 1.
+Zeros and senses of the URDF follow from its geometry. The result is a proposal: compare it with the display.
 """
 
 from __future__ import annotations
@@ -15,16 +14,16 @@ import numpy as np
 from compplan.robot.model import Array, Joint
 from compplan.robot.pose import move_joint
 
-#: Largest angle [deg] and distance [m] that count as rounding of a URDF.
+#: Rounding of a URDF: greatest angle [deg] and distance [m].
 ANGLE, DISTANCE = 1.0, 1e-3
-#: Shortest horizontal offset that says where forward is. [m]
+#: Least horizontal offset that determines the forward direction. [m]
 SHORTEST = 5e-3
-#: Every axis of the arm's own frame, by name.
+#: Axes of the arm's frame, by name.
 DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
-#: What each value of a configuration word adds to S of a KRL position, and the letters of CONFIG in FANUC programs.
-KRL = {key: f"status        = {{ {said} }}" for key, said in (
+#: Value that each configuration word adds to S of a KRL position, and the letters of CONFIG in FANUC programs.
+KRL = {key: f"status        = {{ {values} }}" for key, values in (
     ("shoulder", "front = 0, back = 1"), ("elbow", "up = 2, down = 0"), ("wrist", "noflip = 0, flip = 4"))}  # fmt: skip
-FANUC = {key: f"native        = {{ {said} }}" for key, said in (
+FANUC = {key: f"native        = {{ {values} }}" for key, values in (
     ("shoulder", 'front = "T", back = "B"'), ("elbow", 'up = "U", down = "D"'),
     ("wrist", 'noflip = "N", flip = "F"'))}  # fmt: skip
 VAL3 = {"elbow": 'native        = { up = "epositive", down = "enegative" }',
@@ -37,13 +36,13 @@ class Brand:
 
     Attributes:
         joint_names: Names of the joints on the display.
-        senses: Direction of each axis in the zero posture; None where the URDF of the maker counts as the controller.
+        senses: Direction of each axis in the zero posture; None where the controller counts as the URDF.
         upper: Direction of the upper arm in the zero posture.
         forearm: Direction of the forearm there.
         pendant_x: Direction of x of the flange frame (tool 0) there.
         coupled: Whether axis 3 counts the forearm against the horizontal.
-        raised: Whether frames count from the height of axis 2.
-        words: Lines of each configuration word in the controller's own terms.
+        raised: Whether frames have their origin at the height of axis 2.
+        words: Lines of each configuration word in terms of the controller.
     """
 
     joint_names: tuple[str, ...]
@@ -82,11 +81,11 @@ CONTROLLERS: dict[str, tuple[str, Brand]] = {
 
 @dataclass
 class ControllerProposal:
-    """How a controller counts the joints of an arm, as far as the geometry tells.
+    """Joint convention of a controller, as far as the geometry determines it.
 
     Attributes:
         joint_names, sign, zero_deg, coupling: Keys of controller.toml.
-        world_mm: Origin of the frame that the controller's frames count from, base frame; None: the base. [mm]
+        world_mm: Origin of the controller's world frame in the base frame; None: the base. [mm]
         words: Lines of each table [configuration.*].
         pendant: x and z of the maker's flange frame in axes of the URDF's flange; None where not known.
         missing: What was not derived, and why.
@@ -107,7 +106,7 @@ class _NotDerivedError(Exception):
 
 
 def propose_counting(brand: Brand, joints: Sequence[Joint], flange: str) -> ControllerProposal:
-    """Derive how a maker's controller counts the joints of an arm.
+    """Derive the joint convention of a maker's controller for an arm.
 
     Args:
         brand: The maker's convention.
@@ -167,7 +166,7 @@ class _Arm:
         return np.asarray(self.poses[self.arm[k - 1].child][:3, 3])
 
     def find_axes(self, sense: int) -> None:
-        """Find the frame of the arm (columns forward, left, up), its wrist centre and which way axes 2 and 3 turn.
+        """Find the frame of the arm (columns forward, left, up), its wrist centre and the senses of axes 2 and 3.
 
         Args:
             sense: Sense of the maker's axis 2, for arms without any horizontal offset.
@@ -199,7 +198,7 @@ class _Arm:
         return np.asarray(self.frame[:, 1])
 
     def turn(self, start: Array, end: Array) -> float:
-        """Return the angle from one direction to another about the axis to the left, in its plane. [deg]"""
+        """Return the angle from one direction to another about the axis to the left. [deg]"""
         flat = [v - self.left * (self.left @ v) for v in (start, end)]
         if min(np.linalg.norm(flat[0]), np.linalg.norm(flat[1])) < DISTANCE:
             raise _NotDerivedError("upper arm or forearm has no length")
@@ -214,7 +213,7 @@ def _propose_signs(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: 
     along = arm.axis(4) * np.sign(arm.axis(4) @ (arm.wrist - arm.origin(3)))
     lower = arm.turn(arm.frame @ np.array(DIRECTIONS[brand.forearm], float), along)
     angles = [_round_angle(value) for value in (upper, lower - upper)]
-    zero = {2: angles[0], 3: angles[1]}  # where axes 2 and 3 are at q = 0, about the axis to the left [deg]
+    zero = {2: angles[0], 3: angles[1]}  # axes 2 and 3 at q = 0, about the axis to the left [deg]
     at_zero = {arm.arm[k - 1].name: -np.radians(zero[k]) * np.sign(arm.axis(k) @ arm.left) for k in (2, 3)}
     poses = arm.locate(at_zero)
     for k in range(1, 7):
@@ -236,7 +235,7 @@ def _propose_signs(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: 
 
 
 def _propose_words(proposal: ControllerProposal, arm: _Arm, brand: Brand, rail: int, flange: str) -> None:
-    """Find what tells the branches of the inverse kinematics apart."""
+    """Derive the words that distinguish the branches of the inverse kinematics."""
     if not arm.spherical:
         raise _NotDerivedError("the axes of the wrist do not meet in a point")
     points = [joint.child for joint in arm.arm[3:] if np.linalg.norm(
@@ -285,7 +284,7 @@ def _are_parallel(one: Array, other: Array) -> bool:
 
 
 def _round_angle(angle: float) -> float:
-    """Return the multiple of 90 degrees that an angle is."""
+    """Return an angle as a multiple of 90 degrees."""
     nearest = 90.0 * round(angle / 90.0)
     if abs(angle - nearest) > ANGLE:
         raise _NotDerivedError(f"an arm lies {angle:.3g} deg from the maker's zero posture at the URDF's zero")

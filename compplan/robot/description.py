@@ -1,4 +1,4 @@
-"""ROS robot descriptions: packages found by folder, meshes found by address, xacro files expanded to URDF."""
+"""ROS robot descriptions: search of packages and meshes, expansion of xacro files to URDF."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from compplan.io.parsing import guard_parser
 from compplan.io.tables import read_text
 from compplan.io.xmlfile import parse_xml
 
-#: Levels above a file at which a package is looked for: package/urdf/file in a repository of packages needs three.
+#: Levels above a file at which packages are searched: package/urdf/file in a repository needs three.
 LEVELS = 6
-#: What an expression of a xacro file may consist of. Functions of its own and loops are left out: they run any code.
+#: Allowed parts of an expression of a xacro file; own functions and loops could run any code.
 SAFE_NODES = (
     ast.Expression, ast.Constant, ast.Name, ast.Load, ast.Attribute, ast.Subscript, ast.Slice, ast.Tuple, ast.List,
     ast.Dict, ast.UnaryOp, ast.unaryop, ast.BinOp, ast.operator, ast.BoolOp, ast.boolop, ast.Compare, ast.cmpop,
     ast.IfExp, ast.Call, ast.keyword,
 )  # fmt: skip
-#: Most letters of an expression, and greatest exponent in one.
+#: Greatest length of an expression, and greatest exponent in one.
 LONGEST, GREATEST_EXPONENT = 1000, 10
 
 
 def find_package(name: str, start: Path) -> Path | None:
-    """Find the folder of a ROS package by its name, from a file or folder upwards.
+    """Find the folder of a ROS package by name, searching upwards.
 
     Args:
         name: Name of the package.
-        start: A file or folder. A folder of that name above it counts, and one beside any folder above it.
+        start: A file or folder; folders above it and their siblings are searched.
     """
     if not name or name in (".", "..") or "/" in name:
         return None
@@ -50,8 +50,8 @@ def find_mesh(address: str, folder: Path | None) -> Path | None:
 
     Args:
         address: The `filename` of a URDF mesh: a path, file:// or package://PACKAGE/PATH.
-        folder: Folder of the URDF. The path counts from there, with and without the package, and from the package
-            above the folder; `meshes/NAME` of the folder is the last resort.
+        folder: Folder of the URDF. The path is relative to it, with or without the package, or to the package
+            above it; `meshes/NAME` of the folder is tried last.
     """
     tail = Path(address.split("://", 1)[-1])
     if folder is None or not address:
@@ -72,8 +72,7 @@ def find_mesh_files(text: str, folder: Path) -> tuple[dict[Path, Path], list[str
         folder: Its folder.
 
     Returns:
-        File of each mesh by its place in the robot folder, and the addresses of those that are not found or whose place
-        is taken by another file.
+        File of each mesh by its path in the robot folder, and addresses that are not found or whose path is taken.
     """
     copies: dict[Path, Path] = {}
     missing = []
@@ -92,7 +91,7 @@ def read_description(file: Path) -> str:
     """Read a robot description as URDF text; a .xacro file is expanded.
 
     Raises:
-        InputError: If it cannot be read or expanded, or expands to no robot.
+        InputError: If it cannot be read or expanded, or is no robot.
     """
     text = read_text(file)
     return expand_xacro(file) if file.suffix.lower() == ".xacro" or "<xacro:" in text else text
@@ -101,8 +100,8 @@ def read_description(file: Path) -> str:
 def expand_xacro(file: Path) -> str:
     """Expand a xacro file to URDF text, with the default of every argument.
 
-    `$(find PACKAGE)` is looked for by folder: no ROS workspace is needed. Expressions are arithmetic, comparisons and
-    calls of the functions that xacro offers.
+    `$(find PACKAGE)` is searched by folder, without a ROS workspace. Expressions are arithmetic, comparisons and calls
+    of xacro's functions.
 
     Raises:
         InputError: If a package is not found, or xacro cannot expand it.
@@ -123,7 +122,7 @@ def expand_xacro(file: Path) -> str:
 
 @contextmanager
 def _guard_xacro(file: Path) -> Iterator[None]:
-    """Let xacro find packages by folder, evaluate expressions that are data, and read XML without document types."""
+    """Restrict xacro to packages found by folder, safe expressions, and XML without document types."""
     import xacro
     from xacro import substitution_args
 
@@ -161,7 +160,7 @@ def _guard_xacro(file: Path) -> Iterator[None]:
 
 
 def _check_expression(tree: ast.AST, text: str) -> None:
-    """Refuse an expression that could do more than compute a value."""
+    """Refuse an expression that could run code."""
     if len(text) > LONGEST:
         raise ValueError(f"an expression has {len(text)} letters, at most {LONGEST}")
     for node in ast.walk(tree):

@@ -1,4 +1,4 @@
-"""elasticity.toml: its tables, checked against the chain of the URDF and against what a robot can be."""
+"""elasticity.toml: tables, and checks against the URDF and plausible ranges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Vector3, read_
 from compplan.robot.beam import hollow_beam_compliance
 from compplan.robot.model import GRADES, SPRING_AXES, Array, Joint, LinkElasticity, Spring
 
-#: Softer springs than these are a mistake: 100 N m/rad and 1 N/mm.
+#: Greatest plausible compliances: 100 N m/rad and 1 N/mm.
 SOFTEST = {"r": 1e-2, "t": 1e-3}
 #: Greatest gravity [m/s^2], offset of a spring [m], repeatability [mm] and number of springs or link blocks.
 MOST_GRAVITY, FARTHEST, MOST_SCATTER, MOST_SPRINGS = 20.0, 10.0, 10.0, 500
@@ -28,15 +28,15 @@ def _expect_three(value: object) -> object:
     return value
 
 
-#: What a joint's acceleration may be limited to. [rad/s^2, m/s^2]
+#: Range of acceleration limits. [rad/s^2, m/s^2]
 Acceleration = Annotated[float, Field(ge=1e-3, le=1e6)]
-#: What the change of a joint's acceleration may be limited to. [rad/s^3, m/s^3]
+#: Range of jerk limits. [rad/s^3, m/s^3]
 Jerk = Annotated[float, Field(ge=1e-2, le=1e9)]
 Triple = Annotated[Vector3, BeforeValidator(_expect_three)]
 
 
-#: Link share of a joint spring where the folder states none and has no elastic links: one spring a joint then stands
-#: for gear, bearings and link (assumed; link-side encoders leave 45 % of the deflection [Klimchik2018], hollow links of
+#: Default link share of a joint spring in a folder without elastic links, where one spring models gear, bearings and
+#: link (assumed; link-side encoders leave 45 % of the deflection [Klimchik2018], hollow links of
 #: 1 to 4 cm wall make 12 to 43 % of it [Mamedov2018]).
 LINK_SHARE = 0.4
 
@@ -100,7 +100,7 @@ class LinkTable(StrictTable):
         """Return the 6x6 compliance.
 
         Raises:
-            ValueError: If it is not symmetric, not positive, or softer than any link.
+            ValueError: If it is not symmetric, not positive, or implausibly soft.
         """
         if self.beam is not None:
             return hollow_beam_compliance(**self.beam.model_dump())
@@ -143,7 +143,7 @@ def read_elasticity(file: Path) -> ElasticityTable:
     """Read elasticity.toml.
 
     Raises:
-        InputError: With file and key, if it is not what it has to be.
+        InputError: With file and key, if it is invalid.
     """
     table = read_toml_model(ElasticityTable, file)
     check_grade(table, file)
@@ -151,7 +151,7 @@ def read_elasticity(file: Path) -> ElasticityTable:
 
 
 def check_grade(table: ElasticityTable, file: Path) -> None:
-    """Refuse a grade that does not exist.
+    """Refuse an unknown grade.
 
     Raises:
         InputError: With file and key.
@@ -164,7 +164,7 @@ def build_springs(table: ElasticityTable, joints: Sequence[Joint], file: Path) -
     """Return the springs of a chain.
 
     Raises:
-        InputError: If a spring names no joint of the chain, has no axis, or is softer than any robot.
+        InputError: If a spring names no joint of the chain, has no axis, or is implausibly soft.
     """
     kinds = {joint.name: joint.kind for joint in joints}
     lumped = 0.0 if table.link else LINK_SHARE
@@ -191,11 +191,11 @@ def build_springs(table: ElasticityTable, joints: Sequence[Joint], file: Path) -
 
 
 def check_compliance(value: float, *, slides: bool, file: Path | None, where: str) -> None:
-    """Refuse a compliance that is softer than any robot.
+    """Refuse an implausibly large compliance.
 
     Args:
         value: The compliance. [rad/(N m), or m/N where it slides]
-        slides: Whether it is that of a translation.
+        slides: Whether it is a translation.
         file: File for messages.
         where: Key for messages.
 
@@ -212,7 +212,7 @@ def build_links(table: ElasticityTable, chain_links: Sequence[str], file: Path) 
     """Return the elasticities of a chain's links.
 
     Raises:
-        InputError: If a block names no link of the chain, or its compliance is none.
+        InputError: If a block names no link of the chain, or its compliance is invalid.
     """
     blocks = []
     for index, entry in enumerate(table.link):

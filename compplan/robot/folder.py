@@ -27,7 +27,7 @@ from compplan.robot.validity import format_visited, read_visited
 
 
 class EffectTable(StrictTable):
-    """[[effect]]: what URDF and elasticity cannot say."""
+    """[[effect]]: an effect that URDF and elasticity cannot express."""
 
     effect: str = Field(min_length=1)
     joint: str | None = None
@@ -43,7 +43,7 @@ class EffectsTable(StrictTable):
 
 
 def robot_folders() -> dict[str, Path]:
-    """Find the robot folders that ship with compplan, by name."""
+    """Return the shipped robot folders by name."""
     package = Path(str(resources.files("compplan")))
     for root in (package.parent / "robots", package / "robots"):
         if root.is_dir():
@@ -56,10 +56,10 @@ def find_robot_folder(name: str | Path, relative_to: Path | None = None) -> Path
 
     Args:
         name: Path of a folder, or name of a shipped robot.
-        relative_to: Folder that a relative path counts from, besides the working directory.
+        relative_to: Base of a relative path, besides the working directory.
 
     Raises:
-        UnknownNameError: If there is neither such a folder nor such a robot.
+        UnknownNameError: If neither exists.
     """
     candidates = [Path(name)] if relative_to is None else [relative_to / name, Path(name)]
     for path in candidates:
@@ -78,7 +78,7 @@ def load_robot(name: str | Path, *, relative_to: Path | None = None) -> Robot:
 
     Args:
         name: Path of the folder, or name of a shipped robot.
-        relative_to: Folder that a relative path counts from, besides the working directory.
+        relative_to: Base of a relative path, besides the working directory.
 
     Raises:
         InputError: If a file of the folder is missing, cannot be read or contradicts another one.
@@ -93,7 +93,7 @@ def read_robot_folder(folder: Path) -> Robot:
         folder: The folder that holds robot.urdf and elasticity.toml.
 
     Raises:
-        InputError: If a file is missing, cannot be read, or names a joint, link or frame that does not exist.
+        InputError: If a file is missing, cannot be read, or names an unknown joint, link or frame.
     """
     urdf_file, elasticity_file = folder / "robot.urdf", folder / "elasticity.toml"
     for file in (urdf_file, elasticity_file):
@@ -111,10 +111,10 @@ def read_robot_folder(folder: Path) -> Robot:
 
 
 def as_read(robot: Robot) -> Robot:
-    """Return a robot as it is read from the folder that `write_robot_folder` writes for it, without writing one.
+    """Return a robot as read back from the texts of `write_robot_folder`, without writing files.
 
     Raises:
-        InputError: If the folder could not be read: a spring softer than any robot, a mass below zero.
+        InputError: If the folder is invalid, such as an implausibly soft spring or a negative mass.
     """
     folder = Path(robot.name) if robot.folder is None else robot.folder
     springs = check_table(ElasticityTable, _as_toml(_elasticity_table(robot)), file=folder / "elasticity.toml")
@@ -133,7 +133,7 @@ def _as_toml(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
-    """Build a robot without effects from its URDF and its elasticity; the folder is named in messages."""
+    """Build a robot without effects from URDF and elasticity; the folder is for messages."""
     urdf_file, elasticity_file = folder / "robot.urdf", folder / "elasticity.toml"
     urdf = read_urdf(text, urdf_file)
     if table.tcp not in urdf.links:
@@ -181,13 +181,13 @@ def _assemble(text: str, table: ElasticityTable, folder: Path) -> Robot:
 def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) -> None:
     """Write a robot folder: geometry and masses go into the URDF, springs and links into elasticity.toml.
 
-    Only what the robot holds differently from its URDF text is edited there. No file is ever half written.
+    Only values that differ from the URDF text are edited. Files are written atomically.
 
     Args:
         robot: The robot.
         folder: The folder to write; made if needed.
-        before: The robot as it was before it was measured: its geometry is what the controller goes on believing
-            (controller.urdf) where that of `robot` is another. None: the controller believes what is written.
+        before: The robot before the measurement; its geometry becomes controller.urdf where that of `robot` differs.
+            None: no controller.urdf.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_text(folder / "robot.urdf", _edit_urdf(robot))
@@ -214,7 +214,7 @@ def write_robot_folder(robot: Robot, folder: Path, before: Robot | None = None) 
 
 
 def _has_moved(robot: Robot, before: Robot) -> bool:
-    """Tell whether a joint of a robot stands or points elsewhere than in the URDF of another."""
+    """Return whether a joint has another placement or axis than in the URDF of another robot."""
     believed = {joint.name: joint for joint in read_urdf(before.urdf, Path("controller.urdf")).joints}
     return any(
         not np.allclose(joint.placement, old.placement, rtol=0, atol=1e-14)
@@ -224,7 +224,7 @@ def _has_moved(robot: Robot, before: Robot) -> bool:
 
 
 def _check_flange(flange: str, links: list[str], joints: list[Joint], file: Path) -> None:
-    """Refuse a flange frame that joints still move a tool against.
+    """Refuse a flange frame with moving joints between flange and tool.
 
     Args:
         flange: The frame.
@@ -246,7 +246,7 @@ def _default_flange(joints: list[Joint]) -> str:
 
 
 def _read_effects(file: Path) -> tuple[Mapping[str, Any], ...]:
-    """Read effects.toml as tables; `compplan.effects` knows what may stand in them."""
+    """Read effects.toml as tables, checked by `compplan.effects`."""
     if not file.exists():
         return ()
     return _list_effects(read_toml_model(EffectsTable, file))
@@ -284,7 +284,7 @@ def _edit_urdf(robot: Robot) -> str:
 
 
 def _edit_masses(root: ElementTree.Element, robot: Robot) -> None:
-    """Set the mass of a link that carries one body; a link that carries several keeps its URDF blocks."""
+    """Set the mass of a link with one body; links with several bodies keep their URDF blocks."""
     for element in root.findall("link"):
         bodies = [body for body in robot.bodies if body.link == element.attrib["name"]]
         if len(bodies) != 1:

@@ -1,4 +1,4 @@
-"""A robot folder to begin with, from a URDF or xacro file: what compplan needs besides, each key explained."""
+"""Template of a robot folder from a URDF or xacro file, with a comment at each key."""
 
 from __future__ import annotations
 
@@ -91,27 +91,27 @@ _TIP = """\
     <child link="{name}"/>
   </joint>
 """
-#: Rotations that bring z of a frame to an axis: roll, pitch, yaw. [rad]
+#: Rotations from z of a frame to an axis: roll, pitch, yaw. [rad]
 TURNS = {
     "x": "0 1.5707963267948966 0", "-x": "0 -1.5707963267948966 0", "y": "-1.5707963267948966 0 0",
     "-y": "1.5707963267948966 0 0", "z": "0 0 0", "-z": "3.141592653589793 0 0",
 }  # fmt: skip
-#: Greatest angle between tool0's z and the last joint's axis: there the tool leaves straight. [deg]
+#: Greatest angle between z of tool0 and the last joint's axis for a straight tool. [deg]
 STRAIGHT = 5.0
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """A robot folder to begin with.
+    """Texts of a robot folder.
 
     Attributes:
         texts: Text of each file by name: robot.urdf, elasticity.toml, controller.toml, and SOURCE.md with a rating.
         meshes: Source of each mesh file by its place in the folder.
-        missing: Meshes that are not found.
-        springs: How many springs it has.
+        missing: Missing meshes.
+        springs: Number of springs.
         grade: Grade of the springs.
-        gaps: What is missing for Cartesian programs, a sentence each.
-        mass_fault: Why the masses of the URDF are left out; "" where they are not.
+        gaps: Data missing for Cartesian programs, one sentence each.
+        mass_fault: Reason why the masses of the URDF are left out, or "".
     """
 
     texts: dict[str, str]
@@ -124,7 +124,7 @@ class Skeleton:
 
 
 def write_skeleton(file: Path, tcp: str | None = None, tool_axis: str | None = None) -> dict[str, str]:
-    """Write the texts of a rigid robot folder for a URDF, by file name; `build_skeleton` says more.
+    """Return the texts of a rigid robot folder for a URDF, by file name.
 
     Raises:
         InputError: As `build_skeleton` says.
@@ -141,13 +141,13 @@ def build_skeleton(
     Args:
         file: The URDF or xacro file.
         tcp: Its frame of the tool centre point; left out: the link at the end of the longest chain.
-        tool_axis: Axis of that frame that points out of the tool: "x", "-x", .. "-z". Left out it has to be tool0,
-            the all-zero tool of ROS-Industrial, whose z does.
-        controller: One of `CONTROLLERS`: joint names, signs, configuration words and pendant frame follow from it.
+        tool_axis: Axis of that frame that points out of the tool: "x", "-x", .. "-z". Left out: z of tool0
+            (the all-zero tool of ROS-Industrial).
+        controller: One of `CONTROLLERS`, for joint names, signs, configuration words and pendant frame.
         rating: Payload and reach, from which springs of six rotating joints are estimated.
 
     Raises:
-        InputError: If the file is none, has no such frame, or does not say which axis points out of the tool.
+        InputError: If the file is invalid, has no such frame, or does not determine the tool axis.
 
     """
     text = read_description(file)
@@ -172,7 +172,7 @@ def build_skeleton(
         stated = tcp if had else ""
     elasticity, springs, fault = _write_elasticity(urdf, joints, tcp, parent, file, rating)
     gaps, written = _write_controller(urdf, joints, parent, axis if turned else None, stated, controller)
-    if fault:  # inertia would use them even without gravity
+    if fault:  # inertia uses masses even without gravity
         text = re.sub(r"<inertial\b.*?</inertial>\s*", "", text, flags=re.DOTALL)
     texts = {"robot.urdf": text, "elasticity.toml": elasticity, "controller.toml": written}
     if rating is not None:
@@ -185,7 +185,7 @@ def build_skeleton(
 def _write_elasticity(
     urdf: Urdf, joints: Sequence[Joint], tcp: str, flange: str, file: Path, rating: Rating | None
 ) -> tuple[str, int, str]:
-    """Write elasticity.toml; return it, the number of springs and why masses are left out."""
+    """Return elasticity.toml, the number of springs and why masses are left out."""
     moving = [joint for joint in joints if joint.actuated]
     mass = sum_arm_mass(joints, urdf.bodies([joints[0].parent, *(joint.child for joint in joints)]))
     fault = check_mass(mass, rating)
@@ -222,10 +222,9 @@ def _write_elasticity(
 
 
 def find_tool_axis(urdf: Urdf, tcp: str) -> str | None:
-    """Return the axis of a frame that points out of the tool, where the URDF says so; None where it does not.
+    """Return the axis of a frame that points out of the tool: z of a tool0 along the last joint's axis, else None.
 
-    It does where the frame is called tool0 and its z lies along the last joint's axis: ee_link, link_6 and others have
-    x, y or z out, as their authors liked it.
+    Other frames (ee_link, link_6) follow no convention.
     """
     joints = urdf.chain_to(tcp)[0]
     turns = [k for k, joint in enumerate(joints) if joint.actuated and joint.kind != "prismatic"]
@@ -235,7 +234,7 @@ def find_tool_axis(urdf: Urdf, tcp: str) -> str | None:
 
 
 def ask_tool_axis(urdf: Urdf, tcp: str) -> str:
-    """Say that the URDF does not tell which axis points out of the tool, and what the last joint turns about."""
+    """Return the question for --tool-axis, with the axis of the last joint."""
     joints = urdf.chain_to(tcp)[0]
     turns = [k for k, joint in enumerate(joints) if joint.actuated and joint.kind != "prismatic"]
     hint = ""
@@ -249,7 +248,7 @@ def ask_tool_axis(urdf: Urdf, tcp: str) -> str:
 
 
 def _last_axis(joints: Sequence[Joint], last: int) -> Array:
-    """Return the axis of a joint as the frame at the end of the chain sees it. Shape (3,)."""
+    """Return the axis of a joint in the frame at the end of the chain. Shape (3,)."""
     turn = np.eye(3)
     for joint in joints[last + 1 :]:
         turn = turn @ joint.placement[:3, :3]
@@ -257,7 +256,7 @@ def _last_axis(joints: Sequence[Joint], last: int) -> Array:
 
 
 def _add_tip(text: str, urdf: Urdf, tcp: str, axis: str) -> tuple[str, str, str]:
-    """Add a frame whose z points out of the tool; return the URDF, the frame that it stands on, and its name."""
+    """Add a frame with z out of the tool; return the URDF, the parent frame and the name."""
     name = next(name for name in ("tool0", "tool_tip", "compplan_tip") if name not in urdf.links)
     head, end, rest = text.rpartition("</robot>")
     return f"{head}{_TIP.format(axis=axis, parent=tcp, name=name, rpy=TURNS[axis])}{end}{rest}", tcp, name
@@ -266,14 +265,14 @@ def _add_tip(text: str, urdf: Urdf, tcp: str, axis: str) -> tuple[str, str, str]
 def _write_controller(
     urdf: Urdf, joints: Sequence[Joint], flange: str, axis: str | None, stated: str, controller: str | None
 ) -> tuple[list[str], str]:
-    """Write controller.toml; return what is missing for Cartesian programs, and the text.
+    """Return the data missing for Cartesian programs, and the text of controller.toml.
 
     Args:
         urdf: The URDF.
         joints: The chain to the TCP.
         flange: Frame that tools are mounted on.
-        axis: What --tool-axis says, or None.
-        stated: Frame of the URDF that is the pendant's by its orientation, or "".
+        axis: Value of --tool-axis, or None.
+        stated: Frame of the URDF with the orientation of the pendant's flange frame, or "".
         controller: One of `CONTROLLERS`, or None.
     """
     count = sum(joint.actuated for joint in joints)
@@ -315,7 +314,7 @@ def _write_controller(
 
 
 def _turn_between(joints: Sequence[Joint], flange: str) -> Array | None:
-    """Return the rotation of the end of a chain seen from the flange, None where that is not in it. Shape (3, 3)."""
+    """Return the rotation of the end of a chain in the flange frame; None without a flange. Shape (3, 3)."""
     if flange == joints[-1].child:
         return np.eye(3)
     turn = None
@@ -327,7 +326,7 @@ def _turn_between(joints: Sequence[Joint], flange: str) -> Array | None:
 
 
 def _find_tip(urdf: Urdf) -> str:
-    """Find the link that most moving joints carry; of several the last one of the longest chain."""
+    """Find the link moved by most joints; of several the last one of the longest chain."""
     tips = set(urdf.links) - {joint.parent for joint in urdf.joints}
     chains = {}
     for tip in sorted(tips):

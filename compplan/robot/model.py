@@ -1,6 +1,6 @@
-"""A robot: its URDF chain from base to tool centre point, and what bends in it.
+"""Robot model: URDF chain from base to tool centre point, elasticity, masses.
 
-Its folder is read and written by `compplan.robot.folder`. The base frame is the URDF's root link; all is in SI.
+`compplan.robot.folder` reads and writes it. The base frame is the root link of the URDF; units are SI.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from compplan.robot.validity import ValidityRegion
 Array = NDArray[np.float64]
 
 SPRING_AXES = ("own", "tx", "ty", "tz", "rx", "ry", "rz")
-#: Gravity where the tool's weight bends the arm and the model gives none. [m/s^2]
+#: Gravity for the weight of a tool where the model states none. [m/s^2]
 STANDARD_GRAVITY = 9.81
 GRADES = ("identified", "literature", "scaled", "placeholder")
 
 
 @dataclass(frozen=True)
 class Mimic:
-    """Tie a joint to another one: q = multiplier * q_joint + offset [rad or m]."""
+    """Coupling of a joint to another one: q = multiplier * q_joint + offset [rad or m]."""
 
     joint: str
     multiplier: float
@@ -45,8 +45,8 @@ class Joint:
     Attributes:
         name: Name in the URDF.
         kind: "revolute", "prismatic" or "fixed" ("continuous" becomes revolute with infinite limits).
-        parent: Link it hangs on.
-        child: Link it moves.
+        parent: Parent link.
+        child: Child link.
         placement: Pose of the joint frame in the parent link's frame. Shape (4, 4). [m]
         axis: Unit vector of the motion in the joint frame. Shape (3,).
         lower: Lower position limit. [rad or m]
@@ -70,7 +70,7 @@ class Joint:
 
     @cached_property
     def actuated(self) -> bool:
-        """Tell whether the joint has a commanded position of its own."""
+        """Return whether the joint is commanded."""
         return self.kind != "fixed" and self.mimic is None
 
 
@@ -143,7 +143,7 @@ class Robot(Shown):
         name: Name of the robot (of the folder).
         urdf: Text of robot.urdf, kept for drawing and for writing the folder back.
         joints: Chain from the base to the TCP, fixed joints included.
-        bodies: Masses of the chain's links; what hangs rigidly beside the chain is added to the link that carries it.
+        bodies: Masses of the chain's links, with links fixed to them.
         springs: Elastic degrees of freedom.
         link_elasticities: 6x6 elasticities of links.
         base: URDF root link; its frame is the robot base frame.
@@ -151,19 +151,19 @@ class Robot(Shown):
         flange: Frame on which tools are mounted.
         gravity: Gravity in base axes, or None where the model carries no gravity load. Shape (3,). [m/s^2]
         acceleration_limits: One per actuated joint, infinite where unknown. Shape (nq,). [rad/s^2 or m/s^2]
-        jerk_limits: Greatest change of acceleration, or None where nobody states it. Shape (nq,). [rad/s^3 or m/s^3]
+        jerk_limits: Jerk limits, or None where unknown. Shape (nq,). [rad/s^3 or m/s^3]
         repeatability: One standard deviation, or None. [m]
-        sources: Where the numbers come from.
-        grade: How far the numbers can be trusted: identified, literature, scaled or placeholder.
-        folder: Folder it was read from, or None.
+        sources: Sources of the numbers.
+        grade: Grade of the compliances: identified, literature, scaled or placeholder.
+        folder: Source folder, or None.
         effects: Tables of effects.toml, one mapping per effect (see `compplan.effects`).
-        weights: Masses whose weight bends the arm although the model carries no gravity load: a mounted tool's, and
-            with a minus sign that of the tool which the springs were identified with.
-        uncertainty: How surely it is known (uncertainty.toml), or None where nobody has said so.
-        visited: Parts of it that are in doubt, and where they held (visited.toml), or None.
-        ground: Link that stands still where a positioner carries the part, else "". The chain then begins at the link
-            that carries the part (`base`: its frame is what poses and wrenches are seen from), runs back through the
-            positioner's joints to this link, in whose axes gravity counts, and from there through the arm.
+        weights: Masses whose weight acts in a model without gravity load: the mounted tool's, and, negative, that of
+            the tool at the identification of the springs.
+        uncertainty: Parameter covariance (uncertainty.toml), or None.
+        visited: Uncertain parts and the poses at which they were validated (visited.toml), or None.
+        ground: Fixed link where a positioner carries the part, else "". The chain then begins at the link that
+            carries the part (`base`, the reference frame of poses and wrenches), runs through the positioner to this
+            link, in whose axes gravity is given, and on through the arm.
     """
 
     name: str
@@ -189,7 +189,7 @@ class Robot(Shown):
     ground: str = ""
 
     def summary(self) -> list[tuple[str, str]]:
-        """Return what the robot is and how far its numbers can be trusted."""
+        """Return the main facts: joints, positioner, elasticity, gravity, grade."""
         bends = f"{len(self.springs)} springs, {len(self.link_elasticities)} links that bend"
         if not self.springs and not self.link_elasticities:
             bends = "nothing: the model is rigid"
@@ -215,7 +215,7 @@ class Robot(Shown):
 
     @property
     def loading_bodies(self) -> tuple[Body, ...]:
-        """Masses whose weight loads the springs: all where gravity is given, else the difference of the tools."""
+        """Masses that load the springs: all with gravity in the model, else the difference of the tools."""
         return self.weights if self.gravity is None and self.weights else self.bodies
 
     @property
@@ -225,37 +225,37 @@ class Robot(Shown):
 
     @property
     def real_gravity(self) -> Array:
-        """Gravity where the robot stands, loading or not: the folder's, else the standard one. Shape (3,). [m/s^2]."""
+        """Gravity of the site: the folder's, else the standard one. Shape (3,). [m/s^2]."""
         return np.array([0.0, 0.0, -STANDARD_GRAVITY]) if self.gravity is None else self.gravity
 
     @cached_property
     def actuated(self) -> tuple[Joint, ...]:
-        """List the joints that are commanded, from what stands still out, a positioner's first; q counts them."""
+        """List the commanded joints in the order of q: from the fixed link outwards, a positioner's first."""
         carrying = [joint for joint in self.joints[: self.carrying] if joint.actuated]
         return (*carrying[::-1], *(joint for joint in self.joints[self.carrying :] if joint.actuated))
 
     @cached_property
     def carrying(self) -> int:
-        """Count the joints of the chain, fixed ones included, that carry the part: those before the ground."""
+        """Count the joints of the chain before the ground, fixed ones included: they carry the part."""
         return next((k for k, joint in enumerate(self.joints, 1) if joint.child == self.ground), 0)
 
     @property
     def carriers(self) -> NDArray[np.bool_]:
-        """Tell which commanded joints carry the part. Shape (nq,)."""
+        """Return which commanded joints carry the part. Shape (nq,)."""
         return np.arange(self.nq) < sum(joint.actuated for joint in self.joints[: self.carrying])
 
     @property
     def arm_limits(self) -> tuple[Array, Array]:
-        """Position limits that the arm keeps away from; joints that carry the part may stand at theirs. [rad or m]."""
+        """Position limits that the arm keeps away from; joints that carry the part may reach theirs. [rad or m]."""
         return np.where(self.carriers, -np.inf, self.lower), np.where(self.carriers, np.inf, self.upper)
 
     def room(self, turn: float) -> Array:
-        """Return what joints keep from their limits: `turn` [rad], slides and carriers of the part nothing. (nq,)."""
+        """Return the margins from the limits: `turn` [rad], 0 for slides and carriers of the part. Shape (nq,)."""
         return np.where(self.prismatic | self.carriers, 0.0, turn)
 
     @property
     def alone(self) -> Robot:
-        """The robot without its positioner, seen from the ground; its joints are the last of all."""
+        """The robot without its positioner, in the ground frame; its joints are the last ones."""
         if not self.ground:
             return self
         rest, own = self.joints[self.carrying :], ~self.carriers
@@ -296,7 +296,7 @@ class Robot(Shown):
 
     @property
     def joint_headers(self) -> tuple[str, ...]:
-        """Names of the joints' columns in a table, with their units: q1_deg, or q1_mm of a joint that slides."""
+        """Names of the joint columns of a table: q1_deg, or q1_mm of a slide."""
         return tuple(f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(self.prismatic, 1))
 
     def joint_columns(self, q: Array) -> dict[str, Array]:
@@ -305,7 +305,7 @@ class Robot(Shown):
 
     @property
     def prismatic(self) -> NDArray[np.bool_]:
-        """Tell which commanded joints slide. Shape (nq,)."""
+        """Return which commanded joints are prismatic. Shape (nq,)."""
         return np.array([joint.kind == "prismatic" for joint in self.actuated])
 
     def with_tool(
@@ -313,8 +313,8 @@ class Robot(Shown):
     ) -> Robot:
         """Replace the TCP and the tool's mass.
 
-        Everything beyond the flange frame goes; a fixed joint from the flange to the new TCP takes its place. Without
-        gravity in the model, the springs were identified under the weight of what hung there: the difference counts.
+        A fixed joint from the flange to the new TCP replaces the chain beyond the flange. Without gravity in the model
+        the springs were identified under the weight of the old tool: the difference acts.
 
         Args:
             T_flange_tcp: Pose of the TCP frame in the flange frame. Shape (4, 4). [m]
@@ -349,14 +349,14 @@ class Robot(Shown):
         )
 
     def _uncertainty_with_tool(self, joints: set[str]) -> Uncertainty | None:
-        """Keep what is known of the arm; of another tool's place on the flange nothing is known."""
+        """Keep the uncertainty of the arm; the place of another tool is unknown."""
         known = self.uncertainty
         if known is None:
             return None
         return known.select(u.effect != "tool_frame" and (u.joint is None or u.joint in joints) for u in known.unknowns)
 
     def _bodies_on_flange(self) -> tuple[Body, ...]:
-        """List what hangs on the flange, in its frame, with a minus sign."""
+        """List the bodies on the flange, in its frame, with negative mass."""
         place, gone = {self.flange: np.eye(4)}, []
         for joint in self.joints:
             if joint.parent in place:
@@ -369,7 +369,7 @@ class Robot(Shown):
 
     @property
     def longest_reach(self) -> float:
-        """Bound the distance of the TCP from the base: every placement stretched out, every slide at its end. [m]."""
+        """Bound the distance of the TCP from the base: all placements in line, slides at their ends. [m]."""
         slides = sum(max(abs(joint.lower), abs(joint.upper)) for joint in self.joints if joint.kind == "prismatic")
         return float(sum(np.linalg.norm(joint.placement[:3, 3]) for joint in self.joints) + slides)
 
@@ -383,7 +383,7 @@ class Robot(Shown):
 
 
 def roll_pitch_yaw_of(rotation: Array) -> Array:
-    """Turn a rotation matrix into URDF's roll, pitch, yaw; at a pitch of 90 degrees yaw is taken as zero. [rad]"""
+    """Convert a rotation matrix to URDF's roll, pitch, yaw; yaw is 0 at a pitch of 90 degrees. [rad]"""
     from scipy.spatial.transform import Rotation
 
     with warnings.catch_warnings():

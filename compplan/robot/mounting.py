@@ -1,4 +1,4 @@
-"""How a tool leaves the flange of a robot, by the folder's own TCP frame: its z points out of the flange."""
+"""Direction of a straight tool on the flange, from z of the folder's TCP frame."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from compplan.robot.model import Array, Robot
 
-#: Components of a direction below this count as none.
+#: Components of a direction below this count as zero.
 NOTHING = 1e-6
 
 
@@ -20,13 +20,13 @@ def mounted_tool(robot: Robot) -> Array:
 
 
 def outward_axis(robot: Robot) -> Array:
-    """Return where a straight tool leaves the flange, flange axes: z of the folder's TCP. Shape (3,)."""
+    """Return the direction of a straight tool in flange axes: z of the folder's TCP. Shape (3,)."""
     axis = mounted_tool(robot)[:3, 2]
     return np.asarray(np.where(np.abs(axis) < NOTHING, 0.0, axis))
 
 
 def name_axis(axis: Array) -> str:
-    """Name a direction: "x", "-z", or its components where it lies along no axis."""
+    """Format a direction: "x", "-z", or its components."""
     k = int(np.abs(axis).argmax())
     if abs(axis[k]) > 1.0 - NOTHING:
         return f"{'-' if axis[k] < 0 else ''}{'xyz'[k]}"

@@ -1,4 +1,4 @@
-"""Poses as matrices, shape (4, 4) [m]: from position and rotation, from a twist, of a joint that has moved."""
+"""Poses as matrices. Shape (4, 4). [m]"""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from compplan.robot.model import Array, Joint
 
-#: Steps of the fit of a displacement at most, and the last step that changes nothing. [m, rad]
+#: Greatest number of steps of the fit of a displacement, and its tolerance. [m, rad]
 FIT_STEPS, SETTLED_FIT = 8, 1e-15
-#: Points nearer together than this determine no turn [m]; least ratio of two extents that determines one (assumed).
+#: Least extent of points [m] and least ratio of extents that determine a rotation (assumed).
 SMALLEST_SPREAD, FLATTEST = 5e-4, 1e-3
 
 
@@ -27,7 +27,7 @@ def apply_twist(twist: Array) -> Array:
 
 
 def move_joint(joint: Joint, q: float) -> Array:
-    """Return how the child frame of a joint has moved at q; a fixed joint does not. [rad or m]"""
+    """Return the motion of the child frame of a joint at q. [rad or m]"""
     pose = np.eye(4)
     if joint.kind == "prismatic":
         pose[:3, 3] = q * joint.axis
@@ -37,13 +37,13 @@ def move_joint(joint: Joint, q: float) -> Array:
 
 
 def fit_displacement(points: Array, moved: Array) -> Array:
-    """Return the rigid displacement that brings points nearest to where they moved (least squares).
+    """Fit the rigid displacement between two sets of points (least squares).
 
-    Turns that the points do not determine, such as the one about the line of two points, are zero.
+    Rotations that the points do not determine are zero.
 
     Args:
         points: Points. Shape (k, 3). [m]
-        moved: Where they moved, nearly rigidly and by a small angle. Shape (k, 3). [m]
+        moved: Displaced points, nearly rigid, small angle. Shape (k, 3). [m]
 
     Returns:
         Pose D with D points ~ moved. Shape (4, 4). [m]
@@ -70,7 +70,7 @@ def rigid_columns(place: Array, about: Array) -> Array:
 
 
 def linear_displacement(points: Array) -> Array:
-    """Return the matrix from small motions of points to their best-fit shift of the mean and rotation vector.
+    """Return the matrix from small motions of points to the best-fit shift of their mean and rotation vector.
 
     Args:
         points: Points. Shape (k, 3). [m]
@@ -89,10 +89,10 @@ def linear_displacement(points: Array) -> Array:
 
 
 def see_position(position: Array, displacement: Array) -> Array:
-    """Return positions seen from a displaced part, D^-1 p. Shape (n, 3). [m]."""
+    """Return positions in the frame of a displaced part, D^-1 p. Shape (n, 3). [m]."""
     return np.asarray((position - displacement[:3, 3]) @ displacement[:3, :3])
 
 
 def see_rotation(rotation: Array, displacement: Array) -> Array:
-    """Return orientations seen from a displaced part, D^-1 R. Shape (n, 3, 3)."""
+    """Return orientations in the frame of a displaced part, D^-1 R. Shape (n, 3, 3)."""
     return np.asarray(displacement[:3, :3].T @ rotation)

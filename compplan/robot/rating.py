@@ -1,4 +1,4 @@
-"""What payload, reach and own weight say of an arm: springs to begin with, and masses that cannot be true."""
+"""Estimates from payload, reach and own weight: initial springs, plausibility of masses."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from compplan.robot.model import Array, Body, Joint, Robot
 #: (docs/robots.md, checked by tests/robot/test_robot_library.py); wrist below LIGHT: Fanuc M-10iA (Singh 2021). [rad]
 TWIST = np.array([2.0, 1.5, 1.9, 19.0, 31.0, 14.0]) * 1e-3
 TWIST_LIGHT = np.array([2.0, 1.5, 1.9, 7.7, 3.6, 4.6]) * 1e-3
-#: Payload below which the light wrist counts, and the class of the measured arms. [kg, m]
+#: Payload below which the light wrist is used, and the class of the measured arms. [kg, m]
 LIGHT, CLASS_PAYLOAD, CLASS_REACH = 50.0, 80.0, (2.0, 3.6)
 #: Arms weigh at most this many payloads, or as much as the heaviest shipped arm of that payload or less.
 MOST_PAYLOADS = 8.0
 #: Payload and mass, rounded up, of the shipped arms that are heavier than all arms of less payload. [kg]
 HEAVIEST = ((3.0, 18.0), (5.0, 22.0), (7.0, 115.0), (8.0, 250.0), (50.0, 560.0), (80.0, 620.0), (88.0, 650.0),
             (150.0, 2550.0))  # fmt: skip
-#: Relative difference of the URDF's masses from a stated own weight that is taken for true (assumed).
+#: Greatest relative difference of the URDF's masses from a stated own weight (assumed).
 DIFFERENCE = 0.3
-#: How SOURCE.md states them.
+#: Pattern of the line of SOURCE.md.
 STATED = re.compile(r"Payload ([\d.]+) kg and reach ([\d.]+) mm(?:, own weight ([\d.]+) kg)?")
 
 
 @dataclass(frozen=True)
 class Rating:
-    """What the maker states of an arm.
+    """Ratings of an arm by its maker.
 
     Attributes:
         payload: Rated payload. [kg]
@@ -60,7 +60,7 @@ class Rating:
 
 
 def read_rating(robot: Robot) -> Rating | None:
-    """Return what SOURCE.md of the robot's folder states as the maker's; None without."""
+    """Return the ratings in SOURCE.md of the robot's folder, or None."""
     source = None if robot.folder is None else robot.folder / "SOURCE.md"
     if source is None or not source.is_file():
         return None
@@ -72,7 +72,7 @@ def read_rating(robot: Robot) -> Rating | None:
 
 
 def sum_arm_mass(joints: Sequence[Joint], bodies: Sequence[Body]) -> float:
-    """Return the mass of an arm without what its rail stands on. [kg]
+    """Return the mass of an arm without the base of its rail. [kg]
 
     Args:
         joints: The chain from the base.
@@ -85,14 +85,14 @@ def sum_arm_mass(joints: Sequence[Joint], bodies: Sequence[Body]) -> float:
 
 
 def check_mass(mass: float, rating: Rating | None) -> str:
-    """Say why the mass of an arm cannot be true; "" where it can.
+    """Return why the mass of an arm is implausible, or "".
 
     A stated own weight decides. Otherwise an arm weighs at most 8 payloads, or as much as the heaviest shipped arm of
     that payload or less; without a payload, as much as the heaviest shipped arm.
 
     Args:
-        mass: As `sum_arm_mass` returns it. [kg]
-        rating: What the maker states, or None.
+        mass: Mass of the arm, see `sum_arm_mass`. [kg]
+        rating: Ratings of the maker, or None.
     """
     if rating is not None and rating.mass is not None:
         if abs(mass - rating.mass) <= DIFFERENCE * rating.mass:

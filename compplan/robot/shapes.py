@@ -1,8 +1,7 @@
-"""The collision shapes of an arm, body by body: what was read, what was dropped and why, and where none is known.
+"""Collision shapes of an arm by body, with dropped and unknown shapes.
 
-A body is a link behind a moving joint together with all that is fixed to it. A shape that cannot be read hides a part
-of the arm from the collision check; so does a shape whose size does not fit the kinematics, such as a mesh that is
-scaled twice. Nothing here decides: `gap` says in words what a check would not see.
+A body is a link behind a moving joint with all links fixed to it. Unreadable shapes, and shapes whose size contradicts
+the kinematics (such as a mesh scaled twice), hide parts of the arm from the collision check; `gap` describes them.
 """
 
 from __future__ import annotations
@@ -23,25 +22,24 @@ from compplan.robot.description import find_mesh
 from compplan.robot.pose import build_pose
 from compplan.robot.solids import UrdfShape
 
-#: A body without shapes, visuals and mass whose next joint is nearer than this is a mere frame. [m]
+#: Greatest distance to the next joint of a body without shapes, visuals and mass that counts as a frame. [m]
 FRAME = 0.03
-#: A body is too large where its shapes together are longer than the whole arm; too small where the largest is shorter
-#: than this share of the arm, or all end to end than this share of the way to the next joint where that is a long one
-#: (assumed; the bodies of 42 arms measure at least 1/35 of the arm and 1/2 of such a way).
+#: Least size of the largest shape of a body as a share of the arm, and of all its shapes as a share of a long way to
+#: the next joint (assumed; 42 arms: at least 1/35 and 1/2). Shapes longer than the arm are too large.
 SMALLEST, SHORTEST, LONG_WAY = 0.01, 0.125, 0.1
 
 
 @dataclass(frozen=True)
 class BodyShapes:
-    """What is known of the collision shapes of a body.
+    """Collision shapes of a body.
 
     Attributes:
         link: The link that its joint moves, or the base.
         moves: Whether a joint moves it.
-        shapes: What was read, each with a link of the chain that carries it.
-        dropped: Why a shape was not read, one entry a shape.
-        unknown: Whether it moves, is no mere frame and the URDF gives it no shape.
-        doubt: How the size of its shapes contradicts the kinematics; "" where it does not.
+        shapes: Shapes, each with the link of the chain that carries it.
+        dropped: Reason for each shape that was not read.
+        unknown: Whether it is a moving body without any shape in the URDF.
+        size_fault: Contradiction between the size of its shapes and the kinematics, or "".
 
     """
 
@@ -50,27 +48,27 @@ class BodyShapes:
     shapes: tuple[UrdfShape, ...] = ()
     dropped: tuple[str, ...] = ()
     unknown: bool = False
-    doubt: str = ""
+    size_fault: str = ""
 
     @property
     def gap(self) -> str:
-        """Say what a collision check would not see of it; "" where it sees everything, and of what never moves."""
+        """Describe the parts that a collision check would miss; "" without any, and for a fixed body."""
         if not self.moves:
             return ""
         if self.dropped:
             of = len(self.shapes) + len(self.dropped)
             return f"{len(self.dropped)} of its {of} collision shapes cannot be read ({self.dropped[0]})"
-        return "has no collision shape" if self.unknown else self.doubt
+        return "has no collision shape" if self.unknown else self.size_fault
 
     @property
     def count(self) -> dict[str, int]:
-        """How many shapes were read and dropped, and whether none is known where one is expected."""
+        """Counts of shapes read and dropped, and whether shapes are unknown."""
         return {"read": len(self.shapes), "dropped": len(self.dropped), "unknown": int(self.unknown)}
 
 
 @dataclass
 class _Body:
-    """A body while its links are gathered: pose of each of its links in the frame that its joint moves."""
+    """Links of a body: their poses in the frame that its joint moves."""
 
     link: str
     moves: bool
@@ -82,10 +80,10 @@ class _Body:
 
 
 def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
-    """Read the collision shapes of every body of the arm, from the base on.
+    """Read the collision shapes of every body of the arm, from the base.
 
-    What hangs beside the chain counts with the body that carries it where it is fixed to that; where a joint moves it,
-    its shapes are dropped, for nobody says where they are. A tool that a job mounts replaces what the URDF hangs there.
+    Links fixed beside the chain count with the body that carries them; shapes of links that another joint moves are
+    dropped. A tool of the job replaces the links on the flange.
 
     Args:
         robot: The robot.
@@ -115,23 +113,23 @@ def read_bodies(robot: Robot) -> tuple[BodyShapes, ...]:
                 body.dropped.append(f"{name}: {error}" if carrier != link else str(error))
                 continue
             body.shapes.append(UrdfShape(name, carrier, form, pose @ read_origin(shape.find("origin"))))
-    return tuple(_judge(body, robot.longest_reach) for body in bodies)
+    return tuple(_assess(body, robot.longest_reach) for body in bodies)
 
 
 def leave_out(bodies: Sequence[BodyShapes], links: Sequence[str]) -> tuple[BodyShapes, ...]:
-    """Return bodies of which those that are named lose shapes whose size is in doubt."""
-    return tuple(replace(body, shapes=()) if body.link in links and body.doubt else body for body in bodies)
+    """Return bodies without the implausible shapes of the named links."""
+    return tuple(replace(body, shapes=()) if body.link in links and body.size_fault else body for body in bodies)
 
 
 def describe_shapes(bodies: Sequence[BodyShapes]) -> str:
-    """Say how many collision shapes of each body were read, dropped and are unknown."""
-    told = []
+    """Count the collision shapes of each body that were read, dropped and are unknown."""
+    texts = []
     for body in bodies:
         words = [str(len(body.shapes))]
         words += [f"{len(body.dropped)} dropped: {body.dropped[0]}"] if body.dropped else []
         words += ["unknown"] if body.unknown else []
-        told.append(f"{body.link} {words[0]}" + (f" ({', '.join(words[1:])})" if words[1:] else ""))
-    return ", ".join(told)
+        texts.append(f"{body.link} {words[0]}" + (f" ({', '.join(words[1:])})" if words[1:] else ""))
+    return ", ".join(texts)
 
 
 def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
@@ -139,10 +137,10 @@ def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
 
     Args:
         geometry: The <geometry>.
-        folder: Folder of the URDF; meshes are looked for there.
+        folder: Folder of the URDF, for meshes.
 
     Raises:
-        InputError: If it is of no known form, or a mesh that is not found or cannot be read.
+        InputError: If its form is unknown, or its mesh is missing or cannot be read.
 
     """
     if geometry is None or not len(geometry):
@@ -162,7 +160,7 @@ def read_form(geometry: ElementTree.Element | None, folder: Path | None) -> Any:
 
 
 def read_origin(element: ElementTree.Element | None) -> Array:
-    """Read an <origin> that is known to be sound. Shape (4, 4) [m]."""
+    """Read an <origin> without checks. Shape (4, 4) [m]."""
     if element is None:
         return np.eye(4)
     turn = Rotation.from_euler("xyz", _numbers(element, "rpy", "0 0 0"))
@@ -170,7 +168,7 @@ def read_origin(element: ElementTree.Element | None) -> Array:
 
 
 def _gather(robot: Robot) -> list[_Body]:
-    """Part the chain into bodies, with the way from each body's joint to the next one."""
+    """Divide the chain into bodies, with the distance from each body's joint to the next one."""
     bodies = [_Body(robot.base, False, {robot.base: np.eye(4)})]
     for joint in robot.joints:
         last = bodies[-1]
@@ -210,8 +208,8 @@ def _find_beside(
     return carriers, loose
 
 
-def _judge(body: _Body, reach: float) -> BodyShapes:
-    """Say whether a body lacks shapes, and whether their size fits the kinematics."""
+def _assess(body: _Body, reach: float) -> BodyShapes:
+    """Return a body with `unknown` and `size_fault` set from its shapes and the kinematics."""
     given = body.shapes or body.dropped
     unknown = body.moves and not given and (body.shown or body.way > FRAME)
     found = BodyShapes(body.link, body.moves, tuple(body.shapes), tuple(body.dropped), unknown)
@@ -223,13 +221,13 @@ def _judge(body: _Body, reach: float) -> BodyShapes:
     sizes = [float(np.linalg.norm(np.ptp(shape.mesh().vertices, axis=0))) for shape in body.shapes]
     spans = body.way > LONG_WAY * reach
     if whole > reach:
-        doubt = f"its shape is {whole:.3g} m long, the whole arm {reach:.3g} m: a mesh in mm, or a wrong scale?"
+        size_fault = f"its shape is {whole:.3g} m long, the whole arm {reach:.3g} m: a mesh in mm, or a wrong scale?"
     elif max(sizes) < SMALLEST * reach or (spans and sum(sizes) < SHORTEST * body.way):
         way = f" on a way of {1e3 * body.way:.3g} mm to its next joint" if spans else ""
-        doubt = f"its largest shape measures {1e3 * max(sizes):.3g} mm{way}: scaled twice, or a wrong scale?"
+        size_fault = f"its largest shape measures {1e3 * max(sizes):.3g} mm{way}: scaled twice, or a wrong scale?"
     else:
         return found
-    return replace(found, doubt=doubt)
+    return replace(found, size_fault=size_fault)
 
 
 def _numbers(element: ElementTree.Element, key: str, default: str = "") -> list[float]:

@@ -1,4 +1,4 @@
-"""Soft limits of a URDF: where a joint's controller does not let it go on, within the limits of its mechanics."""
+"""Soft limits of a URDF: limits of the joint controllers within the mechanical ones."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from compplan.io.parsing import GREATEST
 from compplan.io.tables import is_plain
 from compplan.robot.model import Robot
 
-#: Attributes of <safety_controller>, by the limit that they narrow.
+#: Attributes of <safety_controller> by limit.
 SOFT = {"lower": "soft_lower_limit", "upper": "soft_upper_limit"}
 
 
 def read_soft_limits(element: ElementTree.Element, file: Path) -> dict[str, float]:
-    """Read the soft limits of a joint; two that are equal (left out, both are zero) say nothing.
+    """Read the soft limits of a joint; equal ones (left out, both are zero) are ignored.
 
     Args:
         element: The <joint>.
         file: Its file, for messages.
 
     Raises:
-        InputError: If one is no finite number, or the lower one is above the upper one.
+        InputError: If one is not finite, or the lower one is above the upper one.
 
     """
     controller = element.find("safety_controller")
@@ -48,7 +48,7 @@ def read_soft_limits(element: ElementTree.Element, file: Path) -> dict[str, floa
 
 
 def narrow_limits(limits: Mapping[str, float], element: ElementTree.Element, file: Path) -> dict[str, float]:
-    """Let the soft limits of a joint narrow its limits; a joint without limits keeps none.
+    """Narrow the limits of a joint by its soft limits; a joint without limits keeps none.
 
     Args:
         limits: Its limits by name: lower, upper [rad or m], and others.
@@ -56,7 +56,7 @@ def narrow_limits(limits: Mapping[str, float], element: ElementTree.Element, fil
         file: Its file, for messages.
 
     Raises:
-        InputError: If the soft limits make no sense, or leave no room within the limits.
+        InputError: If the soft limits are invalid, or leave no range.
 
     """
     soft = read_soft_limits(element, file)
@@ -73,14 +73,14 @@ def narrow_limits(limits: Mapping[str, float], element: ElementTree.Element, fil
 
 
 def describe_soft_limits(robot: Robot) -> str:
-    """Say which joints' limits the URDF's soft limits narrow, and to what; "" where none does."""
+    """Describe the limits that soft limits narrow; "" without any."""
     by_name = {joint.name: joint for joint in robot.actuated}
-    told = []
+    narrowed = []
     for element in ElementTree.fromstring(robot.urdf).findall("joint"):
         joint, limit = by_name.get(element.get("name", "")), element.find("limit")
         if joint is None or limit is None or limit.get("lower") is None or joint.lower == joint.upper:
-            continue  # a joint without room is held by the job
+            continue  # a joint without range is held by the job
         if float(limit.get("lower", "0")) < joint.lower or float(limit.get("upper", "0")) > joint.upper:
             factor, unit = (1e3, "mm") if joint.kind == "prismatic" else (180.0 / np.pi, "deg")
-            told.append(f"{joint.name} to {factor * joint.lower:.4g} .. {factor * joint.upper:.4g} {unit}")
-    return f"soft limits of the URDF (<safety_controller>) narrow {', '.join(told)}" if told else ""
+            narrowed.append(f"{joint.name} to {factor * joint.lower:.4g} .. {factor * joint.upper:.4g} {unit}")
+    return f"soft limits of the URDF (<safety_controller>) narrow {', '.join(narrowed)}" if narrowed else ""

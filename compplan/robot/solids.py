@@ -1,4 +1,4 @@
-"""Solids for collision: primitives and meshes, and coal's geometries of them."""
+"""Collision solids: primitives, meshes, and their geometries in coal."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from compplan.robot import Array
 
-#: Rounds of subdivision that cut the tip zone out of a mesh.
+#: Subdivisions of a mesh to cut out the tip zone.
 CUT_ROUNDS = 6
-#: Sides of a cylinder that becomes a mesh.
+#: Sides of a triangulated cylinder.
 SECTIONS = 24
 
 
@@ -24,7 +24,7 @@ class UrdfShape:
     """One collision shape of a URDF.
 
     Attributes:
-        name: Name of its link, with a number where the link has several.
+        name: Name of its link, numbered where the link has several.
         link: Its link.
         form: ("box", size (3,)), ("cylinder" or "capsule", radius, length), ("sphere", radius) or a mesh (trimesh); the
             length of a capsule is that between its two centres. [m]
@@ -38,12 +38,12 @@ class UrdfShape:
     placement: Array
 
     def mesh(self) -> Any:
-        """Return it as a mesh in the link's frame."""
+        """The shape as a mesh in the frame of the link."""
         return as_mesh(self.form).apply_transform(self.placement)
 
 
 def read_colour(element: ElementTree.Element) -> tuple[float, float, float, float] | None:
-    """Return the colour of a <color>, red green blue alpha from 0 to 1; None where it holds none."""
+    """Return red, green, blue, alpha (0 to 1) of a <color>, or None."""
     try:
         numbers = [float(word) for word in element.attrib.get("rgba", "0.6 0.6 0.6 1").split()]
     except ValueError:
@@ -84,7 +84,7 @@ def triangulate_rod(start: Array, end: Array, radius: float, sections: int) -> t
 
 
 def _triangulate_hull(corners: Array) -> tuple[Array, NDArray[np.int_]]:
-    """Return the corners of a convex solid and its triangles, counterclockwise seen from outside."""
+    """Return vertices and outward triangles of a convex hull."""
     hull = ConvexHull(corners)
     faces = np.array(hull.simplices, int)
     a, b, c = (corners[faces[:, k]] for k in range(3))
@@ -94,11 +94,11 @@ def _triangulate_hull(corners: Array) -> tuple[Array, NDArray[np.int_]]:
 
 
 def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array, float, Array]:
-    """Make coal's geometry of a shape, in the shape's own frame.
+    """Build the coal geometry of a shape, in its own frame.
 
     Args:
         form: A mesh (trimesh), or a primitive as in `UrdfShape`.
-        placement: Pose of the shape in the frame that its bounds are wanted in. Shape (4, 4). [m]
+        placement: Pose of the shape in the frame of the bounds. Shape (4, 4). [m]
 
     Returns:
         Geometry, centre (3,) and radius of its bounding sphere, bounding box (2, 3). [m]
@@ -125,7 +125,7 @@ def make_geometry(form: Any, placement: Array | None = None) -> tuple[Any, Array
 
 
 def cut_tip(mesh: Any, tip: Array, zone: float) -> Any:
-    """Return a mesh without what lies within `zone` of the tip; None where nothing is left.
+    """Remove the part of a mesh within `zone` of the tip; None where nothing is left.
 
     Args:
         mesh: The tool (trimesh). [m]

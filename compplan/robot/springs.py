@@ -1,4 +1,4 @@
-"""Springs that a robot has or could get: their names, where one may sit, and 6x6 that can be built."""
+"""Names and possible places of springs, and valid 6x6 link compliances."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def missing_springs(robot: Robot) -> tuple[Spring, ...]:
 
 
 def label_spring(spring: Spring) -> str:
-    """Name a spring; one about a joint's own axis that the link-side encoder does not see is "joint_3.link"."""
+    """Name a spring; a joint spring beyond the link-side encoder is "joint_3.link"."""
     return f"{spring.joint}.link" if spring.axis == "own" and not spring.actuator else spring.name
 
 
@@ -30,7 +30,7 @@ def link_springs(robot: Robot) -> tuple[Spring, ...]:
 
 
 def candidate_springs(robot: Robot) -> tuple[Spring, ...]:
-    """List springs that a robot does not have: about each axis of every moving joint's frame, and at the base.
+    """List springs that a robot lacks: about each axis of every moving joint's frame, and at the base.
 
     The joint's own axis is left out where the joint has an own spring.
     """
@@ -50,7 +50,7 @@ def candidate_springs(robot: Robot) -> tuple[Spring, ...]:
 
 
 def is_own(robot: Robot, spring: Spring) -> bool:
-    """Tell whether a spring acts about or along its joint's own axis."""
+    """Return whether a spring acts about or along its joint's own axis."""
     return spring.axis == "own" or spring.axis == _own_axis_name(robot, spring.joint)
 
 
@@ -63,14 +63,14 @@ def _own_axis_name(robot: Robot, name: str) -> str | None:
 
 
 def spring_slides(robot: Robot, spring: Spring) -> bool:
-    """Tell whether a spring is one of translation."""
+    """Return whether a spring is translational."""
     if spring.axis == "own":
         return next(joint for joint in robot.joints if joint.name == spring.joint).kind == "prismatic"
     return spring.axis.startswith("t")
 
 
 def number_twins(names: Sequence[str]) -> list[str]:
-    """Tell names apart that occur more than once: link_2, link_2 -> link_2#1, link_2#2."""
+    """Number repeated names: link_2, link_2 -> link_2#1, link_2#2."""
     seen: dict[str, int] = {}
     result = []
     for name in names:
@@ -83,7 +83,7 @@ def read_spring(robot: Robot, name: str) -> Spring:
     """Read "joint_3.rx" or "joint_3" (own axis) as a spring of compliance zero.
 
     Raises:
-        UnknownNameError: If the robot has no such joint, or there is no such axis.
+        UnknownNameError: If the joint or axis does not exist.
         InputError: If the robot has that spring already.
     """
     joint, _, axis = name.rpartition(".") if name.rpartition(".")[2] in SPRING_AXES else (name, "", "own")
@@ -98,7 +98,7 @@ def read_spring(robot: Robot, name: str) -> Spring:
 
 
 def build_link(block: LinkElasticity) -> tuple[LinkElasticity, bool]:
-    """Return a link without negative eigenvalues, and whether it had one."""
+    """Return a link elasticity without negative eigenvalues, and whether it had any."""
     own = block.compliance
     value, vector = np.linalg.eigh(_scaled(own))
     if value[0] < -1e-12:

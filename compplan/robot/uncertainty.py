@@ -1,15 +1,15 @@
-"""uncertainty.toml: how surely a robot folder is known: named unknowns, their covariance, and what no name explains.
+"""uncertainty.toml: covariance of the parameters of a robot folder, and the unmodelled error.
 
     schema = 1
     grade  = "measured"                # measured | literature | assumed
     source = "diagnosed from log.csv, 120 rows at 60 poses"
     repeatability_mm = 0.03            # optional; one standard deviation, per axis
 
-    [unexplained]                      # a smooth error over the workspace that no unknown below makes
+    [unexplained]                      # smooth unmodelled error over the workspace
     rms_mm   = 0.02                    # of the 3D distance
-    scale_mm = 300.0                   # distance over which it forgets itself
+    scale_mm = 300.0                   # correlation length
 
-    [calibration]                      # conformal step on poses that the fit never saw
+    [calibration]                      # conformal factor from poses left out of the fit
     factor = 1.1                       # widens unknowns and unexplained
     groups = 60
 
@@ -20,7 +20,7 @@
     deviation = [1.2e-8]               # one standard deviation, SI
     factor    = [[0.6, 0.8]]           # one row a key: correlation = F F^T, rows of length 1
 
-    [[rival]]                          # what the measurements cannot tell from a cause that the folder holds
+    [[rival]]                          # alternative to a cause in the folder that the measurements do not exclude
     explanation = "link_compliance joint_2 ry"
     instead   = "joint_stiffness joint_2"
     weight    = 0.4                    # its probability
@@ -49,17 +49,17 @@ from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_to
 Array = NDArray[np.float64]
 
 FILE = "uncertainty.toml"
-#: Most parameters of a folder; the factor holds at most half the square of it.
+#: Greatest number of parameters of a folder.
 MOST_UNKNOWN = 1000
-#: Least length over which an error may forget itself: a micrometre. [mm]
+#: Least correlation length. [mm]
 LEAST_LENGTH_MM = 1e-3
-#: Rows of the factor have length one up to rounding; shares of it below the second number are not written.
+#: Rounding of the unit length of a row of the factor; shares below the second number are not written.
 ROUNDING, NOTHING = 1e-3, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """Parameters of one effect at one place, about what the robot folder holds.
+    """Parameters of one effect at one place, about the values of the robot folder.
 
     Attributes:
         effect: Name of the effect.
@@ -79,7 +79,7 @@ class Unknown:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters for people."""
+        """Readable names of the parameters."""
         place = " ".join(part for part in (self.effect, self.joint, self.axis) if part is not None)
         waves = self.fixed.get("cycles_per_turn") or self.fixed.get("cycles_per_m")
         label = f"{place}, {', '.join(f'{w:g}' for w in waves)} cycles" if waves else place
@@ -88,13 +88,13 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class AlternativeRobot:
-    """Another explanation of what was measured than the folder holds.
+    """Alternative explanation of the measurements.
 
     Attributes:
         explanation: The effect and its place.
-        instead: The one that the folder holds.
+        instead: The explanation in the folder.
         weight: Its probability.
-        shift: What the robot is then off the folder. Shape (p,). [SI]
+        shift: Difference of the parameters from the folder. Shape (p,). [SI]
     """
 
     explanation: str
@@ -105,19 +105,19 @@ class AlternativeRobot:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """How surely a robot is known: p parameters about the values of its folder, normal, mean zero.
+    """Normal distribution of p parameters about the values of a robot folder, mean zero.
 
     Attributes:
         grade: "measured", "literature" or "assumed".
-        source: Where it comes from.
+        source: Source.
         unknowns: The parameters, effect by effect; p in all.
         factor: Correlation is F F^T. Shape (p, r).
-        unexplained: Root mean square 3D distance of what no parameter explains. [m]
-        scale: Distance over which that forgets itself. [m]
-        repeatability: Standard deviation of the robot per axis, or None where nothing tells it. [m]
-        calibration: Factor on the deviations of parameters and unexplained from poses that the fit never saw.
-        groups: Groups of such poses; 0 where there were none.
-        rivals: Explanations that the measurements cannot tell from what the folder holds; in the covariance already.
+        unexplained: Rms 3D distance of the unmodelled error. [m]
+        scale: Its correlation length. [m]
+        repeatability: Standard deviation of the robot per axis, or None. [m]
+        calibration: Factor on all deviations from poses left out of the fit.
+        groups: Number of groups of such poses.
+        rivals: Alternative explanations; contained in the covariance.
     """
 
     grade: str
@@ -137,12 +137,12 @@ class Uncertainty:
         return tuple(name for unknown in self.unknowns for name in unknown.names)
 
     def _widen(self, value: Array) -> Array:
-        """Widen what a fit says by the factor of poses that it never saw: the one place that multiplies it."""
+        """Multiply by the calibration factor."""
         return np.asarray(self.calibration * value)
 
     @property
     def width(self) -> Array:
-        """Standard deviation of every parameter, the calibration in it. Shape (p,). [SI]."""
+        """Standard deviation of every parameter, with calibration. Shape (p,). [SI]."""
         stated = [unknown.deviation for unknown in self.unknowns]
         return self._widen(np.concatenate(stated)) if stated else np.zeros(0)
 
@@ -153,24 +153,24 @@ class Uncertainty:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the parameters, the calibration in it. Shape (p, p). [SI]."""
+        """Covariance of the parameters, with calibration. Shape (p, p). [SI]."""
         return np.asarray(self.spread @ self.spread.T)
 
     @property
     def smooth(self) -> float:
-        """Standard deviation per axis of what no parameter explains, the calibration in it. [m]."""
+        """Standard deviation of the unmodelled error per axis, with calibration. [m]."""
         return float(self._widen(np.asarray(self.unexplained))) / np.sqrt(3.0)
 
     def with_covariance(self, covariance: Array) -> Uncertainty:
-        """Take another covariance, calibration in it, (p, p); rivals stay in it by mean square, not one by one."""
+        """Replace the covariance (with calibration, shape (p, p)); rivals are merged into it."""
         unknowns, factor = spread_unknowns(self.unknowns, covariance / self.calibration**2)
         return replace(self, unknowns=unknowns, factor=factor, rivals=())
 
     def split_alternatives(self) -> tuple[Array, Array]:
-        """Split the spread into what is normal and the rivals' shifts, the calibration in both.
+        """Split the spread into the normal part and the shifts of the rivals, with calibration.
 
         Returns:
-            Square root of the covariance about whichever explanation holds, (p, r); shift of each rival, (rivals, p).
+            Square root of the covariance given one explanation, (p, r); shift of each rival, (rivals, p).
         """
         if not self.rivals:
             return self.spread, np.zeros((0, len(self.factor)))
@@ -180,7 +180,7 @@ class Uncertainty:
         return self._widen(deviation[:, None] * factor), self._widen(np.stack([rival.shift for rival in self.rivals]))
 
     def select(self, keep: Iterable[bool]) -> Uncertainty:
-        """Keep some of the unknowns, one truth value each; what they share with the others is kept in their rows."""
+        """Keep some of the unknowns (a mask) with their marginal covariance."""
         flags = list(keep)
         rows = np.concatenate(
             [np.full(len(u.keys), flag) for u, flag in zip(self.unknowns, flags, strict=True)] or [np.zeros(0, bool)]
@@ -191,13 +191,13 @@ class Uncertainty:
 
 
 def split_unknowns(unknowns: Sequence[Unknown], values: Array) -> list[tuple[Unknown, Array]]:
-    """Return each unknown with its own values. values: shape (p,)."""
+    """Return each unknown with its values. values: shape (p,)."""
     ends = np.cumsum([len(unknown.keys) for unknown in unknowns])
     return list(zip(unknowns, np.split(np.asarray(values, float), ends[:-1]), strict=True)) if len(ends) else []
 
 
 def spread_unknowns(unknowns: Sequence[Unknown], covariance: Array) -> tuple[tuple[Unknown, ...], Array]:
-    """Give unknowns the deviations of a covariance, shape (p, p); also return the factor of its correlation."""
+    """Return unknowns with the deviations of a covariance, shape (p, p), and the factor of its correlation."""
     deviation, factor = factor_covariance(covariance)
     return tuple(replace(u, deviation=own) for u, own in split_unknowns(unknowns, deviation)), factor
 
@@ -206,12 +206,12 @@ def factor_covariance(covariance: Array) -> tuple[Array, Array]:
     """Return deviations, shape (p,), and the lower triangular factor of the correlation, shape (p, p).
 
     Args:
-        covariance: Symmetric, no eigenvalue below zero but for rounding. Shape (p, p).
+        covariance: Symmetric, positive semidefinite. Shape (p, p).
     """
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(deviation > 0, deviation, 1.0)
     value, vector = np.linalg.eigh(covariance / np.outer(unit, unit))
-    # the triangular factor of V sqrt(D): its rows have the same products
+    # triangular factor of V sqrt(D)
     triangle = np.asarray(np.linalg.qr((vector * np.sqrt(np.maximum(value, 0.0))).T).R).T.copy()
     length = np.linalg.norm(triangle, axis=1, keepdims=True)
     alone = length[:, 0] < 1e-12
@@ -220,14 +220,14 @@ def factor_covariance(covariance: Array) -> tuple[Array, Array]:
 
 
 class UnexplainedTable(StrictTable):
-    """[unexplained]: what no parameter explains."""
+    """[unexplained]: the unmodelled error."""
 
     rms_mm: float = Field(ge=0.0, le=100.0)
     scale_mm: float = Field(default=300.0, ge=LEAST_LENGTH_MM, le=1e5)
 
 
 class CalibrationTable(StrictTable):
-    """[calibration]: what poses that the fit never saw say about the band."""
+    """[calibration]: factor from poses left out of the fit."""
 
     factor: float = Field(ge=0.1, le=100.0)
     groups: Annotated[int, Field(ge=0, le=1_000_000)]
@@ -246,7 +246,7 @@ class UnknownTable(StrictTable):
 
 
 class AlternativeTable(StrictTable):
-    """[[rival]]: another explanation than the folder holds."""
+    """[[rival]]: an alternative explanation."""
 
     explanation: str
     instead: str
@@ -269,10 +269,10 @@ class UncertaintyTable(StrictTable):
 
 
 def read_uncertainty(file: Path) -> Uncertainty | None:
-    """Read uncertainty.toml; None where there is no such file.
+    """Read uncertainty.toml, or return None without the file.
 
     Raises:
-        InputError: With file and key, if it is not what it has to be.
+        InputError: With file and key, if it is invalid.
     """
     if not file.exists():
         return None
@@ -283,7 +283,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
         where = f"unknown[{index}]"
         place = repr((entry.effect, entry.joint, entry.axis, entry.keys, entry.fixed))
         if (first := seen.setdefault(place, index)) < index:
-            raise InputError(f"says the same as unknown[{first}], leave one out", file=file, where=where)
+            raise InputError(f"repeats unknown[{first}], leave one out", file=file, where=where)
         if len(entry.deviation) != len(entry.keys):
             message = f"has {len(entry.deviation)} numbers, expected {len(entry.keys)}, one a key"
             raise InputError(message, file=file, where=f"{where}.deviation")
@@ -311,7 +311,7 @@ def read_uncertainty(file: Path) -> Uncertainty | None:
 
 
 def format_uncertainty(uncertainty: Uncertainty) -> str:
-    """Return the text of uncertainty.toml; deviations and factor have six digits, a row ends with its last number."""
+    """Return the text of uncertainty.toml with six digits; trailing zeros of a row are left out."""
     head: dict[str, Any] = {"schema": 1, "grade": uncertainty.grade, "source": uncertainty.source}
     if uncertainty.repeatability is not None:
         head["repeatability_mm"] = _short(uncertainty.repeatability * 1e3)
@@ -372,7 +372,7 @@ def _check_factor(entry: UnknownTable, file: Path, where: str) -> list[tuple[flo
 
 
 def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
-    """Return the factor; a row that is left out gets a column of its own."""
+    """Return the factor; a missing row gets an own column."""
     shared = max((len(row) for row in rows if row is not None), default=0)
     alone = [index for index, row in enumerate(rows) if row is None]
     factor = np.zeros((len(rows), shared + len(alone)))
@@ -384,7 +384,7 @@ def _fill_factor(rows: list[tuple[float, ...] | None]) -> Array:
 
 
 def _length(row: Array) -> int:
-    """Count the numbers of a row up to the last one that matters."""
+    """Count the numbers of a row up to the last significant one."""
     return int(np.flatnonzero(np.abs(row) > NOTHING).max(initial=0)) + 1
 
 

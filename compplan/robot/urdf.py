@@ -1,4 +1,4 @@
-"""Read a URDF with every name, number and connection checked, before any library sees the file."""
+"""Reading of URDF files with checks of every name, number and connection."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from compplan.robot.soft_limits import narrow_limits
 
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 MESHES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off")
-#: Lengths beyond this are millimetres in a file of metres [m]; angles, degrees in a file of radians [rad].
+#: Greatest length [m] and angle [rad]; beyond them the file is in mm or degrees.
 FARTHEST, WIDEST = 100.0, 50.0
-#: Greatest velocity limit [rad/s or m/s], greatest mass [kg] and longest name that are taken for true.
+#: Greatest velocity limit [rad/s or m/s], mass [kg] and length of a name.
 FASTEST, HEAVIEST, LONGEST_NAME = 50.0, 1e5, 200
-#: Most links that are read; an arm has a dozen, and libraries walk down the chain by recursion.
+#: Greatest number of links; libraries walk the chain by recursion.
 MOST_LINKS = 1000
 
 
 @dataclass(frozen=True)
 class Urdf:
-    """What a URDF holds: its joints, the names of its links, and the elements of its links."""
+    """Contents of a URDF: joints, link names and link elements."""
 
     file: Path
     joints: tuple[Joint, ...]
@@ -60,9 +60,9 @@ class Urdf:
         return chain, link
 
     def chain_from(self, part: str, chain: list[Joint]) -> list[Joint]:
-        """Return the joints from the link that carries the part back to the root, where a chain begins.
+        """Return the joints from the link that carries the part back to the root.
 
-        A joint with placement T that turns by R(a, q) leads back by R(-a, q) and then by T^-1: each is two joints here.
+        The inverse of a joint (placement T, rotation R(a, q)) is R(-a, q) followed by T^-1: two joints here.
 
         Raises:
             InputError: If no joint moves that link, or one moves it and the tool.
@@ -86,7 +86,7 @@ class Urdf:
         return back
 
     def bodies(self, chain_links: Sequence[str]) -> tuple[Body, ...]:
-        """Collect the masses; a link beside the chain counts with the chain link that carries it, its joint at zero."""
+        """Collect the masses; links beside the chain count with the chain link that carries them, joints at zero."""
         by_child = {joint.child: joint for joint in self.joints}
         bodies = []
         for link, element in zip(self.links, self.elements, strict=True):
@@ -110,7 +110,7 @@ def read_urdf(text: str, file: Path) -> Urdf:
         file: The file, for messages.
 
     Raises:
-        InputError: If it is no URDF: names, numbers, limits, masses, shapes, or links that form no tree.
+        InputError: If names, numbers, limits, masses or shapes are invalid, or links form no tree.
     """
     root = parse_xml(text, file)
     if root.tag != "robot":
@@ -138,7 +138,7 @@ def read_joint(element: ElementTree.Element, file: Path) -> Joint:
     """Read one joint.
 
     Raises:
-        InputError: If a name, number or limit is missing or makes no sense.
+        InputError: If a name, number or limit is missing or invalid.
     """
     name = _read_name(element, "joint", file)
     where, kind = f"joint {name!r}", element.get("type")
@@ -187,7 +187,7 @@ def read_placement(element: ElementTree.Element | None, file: Path, where: str) 
     """Read an <origin>. Shape (4, 4) [m].
 
     Raises:
-        InputError: If it is no placement, or lies too far away to be in metres.
+        InputError: If it is invalid, or too far away to be in metres.
     """
     pose = np.eye(4)
     pose[:3, 3] = read_numbers(element, "xyz", "0 0 0", file, where)
@@ -236,7 +236,7 @@ def _read_number(element: ElementTree.Element, key: str, file: Path, where: str)
 
 
 def _read_limits(limit: ElementTree.Element | None, kind: str, file: Path, where: str) -> dict[str, float]:
-    """Read the limits of a joint; one that moves between stops needs them all but the effort, unless it mimics."""
+    """Read the limits of a joint; only mimic joints and the effort may leave them out."""
     if kind == "fixed" or (kind in ("continuous", "mimic") and limit is None):
         return {}
     if limit is None:
@@ -262,7 +262,7 @@ def _read_limits(limit: ElementTree.Element | None, kind: str, file: Path, where
         effort = limits["effort"] = _read_number(limit, "effort", file, where)
         if effort < 0.0:
             raise InputError(f"limit effort is {effort:g}, expected 0 or more", file=file, where=where)
-        if effort == 0.0:  # ROS-Industrial writes 0 where the maker states none
+        if effort == 0.0:  # ROS-Industrial writes 0 for unknown
             del limits["effort"]
     return limits
 
@@ -281,7 +281,7 @@ def _read_mimic(mimic: ElementTree.Element | None, own: str, file: Path, where: 
 
 
 def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> None:
-    """Refuse joints that name no link, links with two parents, loops, and links that hang on nothing."""
+    """Refuse joints without a link, links with two parents, loops, and unconnected links."""
     known = set(links)
     parents: dict[str, Joint] = {}
     for joint in joints:
@@ -294,7 +294,7 @@ def _check_tree(links: Sequence[str], joints: Sequence[Joint], file: Path) -> No
         parents[joint.child] = joint
     roots = [link for link in links if link not in parents]
     if len(roots) > 1:
-        message = f"links {roots[:5]} hang on nothing, expected one base link and joints to all others"
+        message = f"links {roots[:5]} have no parent joint, expected one base link and joints to all others"
         raise InputError(message, file=file)
     reached: set[str] = set()
     for link in links:
@@ -331,7 +331,7 @@ def _read_body(element: ElementTree.Element, link: str, file: Path) -> tuple[flo
 
 
 def _check_shape(shape: ElementTree.Element, link: str, file: Path) -> None:
-    """Refuse a shape without size, and a mesh that is none."""
+    """Refuse a shape without size or a mesh without a file."""
     where = f"link {link!r}, {shape.tag}"
     read_placement(shape.find("origin"), file, where)
     geometry = shape.find("geometry")

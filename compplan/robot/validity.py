@@ -1,22 +1,22 @@
-"""visited.toml: where a campaign was, and how well the parts of a robot folder that are in doubt held there.
+"""visited.toml: poses of a campaign, and how well the uncertain parts of a robot folder held there.
 
     schema = 1
 
-    [[part]]                           # what the folder holds of an error in doubt, as effects.toml writes it
+    [[part]]                           # an uncertain part of the folder, as in effects.toml
     effect = "link_geometry"
     joint  = "joint_3"
     axis   = "tx"
     keys   = ["tx_m"]
     value  = [1.2e-4]                  # SI
 
-    [stays]                            # poses at which the parts were judged by fits that never saw them
+    [stays]                            # poses left out of the fits that the parts were validated at
     joints    = [[0.1, -0.4, ...]]     # rad or m
     wrench    = [[0, 0, -100, 0, 0, 0]]  # N, N m, base axes, at the TCP
-    share     = [0.97]                 # part of their motion of the tip that was there
+    share     = [0.97]                 # observed share of their tip motion
     deviation = [0.10]                 # one standard deviation of it
-    spread    = 0.2                    # standard deviation of that part from place to place, beyond noise (0)
+    spread    = 0.2                    # standard deviation of the share between poses, without noise
 
-A folder without the file holds no part in doubt. A key "name#i" is item i of the list "name"; `fixed` holds settings.
+A folder without the file has no uncertain parts. A key "name#i" is item i of the list "name"; `fixed` holds settings.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from compplan.io.tomlfile import Numbers, SchemaOne, StrictTable, Words, read_to
 Array = NDArray[np.float64]
 
 FILE = "visited.toml"
-#: Effects that go with the tool: another one on the flange has its own.
+#: Effects that belong to the tool.
 OF_TOOL = ("tool_frame", "payload")
 
 
 @dataclass(frozen=True, eq=False)
 class ValidityPart:
-    """An error in doubt that a folder holds.
+    """An uncertain part of a folder.
 
     Attributes:
         effect: Name of the effect.
         joint: Its joint, or None.
         axis: Its axis, or None.
         keys: Parameters; "name#i" is item i of the list "name". Length k.
-        value: What the folder holds of each. Shape (k,). [SI]
+        value: Values in the folder. Shape (k,). [SI]
         fixed: Settings of the effect.
     """
 
@@ -64,15 +64,15 @@ class ValidityPart:
 
 @dataclass(frozen=True, eq=False)
 class ValidityRegion:
-    """Where a campaign was, k stays, and how well the parts in doubt held there.
+    """Poses of a campaign and the validation of uncertain parts at k of them.
 
     Attributes:
         parts: The parts.
         q: Joint positions. Shape (k, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (k, 6). [N, N m]
-        share: Part of their motion of the tip that was there. Shape (k,).
+        share: Observed share of the tip motion of the parts. Shape (k,).
         deviation: Standard deviation of it. Shape (k,).
-        spread: Standard deviation of that part from one place to another, the noise of the measurement taken off.
+        spread: Standard deviation of the share between poses, without measurement noise.
     """
 
     parts: tuple[ValidityPart, ...]
@@ -83,13 +83,13 @@ class ValidityRegion:
     spread: float = 0.0
 
     def of_arm(self, joints: set[str]) -> ValidityRegion:
-        """Return it without the parts that go with the tool, or sit at none of these joints."""
+        """Remove the parts that belong to the tool or to other joints."""
         kept = (p for p in self.parts if p.effect not in OF_TOOL and (p.joint is None or p.joint in joints))
         return replace(self, parts=tuple(kept))
 
 
 class ValidityPartTable(StrictTable):
-    """[[part]]: what the folder holds of one effect."""
+    """[[part]]: an uncertain part."""
 
     effect: str = Field(min_length=1)
     joint: str | None = None
@@ -100,7 +100,7 @@ class ValidityPartTable(StrictTable):
 
 
 class PosesTable(StrictTable):
-    """[stays]: where the parts were judged."""
+    """[stays]: poses of the validation."""
 
     joints: Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
     wrench: Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
@@ -118,10 +118,10 @@ class ValidityTable(StrictTable):
 
 
 def read_visited(file: Path, nq: int) -> ValidityRegion | None:
-    """Read visited.toml of a robot of nq joints; None where there is no such file.
+    """Read visited.toml of a robot of nq joints, or return None without the file.
 
     Raises:
-        InputError: With file and key, if it is not what it has to be.
+        InputError: With file and key, if it is invalid.
     """
     if not file.exists():
         return None
@@ -149,7 +149,7 @@ def read_visited(file: Path, nq: int) -> ValidityRegion | None:
 
 
 def format_visited(visited: ValidityRegion) -> str:
-    """Return the text of visited.toml; poses and shares have six digits, values all of them."""
+    """Return the text of visited.toml; poses and shares with six digits."""
     parts = []
     for part in visited.parts:
         place = {"effect": part.effect, "joint": part.joint, "axis": part.axis}

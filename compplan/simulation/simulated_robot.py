@@ -33,7 +33,7 @@ class SimulatedRobot:
     Attributes:
         name: What it is called in tables; says in what it differs from the planner's model.
         robot: The robot that stands in it, with its tool.
-        judge: That robot as a Pinocchio model.
+        judge: The robot as a Pinocchio model.
         displacement: From the part frame that a touch with this robot found to where the part stands; None where the
             frame is absolute. Shape (4, 4). [m]
     """

@@ -1,4 +1,4 @@
-"""The elastic chain: a robot as a row of one-degree-of-freedom elements, evaluated for many poses at once.
+"""The elastic chain: a series of one-degree-of-freedom elements, evaluated for many poses at once.
 
 Every commanded joint, every spring and every elementary motion of an elastic link is one element: a constant placement,
 then a rotation or translation along a constant axis [virtual joint method, Salisbury1980]. Positions of commanded
@@ -37,10 +37,9 @@ from compplan.statics.sweep import (
 
 @dataclass(frozen=True)
 class Chain:
-    """Elements from the base to the TCP, m of them, with the masses they carry.
+    """The m elements from the base to the TCP and their masses.
 
-    Placements, axes, masses and compliances may have a leading batch axis: one set of parameters a pose. The arrays of
-    a chain are not changed in place: `dataclasses.replace` makes a new chain.
+    Placements, axes, masses and compliances may have a leading batch axis: one set of parameters per pose.
 
     Attributes:
         names: Name of each element: a joint's name, or "joint.axis" / "link.axis" of an elastic one. Length m.
@@ -54,16 +53,15 @@ class Chain:
         theta_index: Elastic coordinate that drives the element, -1 for a commanded one. Shape (m,).
         tcp_rotation: Orientation of the TCP in the frame of the last element. Shape (..., 3, 3).
         tcp_position: TCP in the frame of the last element. Shape (..., 3). [m]
-        body_element: Element after whose motion a body hangs, -1 for the base. Shape (b,).
+        body_element: Element that carries a body, -1 for the base. Shape (b,).
         mass: Masses of the bodies. Shape (..., b). [kg]
         centre: Centres of the bodies in their element's frame after its motion. Shape (..., b, 3). [m]
         compliance: Compliance of the elastic coordinates. Shape (..., s, s). [rad, m per N m, N]
-        gravity: Gravity in the axes of the ground, zero where the robot carries none. Shape (3,). [m/s^2]
+        gravity: Gravity in the axes of the ground, zero without gravity load. Shape (3,). [m/s^2]
         actuator: Which elastic coordinates lie between motor-side and link-side encoder. Shape (s,).
-        link_share: Share of each one's compliance beyond the link-side encoder, 0 to 1. Shape (s,).
+        link_share: Share of each compliance beyond the link-side encoder, 0 to 1. Shape (s,).
         joint_elements: Element of each commanded joint. Shape (nq,).
-        ground: Element after whose motion the frame in whose axes gravity counts stands still, -1 for the base: the
-            last of a positioner that carries the part.
+        ground: Element that carries the fixed frame of gravity, -1 for the base: the last one of a positioner.
         ground_rotation: Orientation of that frame in the element's frame after its motion. Shape (3, 3).
     """
 
@@ -111,22 +109,22 @@ class Chain:
 
     @cached_property
     def compiled(self) -> CompiledChain:
-        """The chain prepared for walking."""
+        """The compiled chain."""
         return compile_chain(self)
 
     @property
     def structure(self) -> bytes:
-        """What chains have in common that differ by numbers alone."""
+        """The structure shared by chains that differ in numbers alone."""
         parts = (self.translates, self.q_index, self.theta_index, self.multiplier, self.body_element, self.gravity)
         return b"|".join(part.tobytes() for part in parts)
 
     @property
     def batched(self) -> bool:
-        """Tell whether the chain holds one set of parameters a pose."""
+        """Return whether the chain has one set of parameters per pose."""
         return any(getattr(self, name).ndim > own and len(getattr(self, name)) > 1 for name, own in _OWN_AXES.items())
 
     def take(self, rows: slice) -> Chain:
-        """Take the parameter sets of some poses; a chain with one set for all poses returns itself."""
+        """Select the parameter sets of some poses; a chain with one set returns itself."""
         if not self.batched:
             return self
         fields = {name: getattr(self, name) for name in _OWN_AXES}
@@ -141,7 +139,7 @@ _OWN_AXES = {
 
 
 def stack_chains(chains: Sequence[Chain], n: int) -> Chain:
-    """Put chains of one structure one after the other, n poses each; parameters that are alike are kept once."""
+    """Concatenate chains of one structure, n poses each; equal parameters are kept once."""
     fields: dict[str, Any] = {}
     for name, own in _OWN_AXES.items():
         parts = [getattr(chain, name) for chain in chains]
@@ -151,7 +149,7 @@ def stack_chains(chains: Sequence[Chain], n: int) -> Chain:
 
 
 def compile_chain(chain: Chain) -> CompiledChain:
-    """Prepare a chain for walking."""
+    """Compile a chain."""
     turns = turn_to_axis(chain.axis)
     backs = np.swapaxes(turns, -1, -2)
     before = np.concatenate([np.broadcast_to(np.eye(3), (*backs.shape[:-3], 1, 3, 3)), backs], axis=-3)
@@ -196,7 +194,7 @@ def _body_terms(chain: Chain, element: int, back: Array) -> list[tuple[int, Term
 
 
 class Frames(NamedTuple):
-    """Where a chain stands; n poses.
+    """Frames of a chain at n poses.
 
     Attributes:
         axis: Axis of each element, base axes. Shape (n, m, 3).
@@ -204,7 +202,7 @@ class Frames(NamedTuple):
         tcp_rotation: Orientation of the TCP in the base frame. Shape (n, 3, 3).
         tcp_position: TCP in the base frame. Shape (n, 3). [m]
         centre: Centres of the masses in the base frame. Shape (n, b, 3). [m]
-        ground: Orientation of the frame in whose axes gravity counts, in the base frame. Shape (n, 3, 3).
+        ground: Orientation of the fixed frame of gravity, base axes. Shape (n, 3, 3).
     """
 
     axis: Array
@@ -223,7 +221,7 @@ def build_chain(robot: Robot, *, gravity: bool = True) -> Chain:
 
     Args:
         robot: The robot.
-        gravity: Whether the robot's gravity loads the springs.
+        gravity: Whether gravity loads the springs.
     """
     row = ElementRow()
     hanging = robot.loading_bodies
@@ -277,12 +275,12 @@ def locate_frames(chain: Chain, q: Array, theta: Array | None = None) -> Frames:
 
 
 def chunks(n: int) -> Iterator[slice]:
-    """Cut n poses into pieces that stay in the cache."""
+    """Divide n poses into parts that fit the cache."""
     return (slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK))
 
 
 def empty_frames(chain: Chain, n: int) -> Frames:
-    """Make room for the frames of n poses: poses first to the reader, components first in memory."""
+    """Allocate the frames of n poses, with components first in memory."""
     m, b = len(chain.names), len(chain.body_element)
 
     def room(*shape: int) -> Array:
@@ -293,7 +291,7 @@ def empty_frames(chain: Chain, n: int) -> Frames:
 
 
 def fill_frames(frames: Frames, rows: slice, walk: Walk) -> None:
-    """Write a walk into the rows of frames that `empty_frames` made."""
+    """Write a walk into rows of frames from `empty_frames`."""
     for k, (axis, origin) in enumerate(zip(walk.axis, walk.origin, strict=True)):
         frames.axis[rows, k] = axis.T
         frames.origin[rows, k] = origin.T
@@ -344,7 +342,7 @@ def locate_gravity(chain: Chain, frames: Frames) -> Array:
 
 
 def gravity_torque(chain: Chain, frames: Frames) -> Array:
-    """Compute the load that the weights put on every element.
+    """Compute the load of the weights on every element.
 
     tau_k = a_k . (sum_j (c_j - o_k) x m_j g) over the bodies beyond element k (a_k . sum_j m_j g where it translates).
 

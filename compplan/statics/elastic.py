@@ -1,4 +1,4 @@
-"""Elastostatics: where a chain stands under load, and how it yields.
+"""Elastostatics: equilibrium and compliance of a loaded chain.
 
 A wrench is what the environment does to the tool, at the TCP, in base axes, force first. Equilibrium is taken in the
 loaded state with finite rotations: theta = C (J(q, theta)^T w + tau_gravity(q, theta)).
@@ -70,12 +70,11 @@ def solve_equilibrium(
             Shape (n, 6) or (6,). [N, N m]
         tolerance: Largest change of an elastic coordinate in the last iteration. [rad or m]
         torque_bias: Further load on each elastic coordinate. Shape (n, s). [N m or N]
-        theta: Elastic coordinates to begin at, such as those of a posture nearby; zero if left out.
-            Shape (n, s). [rad or m]
+        theta: Initial elastic coordinates; zero if left out. Shape (n, s). [rad or m]
 
     Raises:
         ShapeError: If an array does not have the shape above.
-        ConvergenceError: If the iteration does not settle, as beyond the buckling load.
+        ConvergenceError: If the iteration diverges, as beyond the buckling load.
     """
     q = np.atleast_2d(np.asarray(q, float))
     load = _wrench_rows(wrench, len(q))
@@ -94,7 +93,7 @@ def locate_loaded(
     chain: Chain, q: Array, wrench: Array, *, tolerance: float = 1e-13, torque_bias: Array | None = None,
     theta: Array | None = None,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return where the loaded TCP stands and what the springs give; `solve_equilibrium` returns all of the arm.
+    """Return the loaded pose of the TCP and the deflections only; see `solve_equilibrium`.
 
     Arguments and errors are those of `solve_equilibrium`.
 
@@ -118,7 +117,7 @@ def locate_loaded(
 def _solve_pieces(
     chain: Chain, q: Array, load: Array, bias: Array | None, tolerance: float, theta: Array | None, *, bodies: bool
 ) -> Iterator[tuple[slice, _Solution]]:
-    """Solve the equilibrium piece by piece; the last walk with the centres of the bodies where they are asked for."""
+    """Solve the equilibrium in parts; compute the centres of the bodies at the end on request."""
     for rows in chunks(len(q)):
         part = chain.take(rows)
         extra, start = (None if each is None else list(np.ascontiguousarray(each[rows].T)) for each in (bias, theta))
@@ -159,7 +158,7 @@ def _iterate(
         if not np.isfinite(change):
             break
         previous = change
-    if start is not None:  # where it began may lie beyond buckling
+    if start is not None:  # the initial value may lie beyond buckling
         return _iterate(chain, q, wrench, bias, tolerance, None, first=first, bodies=bodies)
     steps = np.stack([np.broadcast_to(np.nan_to_num(np.abs(a - b), nan=np.inf), q.shape[1:])
                       for a, b in zip(update, before, strict=True)])  # fmt: skip
@@ -249,14 +248,14 @@ def load_hessian(chain: Chain, q: Array, theta: Array, wrench: Array) -> Array:
 def load_derivative(chain: Chain, frames: Frames, wrench: Array, elements: NDArray[np.int_] | None = None) -> Array:
     """Differentiate the load on elements with respect to the motion of every element, in closed form.
 
-    An element k feels tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)
+    The load on element k is tau_k = a_k . sum_b (r_b - o_k) x f_b + a_k . m over the loads beyond it: the wrench (f, m)
     at the TCP and the weights. Element j turns or shifts everything beyond it while the loads keep their base axes.
 
     Args:
         chain: The chain.
         frames: Its frames at n poses.
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6). [N, N m]
-        elements: The elements k that are asked for, all if left out. Shape (k,).
+        elements: The elements k, all if left out. Shape (k,).
 
     Returns:
         d tau_k / d x_j. Shape (n, k, m).
@@ -287,7 +286,7 @@ def load_derivative(chain: Chain, frames: Frames, wrench: Array, elements: NDArr
         derivative[slides[None, :] & ~beyond] = 0.0
         derivative[slides[own, None] & beyond] = 0.0
     found = np.moveaxis(derivative, -1, 0)
-    if chain.ground >= 0 and chain.gravity.any():  # the weights turn with what carries the part
+    if chain.ground >= 0 and chain.gravity.any():  # the weights turn with the positioner
         light = load_derivative(replace(chain, gravity=np.zeros(3)), frames, wrench, elements)
         found[:, :, : chain.ground + 1] = light[:, :, : chain.ground + 1]
     return found

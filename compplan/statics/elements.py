@@ -1,4 +1,4 @@
-"""Elements of a chain as they are met from the base to the TCP: joints, springs, links and the bodies they carry."""
+"""Construction of the elements of a chain from the base to the TCP: joints, springs, links, bodies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ELASTIC_AXES = {
 
 
 def spring_axis(axis: str, joint: Joint) -> tuple[bool, Array]:
-    """Tell whether a spring translates, and its axis in the joint's frame. Shape (3,)."""
+    """Return whether a spring translates, and its axis in the joint's frame. Shape (3,)."""
     if axis == "own":
         return joint.kind == "prismatic", joint.axis
     translates, direction = ELASTIC_AXES[axis]
@@ -35,7 +35,7 @@ def translation(offset: Array) -> Array:
 
 
 class ElementRow:
-    """Collect the elements of a chain while walking from the base to the TCP."""
+    """Elements collected from the base to the TCP."""
 
     def __init__(self) -> None:
         self.pending = np.eye(4)
@@ -47,11 +47,11 @@ class ElementRow:
         self.ground, self.ground_rotation = -1, np.eye(3)
 
     def stand(self) -> None:
-        """Let gravity count in the axes of the frame that has been reached."""
+        """Set the current frame as the frame of gravity."""
         self.ground, self.ground_rotation = len(self.elements) - 1, self.pending[:3, :3].copy()
 
     def move(self, pose: Array) -> None:
-        """Move on by a constant pose. Shape (4, 4). [m]"""
+        """Append a constant pose. Shape (4, 4). [m]"""
         self.pending = self.pending @ pose
 
     def _append(
@@ -84,13 +84,13 @@ class ElementRow:
         self.blocks.append(compliance)
 
     def add_bodies(self, bodies: Sequence[Body]) -> None:
-        """Hang bodies on the frame that has been reached."""
+        """Attach bodies to the current frame."""
         for body in bodies:
             centre = self.pending[:3, :3] @ body.centre + self.pending[:3, 3]
             self.bodies.append((len(self.elements) - 1, body.mass, centre))
 
     def _compliance(self) -> Array:
-        """Put the blocks on a diagonal. Shape (s, s)."""
+        """Return the block-diagonal compliance. Shape (s, s)."""
         whole, first = np.zeros((len(self.actuator), len(self.actuator))), 0
         for block in self.blocks:
             last = first + len(block)
@@ -99,7 +99,7 @@ class ElementRow:
         return whole
 
     def arrays(self, robot: Robot, gravity: bool) -> dict[str, Any]:
-        """Give the fields of the chain."""
+        """Return the fields of the chain."""
         names, poses, axes, translates, q, multiplier, offset, theta = zip(*self.elements, strict=True)
         pose = np.array(poses)
         driver = {name: k for k, name in enumerate(names) if q[k] >= 0}

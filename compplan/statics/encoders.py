@@ -1,15 +1,14 @@
-"""Double encoders: both sides of a joint, and what a controller attains with the feedback of each.
+"""Double encoders: readings of both sides of a joint, and the pose under each feedback.
 
 The motor-side (primary) encoder reads the commanded element of a joint; the link-side (secondary) one reads it plus the
-elastic coordinates that lie between the two (`Spring.actuator`). A spring that stands for gear and link together has a
-part beyond the link-side encoder (`Spring.link_share`). Neither encoder measures that part or anything else that bends
-[Klimchik2018]. A controller holds one of
+elastic coordinates between the two (`Spring.actuator`). A spring of gear and link together has a part beyond the
+link-side encoder (`Spring.link_share`), which neither encoder measures [Klimchik2018]. A controller holds one of
 
-    motor feedback:     q1 = q                          link follows the motor plus what the gear yields
-    link feedback:      q2 = q                          what the gear yields is taken out
-    combined feedback:  q2 + beta (q2 - q1) = q         and a share beta of it stands for what bends beyond the encoder
+    motor feedback:     q1 = q                          link follows the motor plus the gear deflection
+    link feedback:      q2 = q                          gear deflection is removed
+    combined feedback:  q2 + beta (q2 - q1) = q         a share beta of it compensates for compliance beyond the encoder
 
-so that the link stands at q + g C tau with a gain g of 1, 0 and -beta on the compliance C of the gears. A spring of
+so that the link is at q + g C tau with a gain g of 1, 0 and -beta on the compliance C of the gears. A spring of
 compliance C and link share s deflects by (s + (1 - s) g) C tau: one chain for each feedback.
 """
 
@@ -29,7 +28,7 @@ FEEDBACKS = ("motor", "link", "combined")
 
 
 class EncoderState(NamedTuple):
-    """A loaded arm under control, seen by its encoders; n poses.
+    """Encoder readings and equilibrium of a loaded, controlled arm at n poses.
 
     Attributes:
         motor: Readings of the motor-side encoders. Shape (n, nq). [rad or m]
@@ -43,12 +42,12 @@ class EncoderState(NamedTuple):
 
     @property
     def difference(self) -> Array:
-        """What the gears yield: link-side minus motor-side reading. Shape (n, nq). [rad or m]."""
+        """Gear deflection: link-side minus motor-side reading. Shape (n, nq). [rad or m]."""
         return self.link - self.motor
 
 
 def actuator_selection(chain: Chain) -> Array:
-    """Tell which elastic coordinates add to which link-side encoder.
+    """Return which elastic coordinates add to which link-side encoder.
 
     Returns:
         Shape (nq, s), entries 1, 0, and -1 where a spring turns against its joint (joint about -y, spring about ry).
@@ -67,7 +66,7 @@ def actuator_selection(chain: Chain) -> Array:
 def control_equilibrium(
     chain: Chain, q: Array, wrench: Array | None = None, *, feedback: str = "motor", beta: Array | float = 0.0
 ) -> EncoderState:
-    """Solve the equilibrium of an arm whose controller holds the commanded positions by one of its encoders.
+    """Solve the equilibrium of an arm under motor-side, link-side or combined feedback.
 
     Args:
         chain: The chain; actuator springs must not be coupled with others.
@@ -77,7 +76,7 @@ def control_equilibrium(
         beta: Of combined feedback, compliance beyond the encoder over compliance of the gear. Shape (nq,) or a number.
 
     Raises:
-        InputError: If there is no such feedback, or a gear's compliance is coupled with another spring.
+        InputError: If the feedback is unknown, or a gear's compliance is coupled with another spring.
         ShapeError: If beta does not have the shape above.
         ConvergenceError: If the load is near or beyond buckling.
     """
@@ -102,7 +101,7 @@ def feedback_scale(gain: Array, link_share: Array) -> Array:
     """Return the share of each spring's deflection that a feedback leaves: s + (1 - s) g.
 
     Args:
-        gain: What the feedback leaves of the gear's deflection, 1 for springs that no encoder measures. Shape (s, ...).
+        gain: Remaining share g of the gear's deflection, 1 for springs that no encoder measures. Shape (s, ...).
         link_share: Share of each compliance beyond the link-side encoder. Shape (s, ...).
     """
     return link_share + (1.0 - link_share) * gain
@@ -118,7 +117,7 @@ def combined_gain(gear_compliance: Array, total_compliance: Array) -> Array:
     """Compute beta of combined feedback from two identified compliances a joint.
 
     beta = (k_total - k_gear) / k_gear [Klimchik2018]: motor-side feedback identifies k_total (gear and links together),
-    the difference of the encoders k_gear. It is 0 for a joint without gear spring, or that no load could determine.
+    the difference of the encoders k_gear. It is 0 for a joint without an identified gear spring.
 
     Args:
         gear_compliance: Compliance between the encoders. Shape (nq,). [rad/(N m)]

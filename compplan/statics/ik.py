@@ -1,8 +1,8 @@
-"""Inverse kinematics: every way in which an unloaded arm can reach a pose, for many poses at once.
+"""Inverse kinematics: all solutions of an unloaded arm, for many poses at once.
 
 Six revolute joints with a spherical wrist or three parallel axes have a closed form, solved by EAIK with the tool
-included. A calibrated geometry (a wrist whose axes miss each other by micrometres) loses it: then the nearest geometry
-that has one is solved, and Newton's method on the true chain does the rest. Everything else is solved numerically.
+included. For a calibrated geometry (a wrist whose axes miss each other by micrometres) the nearest geometry with a
+closed form is solved, followed by Newton steps on the true chain. Other arms are solved numerically.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ from compplan.errors import ShapeError
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, Frames, build_chain, joint_jacobian, locate_frames
 
-#: Names of the eight slots that solutions are sorted into; slot = 4 * back + 2 * down + flip.
+#: Names of the eight slots of solutions; slot = 4 * back + 2 * down + flip.
 CONFIGURATIONS: tuple[dict[str, str], ...] = tuple(
     {"shoulder": shoulder, "elbow": elbow, "wrist": wrist}
     for shoulder in ("front", "back")
     for elbow in ("up", "down")
     for wrist in ("noflip", "flip")
 )
-#: A solution counts where it misses the pose by less than this. [m and rad]
+#: Tolerance of a solution. [m and rad]
 REACHED = 1e-9
-#: Axes this near to parallel [rad] or to intersecting [m] are taken for so in the geometry that has a closed form.
+#: Deviation from parallel [rad] and intersecting [m] axes that the nearest closed-form geometry removes.
 NEARLY_PARALLEL, NEARLY_MEETING = 0.02, 0.005
-#: Waypoints between two that are solved from scratch where there is no closed form.
+#: Number of waypoints between two that are solved from scratch without a closed form.
 STRIDE = 25
 
 
 @dataclass(frozen=True)
 class Arm:
-    """A robot as inverse kinematics sees it.
+    """A robot prepared for inverse kinematics.
 
     Attributes:
         robot: The robot.
         chain: Its chain without springs.
-        arm: The six joints that reach a pose; the others are held. Shape (6,), or fewer where the robot has fewer.
+        arm: The six joints that are solved (or fewer); the others are held. Shape (6,).
         solver: EAIK's robot for the arm at held joints zero, or None where no closed form is known.
         exact: Whether the closed form is that of the true geometry.
-        base_turn: Orientation of the TCP at zero joint positions, which EAIK does not take. Shape (3, 3).
+        base_turn: Orientation of the TCP at zero joint positions. Shape (3, 3).
         front: +1 or -1: which side of the first axis counts as the front.
 
     """
@@ -58,12 +58,12 @@ class Arm:
 
     @property
     def held(self) -> NDArray[np.int_]:
-        """Commanded joints that do not take part: extra axes before the arm."""
+        """Commanded joints that are held: extra axes before the arm."""
         return np.setdiff1d(np.arange(self.chain.nq), self.arm)
 
 
 def build_arm(robot: Robot) -> Arm:
-    """Prepare a robot for inverse kinematics; springs do not matter here."""
+    """Prepare a robot for inverse kinematics, without springs."""
     chain = build_chain(replace(robot, springs=(), link_elasticities=(), gravity=None))
     arm = np.arange(max(0, chain.nq - 6), chain.nq)
     mimics = len(chain.names) != chain.nq
@@ -83,10 +83,9 @@ def build_arm(robot: Robot) -> Arm:
 
 
 def _returns_probes(arm: Arm) -> bool:
-    """Tell whether a closed form finds the postures that a few poses come from.
+    """Return whether a closed form finds the postures of a few test poses.
 
-    An arm whose axes are parallel or meet but for microradians is taken for another kind, with least-squares answers
-    only.
+    EAIK returns least-squares solutions for arms whose axes are parallel or intersect up to microradians.
     """
     bent = 0.25 * np.linspace(0.8, 1.2, arm.chain.nq)
     sign = np.array([[1.0], [-1.0], [0.5]])
@@ -105,8 +104,7 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
         arm: The arm.
         position: Wanted TCP positions, base frame. Shape (n, 3). [m]
         rotation: Wanted orientations of the TCP frame. Shape (n, 3, 3).
-        held: Positions of the joints that do not take part, in the middle of their limits (or at zero where there are
-            none) if left out. Shape (n, nq - 6). [rad or m]
+        held: Positions of the held joints (default: middle of their limits, or zero). Shape (n, nq - 6). [rad or m]
 
     Returns:
         Slots as `CONFIGURATIONS`, NaN where a configuration does not reach the pose. Shape (n, 8, nq). [rad or m]
@@ -131,18 +129,18 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
         frames = locate_frames(arm.chain, q)
         fits = np.abs(frames.tcp_position - position[rows]).max(axis=1) < 1e-6
         fits &= np.abs(frames.tcp_rotation - rotation[rows]).max(axis=(1, 2)) < 1e-6
-        names = _name_slots(arm, frames)[fits]  # full turns change no name
+        names = _name_slots(arm, frames)[fits]  # full turns do not change the configuration
         rows, q = rows[fits], _wrap(arm, q[fits], rest)
         slots[rows, _assign_slots(rows, names)] = q
     return slots
 
 
 def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
-    """Tell the configuration of joint positions: index into `CONFIGURATIONS`. Shape (n, nq) -> (n,).
+    """Return the configuration of joint positions: index into `CONFIGURATIONS`. Shape (n, nq) -> (n,).
 
-    Shoulder: on which side of the first axis the wrist stands, seen from the second joint's plane. Elbow: whether the
-    third joint stands above the line from the second to the wrist when the arm reaches forward. Wrist: the sign of the
-    fifth joint, seen from where axes four and six line up.
+    Shoulder: side of the first axis of the wrist, along the second joint's plane. Elbow: third joint above or below the
+    line from the second one to the wrist, for an arm reaching forward. Wrist: sign of the fifth joint from the
+    alignment of axes four and six.
     """
     return _name_slots(arm, locate_frames(arm.chain, q))
 
@@ -161,7 +159,7 @@ def _name_slots(arm: Arm, frames: Frames) -> NDArray[np.int_]:
 
 
 def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iterations: int = 12) -> Array:
-    """Improve joint positions by damped Newton steps on the true chain; held joints stay.
+    """Refine joint positions by damped Newton steps on the true chain; held joints are fixed.
 
     Args:
         arm: The arm.
@@ -171,7 +169,7 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
         iterations: Greatest number of steps.
 
     Returns:
-        Joint positions; check with `pose_error` what they reach. Shape (n, nq). [rad or m]
+        Joint positions, to be checked with `pose_error`. Shape (n, nq). [rad or m]
 
     """
     q = np.array(q)
@@ -195,7 +193,7 @@ def refine_ik(arm: Arm, q: Array, position: Array, rotation: Array, *, iteration
 
 
 def pose_error(chain: Chain, q: Array, position: Array, rotation: Array) -> Array:
-    """Tell by how much joint positions miss a pose: wanted - reached, rotation vector last, base axes. Shape (n, 6)."""
+    """Return the pose error, wanted - reached, rotation vector last, base axes. Shape (n, 6)."""
     return _miss(locate_frames(chain, q), position, rotation)
 
 
@@ -212,7 +210,7 @@ def middle_of_limits(robot: Robot) -> Array:
 
 
 def snap_geometry(axes: Array, origins: Array) -> tuple[Array, Array]:
-    """Return the nearest arm that has a closed form: near-parallel axes parallel, near-meeting wrist axes meeting.
+    """Return the nearest arm with a closed form: exactly parallel axes, exactly intersecting wrist axes.
 
     Args:
         axes: Joint axes at zero joint positions. Shape (6, 3).
@@ -248,7 +246,7 @@ def _closed_form(axes: Array, origins: Array, tip: Array) -> Any:
     offsets = np.vstack([origins[:1], np.diff(origins, axis=0), (tip - origins[-1])[None]])
     try:
         solver = HPRobot(axes, offsets)
-    except RuntimeError:  # axes that are neither parallel nor apart: an arm whose calibrated axes miss its tolerances
+    except RuntimeError:  # axes that are neither parallel nor intersecting within EAIK's tolerances
         return None
     return solver if solver.hasKnownDecomposition() else None
 
@@ -261,7 +259,7 @@ def _solve_closed(arm: Arm, position: Array, rotation: Array, held: Array) -> tu
         pose = _carry_to_arm(arm, pose, held)
     pose[:, :3, :3] = pose[:, :3, :3] @ arm.base_turn.T
     answers = arm.solver.IK_batched(pose, 1)
-    found = [answer.Q for answer in answers]  # read once: each reading copies
+    found = [answer.Q for answer in answers]  # read once: each access copies
     counts = np.array([len(each) for each in found])
     if not counts.sum():
         return np.zeros(0, int), np.zeros((0, arm.chain.nq))
@@ -277,7 +275,7 @@ def _solve_closed(arm: Arm, position: Array, rotation: Array, held: Array) -> tu
 
 
 def _carry_to_arm(arm: Arm, pose: Array, held: Array) -> Array:
-    """Express poses as if the held joints stood at zero."""
+    """Express poses with the held joints at zero."""
     chain, first = arm.chain, arm.chain.joint_elements[arm.arm[0]]
     at_zero, here = np.zeros((1, chain.nq)), np.zeros((len(held), chain.nq))
     here[:, arm.held] = held
@@ -291,7 +289,7 @@ def _carry_to_arm(arm: Arm, pose: Array, held: Array) -> Array:
 
 
 def _solve_numerically(arm: Arm, position: Array, rotation: Array, held: Array) -> tuple[NDArray[np.int_], Array]:
-    """Return waypoint and joint positions of the solutions that many starts find; waypoints between follow suit."""
+    """Return waypoint and joint positions of solutions from many starts, continued to the waypoints between."""
     n = len(position)
     anchors = np.unique(np.r_[np.arange(0, n, STRIDE), n - 1])
     starts = _random_starts(arm, 96)
@@ -319,7 +317,7 @@ def _random_starts(arm: Arm, count: int) -> Array:
 def _keep_distinct(
     arm: Arm, rows: NDArray[np.int_], q: Array, position: Array, rotation: Array
 ) -> tuple[NDArray[np.int_], Array]:
-    """Keep the starts that arrived, one a configuration and waypoint."""
+    """Keep converged starts, one per configuration and waypoint."""
     fits = np.abs(pose_error(arm.chain, q, position[rows], rotation[rows])).max(axis=1, initial=0.0) < REACHED
     rows, q = rows[fits], q[fits]
     if not len(rows):
@@ -330,7 +328,7 @@ def _keep_distinct(
 
 
 def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Give every solution of a waypoint a slot of its own; where two have one name, the later takes a free slot.
+    """Assign an own slot to every solution of a waypoint; of two with one name the later takes a free slot.
 
     rows rise; shape (r,).
     """
@@ -345,7 +343,7 @@ def _assign_slots(rows: NDArray[np.int_], names: NDArray[np.int_]) -> NDArray[np
 
 
 def _front_side(arm: Arm) -> float:
-    """Return +1 or -1: the front is the side that the second axis is offset to, or else the side of the zero pose."""
+    """Return +1 or -1: the front is the side of the second axis's offset, or else of the zero pose."""
     if len(arm.arm) < 6:
         return 1.0
     frames = locate_frames(arm.chain, np.zeros((1, arm.chain.nq)))

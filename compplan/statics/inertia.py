@@ -1,14 +1,13 @@
-"""What the motion of an arm puts on its springs, from where its masses go in time.
+"""Inertial loads on the springs of a moving arm.
 
-Every body stands for four points that have its mass, centre and inertia. With p_b their places at the rows of a timed
+Every body is replaced by four points of equal mass, centre and inertia. With p_b their positions at the rows of a timed
 motion, p_b'' by divided differences, and f_b = -m_b p_b'' [d'Alembert], an elastic coordinate k with
 axis a_k through o_k carries
 
     b_k = a_k . sum_b (p_b - o_k) x f_b     (a_k . sum_b f_b where it translates),   b the points beyond it.
 
-The motion to ask about is that of the links. Where a plan keeps the tip on its path they go as the arm goes whose tool
-follows the path, and the drives run ahead of them by what the springs give: no load follows from the command's own
-corrections, and the load is the one in motion (the link side is the flat output of an elastic joint, damping aside
+The motion is that of the links, whose tool follows the path; the drives lead by the deflection of the springs. So the
+corrections of the command cause no load (the link side is the flat output of an elastic joint, without damping
 [Spong1987]).
 """
 
@@ -24,7 +23,7 @@ from compplan.robot import Array, Robot
 from compplan.robot.model import Body
 from compplan.statics.chain import Chain, build_chain, chunks, locate_frames
 
-#: Directions of the four points from the centre: their sum is zero, their second moment four times the unit matrix.
+#: Directions of the four points from the centre: zero sum, second moment four times the unit matrix.
 CORNERS = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 
 STANDS = 1e-6
@@ -32,9 +31,9 @@ STANDS = 1e-6
 
 
 def build_moving_chain(robot: Robot) -> Chain:
-    """Build the elastic chain of a robot with all its masses as points; their weight loads nothing here.
+    """Build the elastic chain of a robot with point masses, without gravity.
 
-    It stands on the ground, where accelerations count; a positioner does not move it.
+    Its base is the ground; a positioner does not move it.
     """
     points = tuple(point for body in robot.bodies for point in divide_body(body))
     return build_chain(replace(robot.alone, gravity=np.zeros(3), weights=(), bodies=points))
@@ -43,8 +42,8 @@ def build_moving_chain(robot: Robot) -> Chain:
 def divide_body(body: Body) -> list[Body]:
     """Return four point masses with the mass, the centre and the inertia of a body.
 
-    The second moment S = 1/2 tr(I) 1 - I is that of the points c + m^-1/2 S^1/2 e of mass m / 4; what is negative in S
-    belongs to no body and is left out.
+    The second moment S = 1/2 tr(I) 1 - I is that of the points c + m^-1/2 S^1/2 e of mass m / 4; negative
+    eigenvalues of S are set to zero.
     """
     if body.mass <= 0.0:
         return [body]
@@ -55,14 +54,14 @@ def divide_body(body: Body) -> list[Body]:
 
 
 def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) -> Array:
-    """Return what a timed motion puts on each elastic coordinate; nothing outside its runs. Shape (n, s). [N m or N]
+    """Return the inertial load on each elastic coordinate; zero outside the runs. Shape (n, s). [N m or N]
 
     Args:
         chain: The chain with its masses (`build_moving_chain`).
-        q: Joint positions of the links' motion, the chain's the last of them. Shape (n, nq). [rad or m]
+        q: Joint positions of the links' motion, those of the chain last. Shape (n, nq). [rad or m]
         time: Time at each row. Shape (n,). [s]
-        inside: Rows that are within a run from rest to rest, its ends left out. Shape (n,). Of these, rows beside a
-            step that takes no time stand where a run begins or ends.
+        inside: Rows within a run from rest to rest, without its ends. Shape (n,). Rows beside a step of zero time are
+            ends of a run.
     """
     step = np.diff(time)
     on_the_way = np.zeros(len(q), bool)
@@ -82,11 +81,10 @@ def load_motion(chain: Chain, q: Array, time: Array, inside: NDArray[np.bool_]) 
 
 
 def smooth_loads(load: Array, time: Array, runs: list[tuple[int, int]], window: float) -> Array:
-    """Return loads as their mean over a window of time, weighted by a triangle; nothing outside the runs. Shape (n, s).
+    """Return the triangular moving average of loads in time; zero outside the runs. Shape (n, s).
 
-    What changes faster than an arm can follow is no reason to move its drives: a kink of the path, or rows beside a
-    stop, would make them jump, and an arm of other stiffness would ring by that. At the ends of a run the load goes on
-    as its mirror image with the other sign, so that drives begin where they rest. With B'' = b, b linear between rows,
+    Loads that change faster than the arm can follow (at a kink or a stop) would make the drives jump. At the ends of a
+    run the load is continued with odd symmetry, so that drives start at rest. With B'' = b, b linear between rows,
 
         b_w(t) = (B(t + h) - 2 B(t) + B(t - h)) / h^2,   h half the window,   |db_w/dt| <= 2 max|b| / h.
 

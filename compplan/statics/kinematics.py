@@ -1,7 +1,7 @@
-"""The chain's kinematics and loaded equilibrium as CasADi expressions.
+"""Kinematics and loaded equilibrium of the chain as CasADi expressions.
 
-The PyPI wheel of Pinocchio has no CasADi interface, so the elements of `compplan.statics.chain` are written out
-symbolically (Rodrigues for revolute axes).
+The PyPI wheel of Pinocchio has no CasADi interface, so the elements of `compplan.statics.chain` are evaluated
+symbolically.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class SymbolicFrames(NamedTuple):
         position: TCP. Shape (3). [m]
         rotation: Orientation of the TCP. Shape (3, 3).
         centre: Centre of each body. b expressions (3). [m]
-        ground: Orientation of the frame in whose axes gravity counts. Shape (3, 3).
+        ground: Orientation of the frame of gravity. Shape (3, 3).
 
     """
 
@@ -40,10 +40,10 @@ def build_loaded_function(chain: Chain, steps: int) -> ca.Function:
 
     Args:
         chain: The chain.
-        steps: Steps of the fixed point; its error falls with each by the ratio of load to buckling load.
+        steps: Fixed-point steps; each reduces the error by the ratio of load to buckling load.
 
     Returns:
-        q (nq), wrench (6) [N, N m], bias (s) [N m or N], theta (s) to begin at, 1 for a loaded and 0 for an unloaded
+        q (nq), wrench (6) [N, N m], bias (s) [N m or N], initial theta (s), 1 for a loaded and 0 for an unloaded
         arm -> TCP position (3) [m], orientation (3, 3), elastic coordinates (s), base frame.
 
     """
@@ -59,7 +59,7 @@ def build_loaded_function(chain: Chain, steps: int) -> ca.Function:
 
 
 def locate_symbolic(chain: Chain, q: ca.SX, theta: ca.SX | None = None) -> SymbolicFrames:
-    """Write out the frames of a chain at joint positions q and elastic coordinates theta, zero if left out."""
+    """Build the frames of a chain at joint positions q and elastic coordinates theta, zero if left out."""
     rotation, position, ground = ca.SX.eye(3), ca.SX.zeros(3), ca.SX.eye(3)
     axis, origin, centre = [], [], [ca.SX.zeros(3)] * len(chain.body_element)
     for k in range(-1, len(chain.names)):
@@ -87,7 +87,7 @@ def locate_symbolic(chain: Chain, q: ca.SX, theta: ca.SX | None = None) -> Symbo
 
 
 def load_springs(chain: Chain, frames: SymbolicFrames, wrench: ca.SX) -> ca.SX:
-    """Write out the load of wrench and weights on each elastic coordinate: J^T w + tau_g. Shape (s). [N m or N]"""
+    """Build the load of wrench and weights on each elastic coordinate: J^T w + tau_g. Shape (s). [N m or N]"""
     loads = []
     down = ca.mtimes(frames.ground, ca.SX(ca.sparsify(ca.DM(chain.gravity))))
     for k in chain.spring_elements.tolist():

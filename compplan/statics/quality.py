@@ -1,4 +1,4 @@
-"""Kinematic quality: how well a posture turns joint motion into tool motion, and forces into joint torques.
+"""Kinematic quality (dexterity) of a posture.
 
 The Jacobian mixes lengths and angles; a characteristic length L makes its rows comparable. The inverse condition number
 1/kappa_F = k / sqrt(tr(J J^T) tr((J J^T)^-1)) of the normalised Jacobian is 1 in an isotropic posture and 0 in a
@@ -34,7 +34,7 @@ class Zone:
     upper: tuple[float, ...]
 
     def contains(self, q: Array) -> NDArray[np.bool_]:
-        """Tell which joint positions lie in the zone. Shape (..., nq) -> (...)."""
+        """Return which joint positions lie in the zone. Shape (..., nq) -> (...)."""
         chosen = q[..., list(self.joints)]
         return np.asarray(((chosen >= np.array(self.lower)) & (chosen <= np.array(self.upper))).all(axis=-1))
 
@@ -101,7 +101,7 @@ def quality_of_poses(chain: Chain, q: Array, length: float) -> Array:
 
 
 def natural_length(chain: Chain, limits: tuple[Array, Array]) -> float:
-    """Return the characteristic length of an arm: it balances linear and angular rows over the joint ranges. [m]."""
+    """Return the characteristic length that balances linear and angular rows over the joint ranges. [m]"""
     lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in limits)
     q = lower + (upper - lower) * np.random.default_rng(0).random((64, chain.nq))
     columns = joint_jacobian(chain, locate_frames(chain, q))
@@ -109,13 +109,13 @@ def natural_length(chain: Chain, limits: tuple[Array, Array]) -> float:
 
 
 def find_characteristic_length(chain: Chain, q: Array) -> float:
-    """Find the length that makes the best of some poses as isotropic as can be [Angeles1992], as the papers have it.
+    """Find the length of the most isotropic of some poses [Angeles1992].
 
-    The product itself takes `natural_length` everywhere, so that plans and maps mean the same by dexterity.
+    Used for papers alone; plans and maps use `natural_length`.
 
     Args:
         chain: The chain.
-        q: Joint positions that are looked at. Shape (n, nq). [rad or m]
+        q: Joint positions. Shape (n, nq). [rad or m]
 
     Returns:
         Characteristic length. [m]
@@ -137,7 +137,7 @@ def map_dexterity(
 
     Args:
         chain: The chain.
-        q: Positions of all joints; those of the two mapped ones do not matter. Shape (nq,). [rad or m]
+        q: Positions of all joints; the two mapped ones are ignored. Shape (nq,). [rad or m]
         joints: The two joints, counted from 0.
         first: Positions of the first one. Shape (a,). [rad or m]
         second: Positions of the second one. Shape (b,). [rad or m]

@@ -1,6 +1,6 @@
-"""How the attained pose answers to the commanded joint positions: the loaded Jacobian, exact to first order.
+"""The loaded Jacobian: exact derivative of the attained pose by the commanded joint positions.
 
-A joint that moves changes the levers of the load, so the springs answer too. With the load on the elastic coordinates
+Joint motion changes the levers of the load and so the deflections. With the load on the elastic coordinates
 tau(q, theta) and theta = C tau, the elastic coordinates follow by the implicit function theorem:
 
     dtheta/dq = (1 - C dtau/dtheta)^-1 C dtau/dq,        J_loaded = J_q + J_theta dtheta/dq.
@@ -24,13 +24,13 @@ SETTLED = 1e-12
 
 
 class AttainedPose(NamedTuple):
-    """Where the loaded tool stands, and how it moves with the commanded joints; n poses.
+    """Loaded pose of the tool and its derivative by the commanded joints; n poses.
 
     Attributes:
         position: Attained TCP, base frame. Shape (n, 3). [m]
         rotation: Attained orientation of the TCP, base frame. Shape (n, 3, 3).
         jacobian: Twist of the attained TCP per commanded joint motion, linear rows first, base axes. Shape (n, 6, nq).
-        theta: Elastic coordinates there, None where nothing was solved. Shape (n, s). [rad or m]
+        theta: Elastic coordinates, or None. Shape (n, s). [rad or m]
 
     """
 
@@ -55,9 +55,9 @@ def attain_pose(
         chain: The chain.
         q: Commanded joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes; none if left out. Shape (n, 6). [N, N m]
-        slope: Whether the derivative is wanted; it is zero otherwise, and cheaper.
+        slope: Whether to compute the derivative; else it is zero.
         torque_bias: Further load on each elastic coordinate, such as that of inertia. Shape (n, s). [N m or N]
-        theta: Elastic coordinates to begin at, zero if left out. Shape (n, s). [rad or m]
+        theta: Initial elastic coordinates, zero if left out. Shape (n, s). [rad or m]
 
     Raises:
         ConvergenceError: If a load is near or beyond buckling.
@@ -102,7 +102,7 @@ def loaded_jacobian(chain: Chain, frames: Frames, wrench: Array) -> Array:
 
 
 def chunk_rows(n: int, chain: Chain) -> Iterator[slice]:
-    """Divide n poses so that the arrays of one part stay in the processor's cache."""
+    """Divide n poses into parts that fit the cache."""
     size = max(64, int(CHUNK * 12 / (len(chain.names) + 1)))
     for start in range(0, n, size):
         yield slice(start, min(start + size, n))

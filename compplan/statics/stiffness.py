@@ -1,12 +1,12 @@
-"""Cartesian stiffness of a loaded arm: with the complementary matrix K_C, and without it.
+"""Cartesian stiffness of a loaded arm, with and without the complementary matrix K_C.
 
-A wrench does not only bend the springs, it also turns the levers on which it acts. The conservative congruence
-transformation [Chen2000] carries this as the complementary stiffness K_C = d(J^T w)/dtheta:
+A wrench also changes the levers on which it acts. The conservative congruence transformation [Chen2000] includes this
+as the complementary stiffness K_C = d(J^T w)/dtheta:
 
     K_X = J^-T (K_theta - K_C) J^-1,   or, for any number of springs,   K_X^-1 = J (1 - C K_C)^-1 C J^T.
 
-Without K_C stands the plain formula K_X^-1 = J C J^T [Salisbury1980], which holds for the unloaded arm. The indices
-nu_p and nu_r [Dumas2011] say how far the two differ.
+Without K_C the formula K_X^-1 = J C J^T [Salisbury1980] holds for the unloaded arm. The indices nu_p and nu_r
+[Dumas2011] measure the difference.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from compplan.statics.elastic import load_hessian
 
 
 class ComplementaryInfluence(NamedTuple):
-    """How far the displacement under a wrench changes when K_C is left out [Dumas2011, eqs. 10 and 11].
+    """Change of the displacement under a wrench without K_C [Dumas2011, eqs. 10 and 11].
 
     Attributes:
         nu_p: |dp_with - dp_without| / max(|dp_with|, |dp_without|), translations. Shape (n,).
@@ -36,7 +36,7 @@ class ComplementaryInfluence(NamedTuple):
 def complementary_stiffness(chain: Chain, q: Array, wrench: Array) -> Array:
     """Compute the complementary stiffness in the elastic coordinates, K_C = d(J^T w)/dtheta.
 
-    The part of the weights is left out, as in [Chen2000]; `compplan.statics.elastic.load_hessian` carries both.
+    Weights are left out, as in [Chen2000]; `compplan.statics.elastic.load_hessian` includes them.
 
     Args:
         chain: The chain.
@@ -54,13 +54,13 @@ def complementary_stiffness(chain: Chain, q: Array, wrench: Array) -> Array:
 def displace_linearly(chain: Chain, q: Array, wrench: Array, *, complementary: bool = True) -> Array:
     """Displace the TCP under a wrench by the stiffness of the unloaded posture.
 
-    dx = K_X^-1 w, everything evaluated before the arm yields; `compplan.statics.elastic.solve_equilibrium` is exact.
+    dx = K_X^-1 w at the unloaded posture; `compplan.statics.elastic.solve_equilibrium` is exact.
 
     Args:
         chain: The chain.
         q: Joint positions. Shape (n, nq). [rad or m]
         wrench: Wrench of the environment on the tool at the TCP, base axes. Shape (n, 6) or (6,). [N, N m]
-        complementary: Whether K_C takes part.
+        complementary: Whether to include K_C.
 
     Returns:
         Displacement of the TCP, base axes. Shape (n, 6). [m, rad]
@@ -76,7 +76,7 @@ def displace_linearly(chain: Chain, q: Array, wrench: Array, *, complementary: b
 
 
 def complementary_influence(chain: Chain, q: Array, wrench: Array) -> ComplementaryInfluence:
-    """Compute the indices nu_p and nu_r, which say where K_C matters.
+    """Compute the indices nu_p and nu_r.
 
     Args:
         chain: The chain.

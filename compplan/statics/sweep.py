@@ -1,9 +1,8 @@
 """The inner loops of the elastic chain, components first: one numpy operation works on one component of many poses.
 
-A walk passes once from the base to the TCP. Rotations are kept as three columns of shape (3, n), so that a turn about
-the z axis of an element mixes two columns and leaves the third, and constant placements cost only their entries that
-are neither 0 nor 1. `compplan.statics.chain` and `compplan.statics.elastic` give these loops their public form, poses
-first.
+A walk passes once from the base to the TCP. Rotations are three columns of shape (3, n): a rotation about z of an
+element mixes two of them, and constant placements cost only entries other than 0 and 1. `compplan.statics.chain` and
+`compplan.statics.elastic` are the public interface, poses first.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ class Step:
         theta_index: Elastic coordinate, or -1.
         multiplier: Factor on the joint position.
         q_offset: Constant added to it. [rad or m]
-        bodies: Bodies that hang after the motion: index and centre in the element's frame.
+        bodies: Bodies that the element carries: index and centre in its frame.
     """
 
     columns: tuple[Terms, Terms, Terms]
@@ -55,18 +54,18 @@ class Step:
 
 @dataclass(frozen=True)
 class CompiledChain:
-    """A chain prepared for walking: its elements, what hangs on the base, the TCP and the compliance row by row.
+    """A compiled chain: elements, bodies of the base, TCP and rows of the compliance.
 
     Attributes:
         steps: The elements from the base.
-        base_bodies: Bodies that hang on the base.
+        base_bodies: Bodies of the base.
         tcp_columns: Columns of the TCP's orientation in the frame of the last element.
         tcp_shift: TCP in the frame of the last element. [m]
-        weights: Weight of each body, none where gravity is not carried. [N]
+        weights: Weight of each body, none without gravity load. [N]
         n_bodies: Number of bodies.
         compliance: Rows of the compliance.
-        ground: Step after which the frame in whose axes gravity counts stands still, -1 for the base.
-        ground_columns: Columns of that frame's orientation in the frame of the step after its motion.
+        ground: Step that carries the fixed frame of gravity, -1 for the base.
+        ground_columns: Columns of the orientation of that frame in the frame of the step.
         gravity: Gravity in its axes. Three numbers. [m/s^2]
         masses: Mass of each body. [kg]
     """
@@ -85,7 +84,7 @@ class CompiledChain:
 
 
 class Walk(NamedTuple):
-    """Where n poses stand, components first; a length of 1 in place of n means the same for all.
+    """Frames of n poses, components first; a length of 1 in place of n means equal for all.
 
     Attributes:
         axis: Axis of each element. m arrays of shape (3, n).
@@ -93,8 +92,7 @@ class Walk(NamedTuple):
         columns: Columns of the TCP's orientation. Three arrays of shape (3, n).
         position: TCP. Shape (3, n). [m]
         centre: Centres of the bodies. b arrays of shape (3, n). [m]
-        ground: Columns of the orientation of the frame in whose axes gravity counts, three arrays of shape (3, n);
-            none where that is the base.
+        ground: Columns of the orientation of the frame of gravity, three arrays of shape (3, n); none for the base.
     """
 
     axis: list[Array]
@@ -106,14 +104,14 @@ class Walk(NamedTuple):
 
 
 def joint_turns(compiled: CompiledChain, q: Array) -> list[tuple[Array, Array] | Array | None]:
-    """Evaluate what the commanded positions do to each element, once for all iterations.
+    """Evaluate the commanded motion of each element, once for all iterations.
 
     Args:
         compiled: The chain.
         q: Joint positions. Shape (nq, n). [rad or m]
 
     Returns:
-        For each element its sine and cosine, its travel [m], or None where it is elastic.
+        For each element sine and cosine, travel [m], or None for an elastic one.
     """
     turns: list[tuple[Array, Array] | Array | None] = []
     for step in compiled.steps:
@@ -138,7 +136,7 @@ def walk_chain(
         compiled: The chain.
         turns: Motion of the commanded elements, from `joint_turns`.
         theta: Elastic coordinates, s arrays of shape (n,), zero if left out. [rad or m]
-        bodies: Whether the centres of the bodies are asked for.
+        bodies: Whether to compute the centres of the bodies.
     """
     columns = [np.eye(3)[:, i : i + 1] for i in range(3)]
     position = np.zeros((3, 1))
@@ -175,14 +173,14 @@ def walk_chain(
 def element_loads(
     compiled: CompiledChain, walk: Walk, force: Components, moment: Components, elements: Sequence[int]
 ) -> list[Array]:
-    """Compute the load that wrench and weights put on elements: tau = a . (M - o x F), or a . F where it translates.
+    """Compute the load of wrench and weights on elements: tau = a . (M - o x F), or a . F where it translates.
 
     Args:
         compiled: The chain.
-        walk: Where it stands.
+        walk: Its frames.
         force: Components of the force on the tool. Three arrays of shape (n,) or (1,). [N]
         moment: Components of the moment on the tool at the TCP. Three arrays of shape (n,) or (1,). [N m]
-        elements: Elements that are asked for, in rising order.
+        elements: The elements, in rising order.
 
     Returns:
         One array of shape (n,) each. [N m or N]
@@ -247,7 +245,7 @@ def turn_vector(matrix: Array, vector: Array) -> Array:
 
 
 def entry(values: Array) -> Array | float:
-    """Give the number where there is one for all poses (whole where it is whole to rounding), else one a pose."""
+    """Return one number for all poses (rounded if nearly whole), else one per pose."""
     flat = np.asarray(values, float).reshape(-1)
     if flat.size > 1:
         return flat
@@ -256,7 +254,7 @@ def entry(values: Array) -> Array | float:
 
 
 def vector_terms(vector: Array) -> Terms:
-    """Keep the components of a vector that are not zero. Shape (..., k)."""
+    """Return the nonzero components of a vector. Shape (..., k)."""
     if vector.size == vector.shape[-1]:
         return _keep_numbers(np.asarray(vector, float).reshape(-1).tolist())
     entries = ((i, entry(vector[..., i])) for i in range(vector.shape[-1]))
@@ -264,7 +262,7 @@ def vector_terms(vector: Array) -> Terms:
 
 
 def column_terms(matrix: Array) -> tuple[Terms, Terms, Terms]:
-    """Keep the entries of each column of a rotation that are not zero. Shape (..., 3, 3)."""
+    """Return the nonzero entries of each column of a rotation. Shape (..., 3, 3)."""
     if matrix.size == 9:
         first, second, third = zip(*np.reshape(matrix, (3, 3)).tolist(), strict=True)
         return _keep_numbers(first), _keep_numbers(second), _keep_numbers(third)
@@ -296,7 +294,7 @@ def _hang(bodies: list[tuple[int, Terms]], columns: Sequence[Array], position: A
 
 
 def _sine_cosine(angle: Array) -> tuple[Array, Array]:
-    """Compute sine and cosine; by their series (exact to rounding) while the angles are those of an elastic arm."""
+    """Compute sine and cosine, by series (exact to rounding) for small angles."""
     if np.abs(angle).max(initial=0.0) > _SMALL_ANGLE:
         return np.sin(angle), np.cos(angle)
     square = angle * angle

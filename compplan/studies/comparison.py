@@ -31,7 +31,7 @@ def compare_job(job: Job, *, announce: Callable[[str], None] = lambda text: None
     robot, nominal, options = prepare_job(job)
     task = build_task(robot, nominal, options, file=job.file)
     comparison = compare_task(task, name=job.name or job.file.stem, announce=announce)
-    announce("robots drawn from what is known")
+    announce("robots drawn from the uncertainty")
     return replace(comparison, job=job, drawn=draw_strategies(task, job.noise, read_force_spread(job)))
 
 

@@ -128,7 +128,7 @@ def prepare_study(
     """
     noise = settle_force(noise or NoiseTable(), force)
     if not task.compensated.any():
-        raise InputError("nothing of the path is cut, there is nothing to compare")
+        raise InputError("the path has no cutting moves, nothing to compare")
     chosen = tuple(strategies) if strategies else list_strategies(task.robot)
     thin = thin_task(task, most_waypoints)
     if announce:

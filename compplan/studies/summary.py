@@ -16,7 +16,7 @@ from compplan.studies.study import Study
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 
 #: What a study leaves out.
-UNCOUPLED = "the stiffness of the process (the force does not change with where the tool stands), "
+UNCOUPLED = "the stiffness of the process (the force does not depend on the deflection), "
 LEFT_OUT = "the steps of quantised encoders (their errors are drawn as normal noise)"
 
 

@@ -103,8 +103,8 @@ def _reach_corners(toolpath: Toolpath, corners: NDArray[np.int_], along: Array, 
 def _describe(count: int, most: float) -> str:
     corners = "1 corner of the cut is" if count == 1 else f"{count} corners of the cut are"
     return (
-        f"{corners} rounded, by {1e3 * most:.3g} mm at most, so that the tool does not rest there: "
-        "feed.corner_tolerance_mm says by how much, 0 lets it rest."
+        f"{corners} rounded, by {1e3 * most:.3g} mm at most, so that the tool does not stop there; "
+        "feed.corner_tolerance_mm = 0 keeps them sharp."
     )
 
 

@@ -102,6 +102,6 @@ def select_operation(toolpath: Toolpath, number: int) -> Toolpath:
     found = split_operations(toolpath)
     if number > len(found):
         tools = ", ".join(operation.tool for operation in found)
-        message = f"operation {number} is asked for, the file has {len(found)} (tools {tools})"
+        message = f"operation {number} is selected, the file has {len(found)} (tools {tools})"
         raise InputError(message, file=toolpath.source or None)
     return found[number - 1].toolpath

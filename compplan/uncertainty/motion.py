@@ -109,7 +109,7 @@ def swing_arm(
 
 def know_masses(robot: Robot, known: Uncertainty) -> tuple[float, str]:
     """Return the relative width of masses and compliances together, and what the masses rest on."""
-    said = str(robot.sources.get("masses", "the folder does not say"))
+    said = str(robot.sources.get("masses", "not stated in the folder"))
     assumed = "assumed" in said or "does not say" in said
     masses = GUESSED if assumed else STATED
     own = {robot.joint_names[spring.joint]: spring.compliance for spring in own_springs(robot).values()}

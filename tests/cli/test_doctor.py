@@ -111,6 +111,6 @@ def test_a_file_that_is_no_log_ends_in_one_line(tmp_path, text, monkeypatch, cap
 def test_columns_of_an_export_that_state_no_unit_are_named_as_a_log_has_them(tmp_path: Path) -> None:
     file = tmp_path / "export.csv"
     file.write_text("Point Name,X (mm),Measured Y [mm],z,J1 [deg],Joint 2\np1,1200.1,0.2,900.3,0,-60\n")
-    named = r"rename columns: 'z' z_mm, 'Joint 2' q2_deg \(say the unit"
+    named = r"rename columns: 'z' z_mm, 'Joint 2' q2_deg \(add the unit"
     with pytest.raises(InputError, match=named):
         examine_log(file)

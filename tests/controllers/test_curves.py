@@ -101,7 +101,7 @@ def test_cubics_of_a_sinumerik_program_are_the_path_and_fewer_than_arcs(tmp_path
     bent = next(k for k, move in enumerate(moves) if move.kind == "curve")
     other = moves[bent]._replace(bend=1.02 * np.asarray(moves[bent].bend))
     said = follow_moves(rows, curved.rows, [*moves[:bent], other, *moves[bent + 1 :]], [np.eye(4)] * len(moves))
-    assert "beside the move" in said[0]
+    assert "off the move" in said[0]
 
 
 def test_the_reader_knows_starts_from_rest_by_itself() -> None:

@@ -268,6 +268,6 @@ def test_the_page_says_which_written_moves_are_not_followed() -> None:
     plain = OutputTable(programs=("sinumerik", "krl"))
     assert describe_unfollowed(plain, carries=False) == []
     (said,) = describe_unfollowed(OutputTable(programs=("sinumerik",), splines=True), carries=False)
-    assert "cubics (POLY) are not followed" in said
+    assert "cubics (POLY) are replaced" in said
     (said,) = describe_unfollowed(OutputTable(programs=("krl",)), carries=True)
     assert "where joints carry the part" in said

@@ -82,7 +82,7 @@ def test_each_form_of_a_rotation_is_multiplied_out_the_same_by_the_job_and_by_th
 def test_two_forms_of_one_rotation_and_a_quaternion_of_another_length_are_refused() -> None:
     base = {"schema": 1, "robot": "ur10", "toolpath": "a.nc"}
     for table, said in (
-        ({"abc_deg": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]}, "says its rotation in 2 forms"),
+        ({"abc_deg": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]}, "states its rotation in 2 forms"),
         ({"quaternion": [1.0, 1.0, 0.0, 0.0]}, "quaternion of length 1.414"),
     ):
         for key in ("tool", "part"):
@@ -113,7 +113,7 @@ def test_a_robot_that_says_nothing_of_its_pendant_is_refused_and_one_with_tool0_
     text = (folder / "robot.urdf").read_text().replace("tool0", "tip")
     (folder / "robot.urdf").write_text(text)
     (folder / "elasticity.toml").write_text((folder / "elasticity.toml").read_text().replace("tool0", "tip"))
-    with pytest.raises(InputError, match=r"tool.frame: is 'pendant', and nothing says .* write \[pendant\]"):
+    with pytest.raises(InputError, match=r"tool.frame: is 'pendant', but .* is unknown; write \[pendant\]"):
         ToolTable(frame="pendant").mount(load_robot(folder))
 
 
@@ -182,7 +182,7 @@ def test_three_two_one_puts_the_origin_where_the_faces_meet() -> None:
     ({"datum_mm": {"plane": [[0.0, 0, 0], [9, 0, 0], [18, 0, 0]], "line": [[0.0, 0, 0], [9, 0, 0]],
                    "point": [0.0, 0, 0]}}, "expected a triangle"),
     ({"position_mm": [1.0, 0, 0], "points_mm": {"nominal": [[0.0, 0, 0], [90, 0, 0], [0, 90, 0]],
-                                                "measured": [[0.0, 0, 0], [90, 0, 0], [0, 90, 0]]}}, "one way only"),
+                                                "measured": [[0.0, 0, 0], [90, 0, 0], [0, 90, 0]]}}, "expected one of"),
 ])  # fmt: skip
 def test_points_that_make_no_frame_are_refused(table: dict[str, Any], said: str) -> None:
     table = tomllib.loads(_toml(table))
@@ -209,7 +209,7 @@ def test_angles_of_another_maker_an_unconfirmed_pendant_and_a_spindle_below_the_
     assert len(notes) == 2 and "zyz_deg" in notes[0] and "not confirmed" in notes[1]
     assert not ask_about_form(job, load_robot("kuka_kr16_2"))
     up, down = np.tile(Z, (3, 1)), np.tile(-Z, (3, 1))
-    assert not look_at_spindle(up, job) and "looks away from the part" in look_at_spindle(down, job)[0]
+    assert not look_at_spindle(up, job) and "on the side of -z" in look_at_spindle(down, job)[0]
     turned = check_job({**base, "part": {"rotation_deg": [180.0, 0.0, 0.0]}})
     assert not look_at_spindle(down, turned) and look_at_spindle(up, turned)
 

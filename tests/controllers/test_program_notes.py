@@ -85,7 +85,7 @@ def make_creeping_program(folder: Path) -> Program:
 def test_joint_moves_in_whole_percents_that_miss_their_feed_are_counted(tmp_path: Path) -> None:
     program = make_creeping_program(tmp_path / "cell")
     notes = describe_program(program, "krl")
-    assert notes[0].startswith("krl: KRL joint moves know whole percents of the axis rates: 2 of 4 do not hold")
+    assert notes[0].startswith("krl: KRL joint moves have whole percents of the axis rates: 2 of 4 do not hold")
     assert notes[1] == "krl: the linear program (_L) holds it"
     write_program(program, "krl", tmp_path / "out")
     assert "2 of 4 do not hold their feed" in (tmp_path / "out" / "two_J.src").read_text()

@@ -191,4 +191,4 @@ def test_rows_out_of_order_and_repeated_are_told(tmp_path) -> None:
     lines[10], lines[11] = lines[11], lines[10]
     file.write_text("\n".join([*lines, lines[-1]]) + "\n")
     log = read_log(file, load_robot("ur10"))
-    assert any("before an earlier one" in note for note in log.notes) and any("repeat" in note for note in log.notes)
+    assert any("rows are out of order" in note for note in log.notes) and any("repeat" in note for note in log.notes)

@@ -73,7 +73,7 @@ def test_results_of_any_command_are_replaced_and_so_is_what_is_the_same(tmp_path
 
 def test_a_manifest_of_another_program_is_not_replaced(tmp_path) -> None:
     (tmp_path / "manifest.json").write_text('{"name": "my page", "icons": []}')
-    with pytest.raises(InputError, match=r"manifest\.json: is not of compplan's writing"):
+    with pytest.raises(InputError, match=r"manifest\.json: was not written by compplan"):
         write(tmp_path, {"plan.json": "1"})
     with pytest.raises(InputError, match=r"manifest\.json"):
         check_results(tmp_path, [])
@@ -88,7 +88,7 @@ def test_a_plan_is_refused_before_it_is_computed(what, tmp_path, monkeypatch, ca
     before = list_all(work)
     answer = run_command(["plan", work / "job.toml", "--out", work / "out"], monkeypatch, capsys)
     assert answer.status == 2
-    assert answer.err.startswith(f"error: {work / 'out' / 'joints.csv'}: is ")
+    assert answer.err.startswith(f"error: {work / 'out' / 'joints.csv'}: ")
     assert list_all(work) == before
 
 
@@ -99,5 +99,5 @@ def test_a_program_of_the_users_own_is_not_replaced(tmp_path, monkeypatch, capsy
     before = list_all(work)
     answer = run_command(["plan", work / "job.toml", "--out", work / "out"], monkeypatch, capsys)
     assert answer.status == 2
-    assert "job_L.src: is not of compplan's writing" in answer.err
+    assert "job_L.src: was not written by compplan" in answer.err
     assert list_all(work) == before

@@ -1,4 +1,4 @@
-"""Long tables of nothing but numbers are read at once, and say the same as others."""
+"""Long tables of nothing but numbers are read at once, and hold the same quantity as others."""
 
 from __future__ import annotations
 

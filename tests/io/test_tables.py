@@ -68,11 +68,11 @@ def test_a_quantity_in_each_unit_is_read_and_written_as_what_it_is_in_si(tmp_pat
         ("x_mm,y_mm\n1,2\n,2\n", r"table.csv:3: column 'x_mm' is empty \(or NaN\) here"),
         ("x_mm,y_mm\n1,inf\n", r"table.csv:2: column 'y_mm' is infinite"),
         ("x_mm,y_mm,x_mm\n1,2,3\n", r"table.csv:1: column 'x_mm' occurs twice"),
-        ("x_mm,y_mm,x_m\n1,2,3\n", r"columns 'x_mm' and 'x_m' say the same"),
+        ("x_mm,y_mm,x_m\n1,2,3\n", r"columns 'x_mm' and 'x_m' hold the same quantity"),
         ("x,y_mm\n1,2\n", r"column 'x' has no unit; name it x_mm or x_m"),
         ("x_deg,y_mm\n1,2\n", r"column 'x_deg' has the unit deg; name it x_mm"),
         ("x_mm,y_mm,w\n1,2,3\n", r"no column named 'w', choose from"),
-        ("x_mm,y_mm,fx_N\n1,2,3\n", r"missing column fy_N or fy_kN; fx_N, fy_N stand together"),
+        ("x_mm,y_mm,fx_N\n1,2,3\n", r"missing column fy_N or fy_kN; fx_N, fy_N: give all or none"),
         ("x_mm;y_mm\n1;2\n", r"separated by ';'"),
     ],
 )

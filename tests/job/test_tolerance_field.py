@@ -99,7 +99,7 @@ def test_a_band_is_held_against_each_direction_by_itself() -> None:
 @pytest.mark.parametrize(
     ("part", "said"),
     [({"waypoints": [0, 1], "normal_mm": 1.0}, "holds no cutting move"), ({"waypoints": [2, 5]}, "states no tolerance"),
-     ({"normal_mm": 1.0}, "says its place by nothing"), ({"s_mm": [5.0, 3.0], "normal_mm": 1.0}, "end at 3")],
+     ({"normal_mm": 1.0}, "has no place"), ({"s_mm": [5.0, 3.0], "normal_mm": 1.0}, "end at 3")],
 )  # fmt: skip
 def test_a_part_that_says_too_little_is_refused(part: dict[str, Any], said: str) -> None:
     with pytest.raises((InputError, ValueError), match=said):

@@ -138,11 +138,11 @@ def test_a_part_that_stood_elsewhere_is_asked_about_and_a_true_one_is_not(equipm
         write_points(folder / f"{name}.csv", "x_mm,y_mm,z_mm,s_mm", np.column_stack([p, s]))
         for name, p in (("moved", moved), ("true", points))
     ]
-    asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*did the part stand so\?.*part_frame_mm"
+    asked = r"moved\.csv:1: .* shift of the whole part by \[0\.09.*was the part there\?.*part_frame_mm"
     with pytest.raises(InputError, match=asked):
         learn_from_part(job, robot, files[0])
     lesson = learn_from_part(job, robot, files[0], align="datum")
-    assert any("of the whole part" in note and "learned as the robot's" in note for note in lesson.notes)
+    assert any("of the whole part" in note and "learned as an error of the robot" in note for note in lesson.notes)
     assert not any("of the whole part" in note for note in learn_from_part(job, robot, files[1]).notes)
 
 

@@ -273,8 +273,8 @@ def test_places_that_few_rows_stand_at_are_dropped_or_refused_in_one_line(robot:
     assert campaign.usable.tolist() == [True] * 9 + [False] * 3 + [True] * 4 + [False]
     assert campaign.sights.contact[campaign.usable].tolist() == [0] * 9 + [1] * 4
     assert [note for note in campaign.notes if "one direction a row" in note]
-    assert [note for note in campaign.notes if "contact 'c1' stands in 3 rows, expected at least 4" in note]
-    with pytest.raises(InputError, match="contact 'c0' stands in 2 rows, expected at least 4"):
+    assert [note for note in campaign.notes if "contact 'c1' is in 3 rows, expected at least 4" in note]
+    with pytest.raises(InputError, match="contact 'c0' is in 2 rows, expected at least 4"):
         read_campaign(*thin_bar_log(robot, tmp_path, (2, 3, 1))[:1], robot)
     gauges, _ = gauge_log(robot, tmp_path)
     head, *rows = gauges.read_text().splitlines()
@@ -305,7 +305,7 @@ GOOD = "1,2,3,4,5,6"
         (HEAD, f"static,a,{GOOD},0,0,2,5,", "unit vector"),
         (HEAD, f"static,a,{GOOD},,,,,-7", "not above zero"),
         (f"run,contact,{JOINTS},reading_mm", f"static,a,{GOOD},5", "dir_i dir_j dir_k"),
-        (f"run,contact,{JOINTS}", f"static,a,{GOOD}\nstatic,b,6,5,4,3,2,1", "in one row only"),
+        (f"run,contact,{JOINTS}", f"static,a,{GOOD}\nstatic,b,6,5,4,3,2,1", "one row only"),
         (f"run,{JOINTS}", f"static,{GOOD}", "expected a position, or contact"),
     ],
 )

@@ -169,7 +169,7 @@ def test_a_log_of_poses_is_no_measurement_of_a_part_and_is_sent_to_diagnose(
 
 def test_a_gauge_whose_zero_nobody_knows_is_no_deviation(tmp_path: Path) -> None:
     head, row = "contact,x_mm,y_mm,z_mm,dir_i,dir_j,dir_k,reading_mm", "g,1,2,3,0,0,1,0.1"
-    with pytest.raises(InputError, match="a zero that nobody knows"):
+    with pytest.raises(InputError, match="an unknown zero"):
         read_measured_points(write_log(tmp_path / "gauge.csv", head, [row] * 9))
 
 

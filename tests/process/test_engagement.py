@@ -160,7 +160,7 @@ def test_a_mesh_of_millimetres_that_is_read_in_metres_is_refused(tmp_path: Path)
 def test_hollows_of_a_mesh_are_told() -> None:
     mesh = trimesh.creation.annulus(r_min=0.02, r_max=0.03, height=0.05)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    assert "hollows and undercuts are taken for solid" in build_height_map(mesh, np.eye(3), 1e-3)[1]
+    assert "hollows and undercuts count as solid" in build_height_map(mesh, np.eye(3), 1e-3)[1]
 
 
 def test_an_open_mesh_is_refused(tmp_path) -> None:

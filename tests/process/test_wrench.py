@@ -112,7 +112,8 @@ def test_milling_forces_agree_with_a_sum_over_teeth_positions() -> None:
 def test_wrench_columns_are_used_as_they_are_or_missed(tmp_path: Path) -> None:
     nominal = replace(circle(), wrench=np.ones((400, 6)))
     assert predict_wrench(ColumnsProcess(), nominal) == pytest.approx(1)
-    for source, said in (("p.csv", "p.csv:1: missing column fx_N"), ("p.nc", "p.nc: no force is told along this path")):
+    faults = (("p.csv", "p.csv:1: missing column fx_N"), ("p.nc", "p.nc: no force is given along this path"))
+    for source, said in faults:
         step = rf"{said}, .*fx_N fy_N fz_N.*\[process\].*init NEW.toml --toolpath {source}"
         with pytest.raises(InputError, match=step):
             predict_wrench(ColumnsProcess(), replace(circle(), source=source))

@@ -64,6 +64,16 @@ def test_the_encoder_table_comes_out_with_the_link_share_as_the_only_free_number
     assert both < 20.0
 
 
+def test_four_modes_separate_joint_and_link_compliances(result: Reproduction) -> None:
+    rows = [row for row in result.rows if row.quantity.startswith("Eqs. 4 to 6")]
+    assert [row.verdict for row in rows] == ["matches", "matches"]
+
+
+def test_the_deviation_with_secondary_encoders_is_the_printed_share(result: Reproduction) -> None:
+    row = result.row("Link share: standard deviation left with link-side feedback")
+    assert row.paper == 44.8 and row.verdict == "matches"
+
+
 def test_joint_one_is_unseen_under_vertical_loads(result: Reproduction) -> None:
     row = result.row("Joint 1 under vertical loads")
     assert row.verdict == "matches" and "joint_1 cannot be determined" in str(row.ours)

@@ -12,10 +12,11 @@ from compplan.cli.commands.reproduce import command
 from compplan.errors import UnknownNameError
 from compplan.reproduce import PAPERS, reproduce_paper
 from compplan.reproduce.page import write_reproduction
-from compplan.reproduce.paper import Reproduction, compare, compare_range, count_verdicts, unavailable
+from compplan.reproduce.paper import Reproduction, compare, count_verdicts, recompute, unavailable
 from compplan.robot import Robot, load_robot
 
-WORDS = ("matches", "close", "order of magnitude", "trend only", "fitted", "inconsistent in the paper")
+WORDS = ("matches", "close", "order of magnitude", "trend only", "fitted", "arithmetic", "not seen",
+         "inconsistent in the paper")  # fmt: skip
 KEYS = {"quantity", "paper", "ours", "unit", "tolerance", "verdict", "assumption"}
 
 
@@ -47,10 +48,8 @@ def test_verdicts_go_by_one_rule() -> None:
     assert compare("x", 1.0, 1.0, "", fitted=True).verdict == "fitted"
 
 
-def test_of_several_equally_good_numbers_the_furthest_counts() -> None:
-    row = compare_range("x", 100.0, [101.0, 240.0, 60.0], "mm", "a guess", missing="the posture")
-    assert row.ours == 240.0 and row.verdict == "order of magnitude"
-    assert "3 of them give 60 to 240" in row.assumption
+def test_a_number_computed_from_the_papers_own_is_arithmetic() -> None:
+    assert recompute("x", 70.0, 70.57, "%", "both the paper's").verdict == "arithmetic"
 
 
 def test_what_is_missing_is_named() -> None:

@@ -132,7 +132,7 @@ def test_draws_take_a_rival_as_often_as_its_weight_says_and_keep_the_covariance(
 
 def test_an_unknown_that_is_said_twice_is_refused_and_another_setting_of_it_is_not(tmp_path: Path) -> None:
     again = GOOD[GOOD.index("[[unknown]]") :].partition("\n[[unknown]]")[0]
-    with pytest.raises(InputError, match=r"unknown\[2\]: says the same as unknown\[0\]"):
+    with pytest.raises(InputError, match=r"unknown\[2\]: repeats unknown\[0\]"):
         read_uncertainty(write(tmp_path, f"{GOOD}{again}\n"))
     assert read_uncertainty(write(tmp_path, f"{GOOD}{again}\nfixed = {{ cycles_per_turn = [2.0] }}\n")) is not None
 

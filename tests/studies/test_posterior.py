@@ -1,4 +1,4 @@
-"""Monte Carlo with robots drawn from what is known of the robot."""
+"""Monte Carlo with robots drawn from the uncertainty of the robot."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def test_pasted_rows_narrow_no_interval(tmp_path, monkeypatch, capsys) -> None:
         line = next(line for line in answer.out.splitlines() if line.startswith("joint_1 "))
         low, high = line.rpartition("[")[2].rstrip("]").split(",")
         said.append(float(high) - float(low))
-    assert "pasted again" in answer.out
+    assert "repeat earlier rows" in answer.out
     assert said[1] == pytest.approx(said[0], rel=0.1)
 
 
@@ -87,7 +87,7 @@ def test_a_sigma_below_a_nanometre_is_refused(sigma, allowed, tmp_path) -> None:
         read_campaign(log, ROBOT)
 
 
-@pytest.mark.parametrize(("keep", "said"), [(1, "at least 3 rows"), (2, "at least 3 rows"), (0, "poses that differ")])
+@pytest.mark.parametrize(("keep", "said"), [(1, "at least 3 rows"), (2, "at least 3 rows"), (0, "different poses")])
 def test_frames_are_not_fitted_to_rows_that_leave_them_open(keep, said, tmp_path, monkeypatch, capsys) -> None:
     head, *rows = drop(read_rows(), "time_s")
     log = write_log(tmp_path, [head, *(rows[:keep] if keep else [rows[0]] * 5 + [["x", *rows[0][1:]]])])

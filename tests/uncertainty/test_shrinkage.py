@@ -152,7 +152,7 @@ def test_a_plan_under_a_load_that_the_campaign_had_not_says_so_and_its_band_is_w
         load = np.tile([0.0, 0.0, force, 0.0, 0.0, 0.0], (6, 1))
         path = cp.Toolpath(place, axis, np.full(6, 0.02), np.zeros(6, bool), load, "base")
         plan = cp.plan_compensation(robot, path)
-        assert any("errors in doubt" in note for note in plan.notes) == fades
+        assert any("uncertain errors" in note for note in plan.notes) == fades
         wider = np.max(plan.task.robot.uncertainty.width) > 5.0 * np.max(robot.uncertainty.width)
         assert wider == fades
 

@@ -37,7 +37,7 @@ from compplan.io.parsing import LEAST_SIGMA_MM
               help="TOML file of the instrument of --log, as `diagnose` takes it.")  # fmt: skip
 @click.option("--length-mm", type=click.FloatRange(1.0, 5000.0),
               help="Length of the ball bar (300 is assumed), or distance of the two sockets of a plate; left out:"
-              " sockets one by one, which do not tell the scale.")  # fmt: skip
+              " sockets one by one, which do not determine the scale.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidates.")
 @json_summary
 def command(

@@ -35,7 +35,7 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
     elif target is not None and Path(target).suffix.lower() == ".csv":
         raise InputError("no such measurement log", file=Path(target))
     elif target is not None and robot_name is not None:
-        raise InputError(f"--robot says on which robot a log was taken, and {target!r} is no log: name one robot")
+        raise InputError(f"--robot is the robot of a log, but {target!r} is no log: name one robot")
     elif target is not None or robot_name is not None:
         findings = examine_robot(load_robot(target if target is not None else str(robot_name)))
     else:
@@ -52,8 +52,8 @@ def _refuse_others(target: str | None) -> None:
     if suffix == ".toml":
         sentence = f"is no robot folder and no log; if it is a job: compplan plan {target} --out out"
     elif suffix in list_suffixes():
-        sentence = (f"is a CAM file; compplan convert {target} --out path.csv says what is read of it, "
-                    f"compplan init job.toml --robot ROBOT --toolpath {target} makes a job of it")  # fmt: skip
+        sentence = (f"is a CAM file; compplan convert {target} --out path.csv writes its toolpath, "
+                    f"compplan init job.toml --robot ROBOT --toolpath {target} writes a job for it")  # fmt: skip
     else:
         return
     raise InputError(sentence, file=target)

@@ -184,7 +184,7 @@ def _init_job(file: Path, robot_name: str | None, toolpath: str | None, *, short
             announce("place of the part")
             text, place = place_part(text, file)
             if toolpath is None:
-                announce("force that the arm bears")
+                announce("force that the arm can carry")
                 text = ease_force(text, file)
     write_text(file, shorten_job(text) if short else text)
     return [*filter(None, (place, assumed)), f"wrote {file}; next: compplan plan {file} --out out"]
@@ -204,7 +204,7 @@ def place_part(text: str, file: Path) -> tuple[str, str]:
         job = split_job(check_job(tomllib.loads(text), file))[0]
         found = find_first_place(job, job_robot(job))
     except CompplanError as error:
-        return text, f"the part stands where it does in every new job, its path was not tried ({error})"
+        return text, f"the part has the default place, its path was not tried ({error})"
     if found is None:
         return text, "no place was found from which this robot reaches the whole path; choose a larger one, or turn it"
     position = [round(1e3 * float(value), 1) + 0.0 for value in found.position]
@@ -228,7 +228,7 @@ def ease_force(text: str, file: Path) -> str:
     if share == 1.0 or not isinstance(job.process, IsfProcess):
         return text
     axial, lateral = (_round_down(share * force) for force in (job.process.axial_N, job.process.lateral_N))
-    return set_force(text, axial, lateral, "assumed: what this arm bears there; put yours")
+    return set_force(text, axial, lateral, "assumed: what this arm can carry there; put yours")
 
 
 def _round_down(value: float) -> float:

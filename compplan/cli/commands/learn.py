@@ -20,8 +20,8 @@ from compplan.io.parsing import LEAST_SIGMA_MM
 @click.option("--frame", type=click.Choice(["part", "base"]), default="part", show_default=True,
               help="Frame of the measured points.")  # fmt: skip
 @click.option("--align", type=click.Choice(["datum", "best_fit"]),
-              help="Whether the points stand where their frame says, or a shift and turn of all is fitted and taken"
-              " off: then a shift of the whole part teaches nothing. Left out: datum, but such a shift is asked about.",
+              help="Take the points as their frame states (datum), or remove a fitted shift and turn of all points"
+              " first (best_fit). Left out: datum, with a question where such a shift is large.",
               )  # fmt: skip
 @click.option("--sigma-mm", type=click.FloatRange(LEAST_SIGMA_MM, 20.0),
               help="Standard deviation of points whose file states none; assumed: 0.02, of a scan 0.05.")  # fmt: skip

@@ -48,7 +48,7 @@ def _describe_lesson(job: Job, name: str) -> str:
         found = (find_robot_folder(job.robot, job.folder) / name).is_file()
     except CompplanError:
         return ""
-    told = "parts taught something of this path that only the program of compplan learn takes off, this plan does not"
+    told = "parts of this path were measured; only the program of compplan learn uses what they left over"
     return f"{name} in the robot folder: {told}" if found else ""
 
 

@@ -77,7 +77,7 @@ def _look_at_libraries() -> Iterator[Remark]:
     if faults:
         yield Remark("odd", "libraries", "; ".join(faults), "pip install . in the checkout mends it")
     else:
-        yield Remark("fine", "libraries", "all that compplan asks for are there, in versions it knows")
+        yield Remark("fine", "libraries", "all required packages are installed in supported versions")
 
 
 def _try_engines() -> Iterator[Remark]:

@@ -50,7 +50,7 @@ def name_columns(file: Path) -> str:
     head = read_text(file).splitlines()[:1]
     titles = [] if not head else [title.strip().strip('"') for title in re.split("[,;\t]", head[0])]
     found = [f"{title!r} {name}" for title in titles if (name := guess_name(title)) is not None]
-    return f"; rename columns: {', '.join(found)} (say the unit that they are in)" if found else ""
+    return f"; rename columns: {', '.join(found)} (add the unit)" if found else ""
 
 
 def _describe(table: Table) -> Remark:
@@ -66,7 +66,7 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
     absent = {
         "run": "run: all rows count as one run without a break",
         "fx": "a load: stiffness is found from weight alone",
-        "rx": "an orientation: tool and wrist errors are harder to tell apart",
+        "rx": "an orientation: tool and wrist errors are harder to separate",
         "time": "a time: warm-up and lag cannot be found",
         "temperature": "a temperature: warm-up is taken as a function of time",
         "sigma_position": "sigma_mm: the instrument's noise is found from poses met again",
@@ -81,7 +81,7 @@ def _look_at_columns(table: Table) -> Iterator[Remark]:
     labels = len({label for label in table.text.get("contact", []) if label})
     if any(seen.values()):
         said = ", ".join(f"{count} {what}" for what, count in seen.items() if count)
-        said += f" at {labels} places that are not known" if labels else ""
+        said += f" at {labels} places (unknown)" if labels else ""
         yield Remark("fine", "instrument", said, "no positions: diagnose, identify and predict take --instrument")
     for name in ("x", "y", "z"):
         if name not in table:
@@ -100,7 +100,7 @@ def _look_at_rows(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
         yield Remark("odd", "rows", note)
     beyond = ((campaign.q < robot.lower - 1e-9) | (campaign.q > robot.upper + 1e-9)).any(axis=1)
     if beyond.any():
-        said = f"{int(beyond.sum())} rows stand beyond the joint limits of the folder"
+        said = f"{int(beyond.sum())} rows are beyond the joint limits of the folder"
         yield Remark("odd", "rows", said, "is it this robot, and are signs and zeros the folder's?")
     loaded = int((~campaign.unloaded).sum())
     if not loaded:
@@ -114,7 +114,7 @@ def _look_at_poses(campaign: Campaign, robot: Robot) -> Iterator[Remark]:
     poses = len(np.unique(campaign.pose[still]))
     again = _met_again(campaign)
     if still.any() and poses < FEW_POSES:
-        yield Remark("odd", "poses", f"{poses} different poses", f"{FEW_POSES} and more tell causes apart")
+        yield Remark("odd", "poses", f"{poses} different poses", f"{FEW_POSES} and more separate causes")
     elif still.any():
         yield Remark("fine", "poses", f"{poses} different poses")
     if still.any() and not again:

@@ -51,7 +51,7 @@ def _describe(robot: Robot) -> Remark:
     if rating is None:
         size = f"its links end to end measure {robot.longest_reach:.2f} m, it reaches less"
     else:
-        size = f"payload {rating.payload:g} kg, reach {rating.reach:.2f} m as its maker says (SOURCE.md)"
+        size = f"payload {rating.payload:g} kg, reach {rating.reach:.2f} m by the maker (SOURCE.md)"
     tool = f"tools leave along {name_axis(outward_axis(robot))} of {robot.flange!r}"
     return Remark("fine", "folder", f"{robot.name}: {kinds}; {size}; {tool}")
 
@@ -101,7 +101,7 @@ def _look_at_weights(robot: Robot) -> Iterator[Remark]:
     mass = sum(body.mass for body in robot.bodies)
     if mass == 0.0:
         why = f" ({source})" if (source := robot.sources.get("masses", "")).startswith("left out") else ""
-        yield Remark("note", "masses", f"no link has a mass{why}: weight and inertia bend nothing")
+        yield Remark("note", "masses", f"no link has a mass{why}: weight and inertia are left out")
         return
     if fault := check_mass(sum_arm_mass(robot.joints[robot.carrying :], robot.bodies), rating):
         yield Remark("odd", "masses", fault, "weight and inertia use them: correct robot.urdf")
@@ -151,9 +151,9 @@ def _look_at_geometry(robot: Robot) -> Iterator[Remark]:
 def _look_at_controller(robot: Robot) -> Iterator[Remark]:
     counting = load_controller(robot)
     if not counting.unchecked:
-        yield Remark("fine", "controller", "controller.toml says how the joints are counted")
+        yield Remark("fine", "controller", "controller.toml states the joint convention")
     else:
-        yield Remark("note", "controller", f"{counting.unchecked}: signs and zeros of native programs are not known",
+        yield Remark("note", "controller", f"{counting.unchecked}: signs and zeros of native programs are unknown",
                      "compare two postures with the controller's display")  # fmt: skip
     names = [effect.name for effect in robot_effects(robot)]
     if names:
@@ -194,7 +194,7 @@ def check_pendant(robot: Robot) -> Iterator[Remark]:
     found, flange = locate_pendant(robot), robot.flange
     if found is None:
         advice = "write [pendant] with x and z in controller.toml, or give tools in the URDF's flange frame"
-        yield Remark("note", "pendant", "nothing says how the teach pendant counts tools", advice)
+        yield Remark("note", "pendant", "the tool frame of the teach pendant is unknown", advice)
         return
     x, z = (name_axis(found.pose[:3, k]) for k in (0, 2))
     said = f"tool data of the teach pendant: x points along {x} and z along {z} of {flange!r} ({found.source})"

@@ -94,7 +94,7 @@ def read_log(file: Path, robot: Robot) -> Log:
     raw, time = raw[whole], time[whole]
     if (np.diff(time) < 0.0).any():
         order = np.argsort(time, kind="stable")
-        notes.append(f"{int((np.diff(time) < 0).sum())} rows stand before an earlier one; rows are taken by their time")
+        notes.append(f"{int((np.diff(time) < 0).sum())} rows are out of order; they are sorted by time")
         raw, time = raw[order], time[order]
     fresh = np.r_[True, np.diff(time) > 0.0][: len(time)]
     if not fresh.all():

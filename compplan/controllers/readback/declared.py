@@ -25,7 +25,7 @@ def compare_declared(path: Path, part: Pose, tool: Pose) -> list[str]:
     for name, said in read_declared(path).items():
         off = said - (tool if name == "tool" else part)
         if np.linalg.norm(off[:3, 3]) > PLACE or np.abs(off[:3, :3]).max() > TURN:
-            found.append(f"the {name} that it asks of the cell is not the planned one")
+            found.append(f"the {name} that it expects of the cell is not the planned one")
     return found
 
 

@@ -70,7 +70,7 @@ def find_rows(
             found[-1], row = at - 1, at
         if row is None:
             return (
-                f"move {number} ends beside the planned path behind waypoint {at} (the way there included): the wrist "
+                f"move {number} ends off the planned path behind waypoint {at} (the way there included): the wrist "
                 'may be near a singularity; write joint moves ([output] form = "joint") or move the part'
             )
         at = row
@@ -171,7 +171,7 @@ def check_corners(position: Array, corner: Array, beside: Array) -> list[str]:
             last += 1
         off = measure_beside(position[first : last + 1], position[row] + corner[row])
         if off > STRAYS * max(float(np.linalg.norm(corner[row])), float(beside[row])) + ROUNDING:
-            said.append(f"the planned tip is {1e3 * off:.3g} um beside the corner at row {row}")
+            said.append(f"the planned tip is {1e3 * off:.3g} um off the corner at row {row}")
     return said
 
 
@@ -192,13 +192,13 @@ def _follow(rows: PlannedRows, a: int, b: int, move: Move, base: Array) -> str:
         found = follow_line(x)
     off, share = found
     if off.max() > rows.tolerance[a + 1 : b + 1].min() + ROUNDING:
-        return f"the planned tip is {1e3 * off.max():.3g} um beside the move"
+        return f"the planned tip is {1e3 * off.max():.3g} um off the move"
     if (np.diff(share) < -1e-6).any() and np.ptp(share) * np.linalg.norm(x[-1] - x[0]) > ROUNDING:
         return "the path turns back"
     turned = Rotation.from_matrix(rows.rotation[a : b + 1])
     around = (turned[0].inv() * turned).as_rotvec(degrees=True)
     most = float(np.linalg.norm(around - share[:, None] * around[-1], axis=1).max())
-    return f"the tool is turned by {most:.3g} deg beside an even turn" if most > TURN else ""
+    return f"the tool is turned by {most:.3g} deg off an even turn" if most > TURN else ""
 
 
 def _time(rows: PlannedRows, a: int, b: int, move: Move, base: Array, step: Array, lasts: Array) -> str:

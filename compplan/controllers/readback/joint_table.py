@@ -63,7 +63,7 @@ def check_posture_choice(wanted: Commanded, cycle: float) -> Iterator[str]:
     near = np.minimum(np.abs(wanted.time[out] - held[after - 1]), np.abs(held[after] - wanted.time[out]))
     if near.max() >= cycle:
         row, far = int(out[near.argmax()]), 1e3 * float(near.max())
-        yield f"joints.csv leaves out row {row}, {far:.3g} ms beside what it holds, a cycle is {1e3 * cycle:g} ms"
+        yield f"joints.csv leaves out row {row}, {far:.3g} ms from the rows around it, a cycle is {1e3 * cycle:g} ms"
 
 
 def check_joint_table(file: Path, joints: JointTable, wanted: Commanded) -> Iterator[str]:

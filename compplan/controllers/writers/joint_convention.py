@@ -32,7 +32,7 @@ from compplan.robot.urdf import read_urdf
 #: Longest name of a joint, and greatest zero [deg or mm], that are taken for true.
 LONGEST_NAME, FARTHEST_ZERO = 32, 1e5
 #: Why signs and zeros are not known.
-NO_FILE = "the robot folder has no controller.toml, they are those of the URDF"
+NO_FILE = "the robot folder has no controller.toml, those of the URDF are used"
 NOT_CHECKED = "controller.toml says checked = false"
 
 

@@ -171,7 +171,7 @@ def describe(program: Program) -> list[str]:
         return []
     count = int(np.count_nonzero(wrong | slow))
     return [
-        f"KRL joint moves know whole percents of the axis rates: {count} of {len(program)} do not hold their feed",
+        f"KRL joint moves have whole percents of the axis rates: {count} of {len(program)} do not hold their feed",
         "the linear program (_L) holds it"
         if program.status is not None
         else "no linear program: controller.toml has no configuration words with status",

@@ -181,7 +181,7 @@ def ask_unit(rows: QuestionRows) -> Question | None:
         if abs(ratio / factor - 1.0) < CONVINCING:
             return Question(
                 "unit",
-                f"measured distances are {ratio:.3g} times those that the joints say; are the positions in {unit}, in"
+                f"measured distances are {ratio:.3g} times those of the joints; are the positions in {unit}, in"
                 " columns named mm?",
             )
     return None

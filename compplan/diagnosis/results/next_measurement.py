@@ -340,7 +340,7 @@ def _inseparable(pair: Pair) -> dict[str, Any]:
     return {
         "separates": _separates(pair.first, pair.second),
         "kind": "none",
-        "how": "no move within joint limits and given loads tells these apart; the simpler one predicts as well",
+        "how": "no move within joint limits and given loads separates these; the simpler one predicts as well",
         "poses": [],
         "wrenches": [],
         "probability_now": round(float(expit(abs(pair.log_odds))), 3),

@@ -72,7 +72,7 @@ class Diagnosis(Shown):
         robot: The nominal robot.
         updated: The updated robot: URDF, springs and effects. The nominal one where nothing was found.
         fit: The fit: campaign, exact effects, linearization, normal equations with all models that were looked at.
-        doubt: Its claims among errors that no effect makes; names and shares come from its posterior.
+        doubt: Its claims re-estimated with a term for unmodelled causes; names and shares come from this posterior.
         verdict: Status and named effects.
         gap: How far the gap shrinks.
         candidates: Effects one by one, ranked.
@@ -82,7 +82,7 @@ class Diagnosis(Shown):
         registration: Frames fitted with the updated robot, or None.
         outliers: Rows reported as outliers.
         deliveries: Robot folders that are written; the first is `updated`, and every figure is its own.
-        sizes: How surely the sizes of the named effects are known, given that these are present.
+        sizes: Covariance of the parameters of the named effects, given that these are present.
         noise: Where the noise floor comes from.
     """
 

@@ -1,12 +1,12 @@
 """Tool tables: CSV, TOML, and tool libraries of Fusion.
 
-| form | told by | length | cutter |
+| form | recognised by | length | cutter |
 |---|---|---|---|
 | CSV, TOML | a head line with `number`; `[[tool]]` | length_mm | diameter_mm, teeth, corner_radius_mm .. |
 | Fusion, JSON (.json, .tools) | `data`, `post-process` | assemblyGaugeLength, or gaugeLength + LB | DC NOF RE LCF SIG |
 
-A length counts from the gauge line of the spindle to the tip. Each form is one file here, which holds its `words`,
-`recognise(text)` and `read(text, path, unit)`; a new one is a file and a line.
+A length counts from the gauge line of the spindle to the tip. Each form is a module with `words`, `recognise(text)` and
+`read(text, path, unit)`.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from compplan.io.provenance import note_input
 from compplan.io.tables import read_text
 from compplan.job.tool_tables.listed import LibraryTool
 
-#: Longest tool that is taken for true. [mm]
+#: Greatest length of a tool. [mm]
 LONGEST_MM = 5_000.0
-#: Greatest size of an unpacked library that is read. [bytes]
+#: Greatest size of an unpacked library. [bytes]
 LARGEST = 50_000_000
 
 
 class ToolForm(Protocol):
-    """What the file of a form offers; `words` name it in messages."""
+    """Interface of a form; `words` is its name in messages."""
 
     words: str
 
     def recognise(self, text: str) -> bool:
-        """Tell whether a text is of this form."""
+        """Return whether a text has this form."""
 
     def read(self, text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
-        """Read the tools; lengths in `unit` where the file does not say it."""
+        """Read the tools; `unit` is for files without one."""
 
 
-#: Forms of tool tables, by the name of their file; the first that recognises a text reads it.
+#: Forms by name; the first that recognises a text reads it.
 FORMS: Registry[ToolForm] = Registry[ToolForm](("fusion", "toml_table", "csv_table"), __name__)
 
 
 def read_tool_library(path: str | Path, unit: str | None = None) -> tuple[LibraryTool, ...]:
-    """Read a tool table in any of the forms above; its text says which.
+    """Read a tool table in any of the forms above.
 
     Args:
         path: The file.
-        unit: "mm" or "inch" for a file that does not say it.
+        unit: "mm" or "inch" for a file without a unit.
 
     Raises:
-        InputError: With file and line, if it is none of them, lacks a unit, or states a tool that cannot be.
+        InputError: With file and line, if it has none of these forms, lacks a unit, or holds an invalid tool.
 
     """
     path = Path(path)
@@ -71,7 +71,7 @@ def read_tool_library(path: str | Path, unit: str | None = None) -> tuple[Librar
 
 
 def _read(path: Path) -> str:
-    """Return the text of a table; that of the one .json of a zipped library of Fusion."""
+    """Return the text of a table, or of the .json in a zipped Fusion library."""
     head = path.read_bytes()[:4] if path.is_file() else b""
     if head != b"PK\x03\x04":
         return read_text(path)
@@ -87,10 +87,10 @@ def _read(path: Path) -> str:
 
 
 def take_tool(tools: Sequence[LibraryTool], number: int, name: str, path: str | Path) -> LibraryTool | None:
-    """Return the tool that a file calls by its number, or by its name; None where the table has none.
+    """Return the tool with a number or name, or None.
 
     Raises:
-        InputError: If the table describes it twice, without a length, or as no tool can be.
+        InputError: If the table holds it twice, without a length, or with invalid sizes.
 
     """
     found = [tool for tool in tools if (tool.name.lower() == name.lower() if name else tool.number == number)]
@@ -104,10 +104,10 @@ def take_tool(tools: Sequence[LibraryTool], number: int, name: str, path: str | 
 
 
 def take_cutter(tools: Sequence[LibraryTool], name: str | None, path: str | Path) -> LibraryTool:
-    """Return the tool that a job names for its cutter: by name, by T number ("T3" or "3"), or the only one.
+    """Return the tool of a job's cutter: by name, by T number ("T3" or "3"), or the only one.
 
     Raises:
-        InputError: If there is none or several, or it is described as no tool can be.
+        InputError: If there is none or several, or its sizes are invalid.
 
     """
     found = list(tools)
@@ -121,10 +121,10 @@ def take_cutter(tools: Sequence[LibraryTool], name: str | None, path: str | Path
 
 
 def _take_one(found: Sequence[LibraryTool], call: str, path: str | Path) -> LibraryTool:
-    """Return the one tool that is described, with sizes that can be.
+    """Return the only tool, with valid sizes.
 
     Raises:
-        InputError: If it is described twice, or as no tool can be.
+        InputError: If there are several, or its sizes are invalid.
 
     """
     tool = found[0]

@@ -20,7 +20,7 @@ NUMBERS = ("length_mm", "diameter_mm", "teeth", "corner_radius_mm", "flute_mm", 
 
 
 def recognise(text: str) -> bool:
-    """Tell a table with a head line that has a column `number`."""
+    """Return whether a text is a table with a column `number`."""
     head = text.lstrip("\ufeff").partition("\n")[0].lower()
     return "number" in [word.strip() for word in re.split("[,;\t]", head)]
 
@@ -50,18 +50,18 @@ def _guard_rows(rows: csv.DictReader[str], path: Path) -> Iterator[dict[str, str
 
 
 def make_tool(entry: Mapping[str, str], path: Path, line: int) -> LibraryTool:
-    """Return the tool of a row of our own tables."""
+    """Return the tool of a row."""
     given = [key for key in NUMBERS if entry.get(key, "")]
-    said: dict[str, Any] = {key: check_number(entry[key], path, line or None, key) for key in given}
-    if "length_mm" not in said:
+    sizes: dict[str, Any] = {key: check_number(entry[key], path, line or None, key) for key in given}
+    if "length_mm" not in sizes:
         raise InputError("length_mm is empty, expected a length", file=path, where=line or None)
-    if "teeth" in said:
-        said["teeth"] = check_whole(said["teeth"], path, line or None, "teeth")
+    if "teeth" in sizes:
+        sizes["teeth"] = check_whole(sizes["teeth"], path, line or None, "teeth")
     number = check_whole(entry.get("number"), path, line or None, "number")
-    nose, width = said.pop("holder_from_mm", None), said.pop("holder_diameter_mm", None)
-    if (nose is None) != (width is None) or (nose is not None and not 0.0 < nose < said["length_mm"]):
+    nose, width = sizes.pop("holder_from_mm", None), sizes.pop("holder_diameter_mm", None)
+    if (nose is None) != (width is None) or (nose is not None and not 0.0 < nose < sizes["length_mm"]):
         message = "holder_from_mm (its nose above the tip, below length_mm) and holder_diameter_mm go together"
         raise InputError(message, file=path, where=line or None)
-    holder = () if nose is None else ((nose, width), (said["length_mm"], width))
+    holder = () if nose is None else ((nose, width), (sizes["length_mm"], width))
     kind = name_kind(entry.get("kind", ""))
-    return LibraryTool(number, entry.get("name", ""), kind=kind, holder_mm=holder, line=line, **said)
+    return LibraryTool(number, entry.get("name", ""), kind=kind, holder_mm=holder, line=line, **sizes)

@@ -20,12 +20,12 @@ from compplan.job.tool_tables.listed import (
 )
 
 words = "a Fusion tool library (.json, .tools)"
-#: Longest library, in tools, that is taken for true.
+#: Greatest number of tools.
 MOST_TOOLS = 10_000
 
 
 def recognise(text: str) -> bool:
-    """Tell a JSON object with `data` and `post-process`."""
+    """Return whether a text is a JSON object with `data` and `post-process`."""
     return text.lstrip("\ufeff \r\n\t").startswith("{") and '"data"' in text and "post-process" in text
 
 
@@ -45,21 +45,21 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
         number = check_whole(post["number"], path, None, "number")
         scale = read_scale(str(entry.get("unit", unit or "")), path, number)
 
-        def said(key: str, table: Mapping[str, Any] = geometry, factor: float = scale) -> float | None:
+        def size(key: str, table: Mapping[str, Any] = geometry, factor: float = scale) -> float | None:
             return None if table.get(key) is None else factor * check_number(table[key], path, None, key)
 
-        gauge, body = said("assemblyGaugeLength"), said("LB")
+        gauge, body = size("assemblyGaugeLength"), size("LB")
         if gauge is None:
             held = as_mapping(holder).get("gaugeLength")
             factor = read_scale(str(holder.get("unit", entry.get("unit", unit or ""))), path, number)
             if held is not None and body is not None:
                 gauge = body + factor * check_number(held, path, None, "gaugeLength")
         profile = () if body is None else _read_segments(holder, body, str(entry.get("unit", unit or "")), path, number)
-        teeth, angle = said("NOF", factor=1.0), said("SIG", factor=1.0)
-        kind, diameter = str(entry.get("type", "")), said("DC")
+        teeth, angle = size("NOF", factor=1.0), size("SIG", factor=1.0)
+        kind, diameter = str(entry.get("type", "")), size("DC")
         yield LibraryTool(
             number, str(entry.get("description", "")), gauge, name_kind(kind), diameter,
-            None if teeth is None else int(teeth), round_ball(kind, diameter, said("RE")), said("LCF"), angle or None,
+            None if teeth is None else int(teeth), round_ball(kind, diameter, size("RE")), size("LCF"), angle or None,
             missing="give it a holder in the library (assemblyGaugeLength, or gaugeLength of the holder and LB)",
             holder_mm=profile,
         )  # fmt: skip
@@ -68,7 +68,7 @@ def read(text: str, path: Path, unit: str | None) -> Iterator[LibraryTool]:
 def _read_segments(
     holder: Mapping[str, Any], nose: float, unit: str, path: Path, number: int
 ) -> tuple[tuple[float, float], ...]:
-    """Return the profile of a holder whose segments stand on each other from its nose up; empty where it has none."""
+    """Return the profile of a holder from its segments, nose first; empty without any."""
     scale, profile, height = read_scale(str(holder.get("unit", unit)), path, number), [], nose
     for segment in map(as_mapping, holder.get("segments") or ()):
         rise, low, high = (scale * check_number(segment.get(key), path, None, key)

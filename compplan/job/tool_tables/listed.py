@@ -1,4 +1,4 @@
-"""One tool of a tool table, and the words and numbers that its readers share."""
+"""A tool of a tool table, and helpers of the readers."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from compplan.errors import InputError
 from compplan.io.parsing import GREATEST
 
 INCH = 25.4
-#: Shapes of cutters that no force model here has.
+#: Shapes of cutters without a force model.
 OTHER = r"(?i)\b(chamfer|tapered|dovetail|lollipop|thread|form|radius) mill\b|v-?bit|engrav|counter ?(sink|bore)"
 
 
 @dataclass(frozen=True)
 class LibraryTool:
-    """One tool of a table; None is not said.
+    """A tool of a table; None is unknown.
 
     Attributes:
         number: T number.
         name: Name or description.
         length_mm: From the gauge line of the spindle to the tip.
-        kind: "mill", "drill", "other" for shapes that no force model here has, "" where nothing says it.
-        missing: What it lacks where it has no length.
+        kind: "mill", "drill", "other" for shapes without a force model, "" unknown.
+        missing: What is missing for its length.
         holder_mm: Heights above the tip and diameters of the holder, from its nose up.
-        line: Line of the file, 0 where it has none.
+        line: Line of the file, or 0.
 
     """
 
@@ -48,12 +48,12 @@ class LibraryTool:
 
     @property
     def call(self) -> str:
-        """What a message calls it."""
+        """Its name in messages."""
         return f"T{self.number}"
 
 
 def check_number(word: object, path: Path, where: int | None, what: str) -> float:
-    """Return a number that is one."""
+    """Return a value as a number, or refuse it."""
     try:
         value = float(str(word).replace(",", "."))
     except ValueError:
@@ -64,7 +64,7 @@ def check_number(word: object, path: Path, where: int | None, what: str) -> floa
 
 
 def check_whole(word: object, path: Path, line: int | None, what: str) -> int:
-    """Return a number that is a count."""
+    """Return a value as a positive integer, or refuse it."""
     value = check_number(word, path, line, what)
     if value != int(value) or value < 0:
         raise InputError(f"{what} is {value:g}, expected a whole number", file=path, where=line)
@@ -72,7 +72,7 @@ def check_whole(word: object, path: Path, line: int | None, what: str) -> int:
 
 
 def name_kind(words: str) -> str:
-    """Tell what a cutter is by its description."""
+    """Return the kind of a cutter from its description."""
     if re.search(OTHER, words):
         return "other"
     lower = words.lower()
@@ -80,12 +80,12 @@ def name_kind(words: str) -> str:
 
 
 def round_ball(words: str, diameter: float | None, corner: float | None) -> float | None:
-    """Return the corner radius of a cutter: half the diameter of a ball that states none. [mm]"""
+    """Return the corner radius of a cutter: half the diameter for a ball without one. [mm]"""
     return 0.5 * diameter if not corner and diameter and "ball" in words.lower() else corner
 
 
 def read_scale(unit: str, path: Path, tool: int) -> float:
-    """Return millimetres a unit; a unit that nobody states is refused."""
+    """Return the length of the unit, or refuse a missing one. [mm]"""
     lower = unit.lower()
     if lower.startswith("milli") or lower == "mm":
         return 1.0
@@ -95,5 +95,5 @@ def read_scale(unit: str, path: Path, tool: int) -> float:
 
 
 def as_mapping(value: object) -> Mapping[str, Any]:
-    """Return a table, an empty one where it is none."""
+    """Return a value if it is a table, else an empty table."""
     return value if isinstance(value, Mapping) else {}

@@ -15,7 +15,7 @@ words = "TOML ([[tool]])"
 
 
 def recognise(text: str) -> bool:
-    """Tell a TOML file of [[tool]]."""
+    """Return whether a text is TOML with [[tool]]."""
     return bool(re.search(r"(?m)^\[\[tool\]\]", text))
 
 

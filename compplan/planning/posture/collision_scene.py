@@ -144,16 +144,14 @@ def compute_model_loads(job: Job, robot: Robot) -> CollisionScene | None:
     notes = [f"Collision shapes of the arm: {describe_shapes(bodies)}."]
     if table.without_shapes:
         unseen = ", ".join(f"{body.link}: {body.gap}" for body in bodies if body.link in table.without_shapes)
-        notes.append(
-            Stop(f"[collision] without_shapes leaves out of the check what is not known of the arm ({unseen}).")
-        )
+        notes.append(Stop(f"[collision] without_shapes excludes unknown parts of the arm from the check ({unseen})."))
     if job.tool is not None and "tool" not in meshes:
         capsule = stand_in_tool(robot)
         if capsule is not None:
             meshes["tool"] = capsule
             notes.append(
                 f"No mesh of the tool is given: a capsule of {2e3 * STAND_IN_RADIUS:.0f} mm diameter (assumed) from "
-                "the flange to the tool's tip stands for it in the clearance."
+                "the flange to the tool's tip is used for the clearance."
             )
     scene = build_scene(
         robot, **meshes, T_base_part=job.T_base_part, tip_zone=table.tip_zone_mm * 1e-3,
@@ -173,7 +171,7 @@ def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: st
     gaps = [body for body in bodies if body.gap]
     for number, link in enumerate(without):
         if link not in [body.link for body in gaps]:
-            message = f"{link!r} names no link whose shapes are missing or in doubt, those are {[b.link for b in gaps]}"
+            message = f"{link!r} names no link with missing or implausible shapes, those are {[b.link for b in gaps]}"
             raise InputError(message, file=file, where=f"collision.without_shapes[{number}]")
     open_ = [body for body in gaps if body.link not in without]
     if not open_:

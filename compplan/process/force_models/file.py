@@ -42,7 +42,7 @@ def read_wrench(process: FileProcess, nominal: Toolpath, folder: Path, rows_at: 
         raise table.error(f"{len(s)} rows, expected at least 2")
     back = np.flatnonzero(np.diff(s) <= 0.0)
     if len(back):
-        raise table.error("s_mm does not grow here; rows must stand in the order of the path", int(back[0]) + 1)
+        raise table.error("s_mm does not grow here; rows must be in the order of the path", int(back[0]) + 1)
     progress = cutting_progress(nominal)
     if s[0] > 1e-9 or s[-1] < progress[-1] - 1e-6:
         span = f"{s[0] * 1e3:g} to {s[-1] * 1e3:g} mm"

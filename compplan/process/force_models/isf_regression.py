@@ -124,7 +124,7 @@ class IsfRegressionProcess(PathForceTable):
         if other > read * (1.0 + 1.96 * self.uncertainty):
             notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
         if outside:
-            notes.append(f"Outside the range that the regression is known to hold in: {', '.join(outside)}.")
+            notes.append(f"Outside the range of the regression: {', '.join(outside)}.")
         return notes
 
 
@@ -181,7 +181,7 @@ def find_step_down(nominal: Toolpath) -> float:
     cross = np.cross(step[:-1], step[1:]) @ axis
     turns = abs(float(np.arctan2(cross, np.einsum("ni,ni->n", step[:-1], step[1:])).sum())) / (2.0 * np.pi)
     if turns < 1.0 or depth.max(initial=0.0) <= 0.0:
-        message = "the path does not go round and down, so that its step-down is not known; say step_down_mm"
+        message = "the path does not go round and down, so its step-down is unknown; give step_down_mm"
         raise InputError(message, where="process.step_down_mm")
     return float(depth.max() / turns)
 
@@ -215,7 +215,7 @@ def find_wall_angle(nominal: Toolpath, step_down: float) -> Array:
         angle[here[beside]] = found[beside]
     known = np.isfinite(angle)
     if not known.any():
-        message = "the path has no contour above another, so that its wall angle is not known; say wall_angle_deg"
+        message = "the path has no contour above another, so its wall angle is unknown; give wall_angle_deg"
         raise InputError(message, where="process.wall_angle_deg")
     return np.asarray(angle[last_set(known)])
 

@@ -1,7 +1,7 @@
-"""Calibration files of robot controllers, one file a format: read into a robot, and written from one.
+"""Calibration files of robot controllers, one module a format.
 
-Each format offers `name`, `words`, `recognise(text)` and `read(text, file, nominal) -> Robot`. `universal_robots` also
-writes its file. A new format is one new file and one line here. All joints are at the controller's zero at q = 0.
+A format has `name`, `words`, `recognise(text)` and `read(text, file, nominal) -> Robot`; `universal_robots` also
+writes. A new format is one file and one line here. At q = 0 all joints are at the controller's zero.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from compplan.robot import Robot
 
 
 class CalibrationFormat(Protocol):
-    """What the file of a format offers."""
+    """Interface of a format."""
 
     name: str
     words: str
 
     def recognise(self, text: str) -> bool:
-        """Tell whether a text is of this format."""
+        """Return whether a text has this format."""
         ...
 
     def read(self, text: str, file: Path, nominal: Robot) -> Robot:
@@ -30,7 +30,7 @@ class CalibrationFormat(Protocol):
 
 
 _OWN = ("universal_robots", "ur_kinematics")
-#: Every format, by its name, which is that of its module.
+#: Every format by the name of its module.
 FORMATS: Registry[CalibrationFormat] = Registry[CalibrationFormat](_OWN, __name__)
 
 
@@ -38,7 +38,7 @@ def find_format(text: str, file: Path) -> CalibrationFormat:
     """Find the format of a calibration file.
 
     Raises:
-        InputError: If no format knows the text, with what is read and what to do instead.
+        InputError: If no format recognises the text, with the formats and a remedy.
     """
     for form in FORMATS.values():
         if form.recognise(text):

@@ -1,6 +1,6 @@
-"""Joint axes at the zero pose: taken from a robot, put into a robot, and their Denavit-Hartenberg numbers.
+"""Joint axes at the zero pose and their Denavit-Hartenberg numbers.
 
-The numbers are the distal ones of Denavit and Hartenberg: T = prod_k Rz(q_k + theta_k) Tz(d_k) Tx(a_k) Rx(alpha_k).
+Distal Denavit-Hartenberg convention: T = prod_k Rz(q_k + theta_k) Tz(d_k) Tx(a_k) Rx(alpha_k).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from compplan.errors import InputError
 from compplan.robot import Array, Joint, Robot
 from compplan.robot.pose import build_pose, move_joint
 
-#: Axes that enclose less count as parallel, their common normal would lie kilometres away; at one metre 1 um. [rad]
+#: Angle below which axes count as parallel: 1 um at one metre. [rad]
 PARALLEL = 1e-6
-#: Farther than this no calibration moves the flange: the file is of another robot. [m]
+#: Greatest displacement of the flange by a calibration; beyond it the file is of another robot. [m]
 FARTHEST = 0.1
 
 
@@ -36,7 +36,7 @@ class ZeroPose:
 
 
 def find_zero_pose(robot: Robot) -> ZeroPose:
-    """Take the axes and the flange from a robot."""
+    """Return axes and flange of a robot."""
     pose, frames, flange = np.eye(4), [], np.eye(4)
     for joint in robot.joints:
         pose = pose @ joint.placement
@@ -48,15 +48,15 @@ def find_zero_pose(robot: Robot) -> ZeroPose:
 
 
 def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
-    """Return a robot whose axes and flange are the wanted ones; links stay as near to where they were as that allows.
+    """Return a robot with given axes and flange and the least change of its link frames.
 
     Args:
         nominal: The robot, its flange fixed to its last link.
         wanted: Axes and flange at the zero pose.
-        file: Where they come from, for messages.
+        file: Source of the values, for messages.
 
     Raises:
-        InputError: If the flange moves farther than any calibration moves it.
+        InputError: If the flange moves implausibly far.
     """
     old = find_zero_pose(nominal)
     far = float(np.linalg.norm(wanted.flange[:3, 3] - old.flange[:3, 3]))
@@ -80,7 +80,7 @@ def move_axes(nominal: Robot, wanted: ZeroPose, file: object) -> Robot:
 
 
 def turn_zeros(robot: Robot, q: Array) -> Robot:
-    """Return the robot whose joints count from where they stood at q. Shape (n,). [rad or m]"""
+    """Return the robot with the zeros of its joints at q. Shape (n,). [rad or m]"""
     joints, index = [], 0
     for joint in robot.joints:
         if joint.actuated:
@@ -90,7 +90,7 @@ def turn_zeros(robot: Robot, q: Array) -> Robot:
 
 
 def _turn_between(old: Array, new: Array) -> Array:
-    """Return the smallest rotation that turns one unit vector into another. Shape (3, 3)."""
+    """Return the smallest rotation between two unit vectors. Shape (3, 3)."""
     normal = np.cross(old, new)
     sine = float(np.linalg.norm(normal))
     if sine == 0.0:
@@ -115,12 +115,11 @@ def walk_dh(dh: Array) -> ZeroPose:
 def fit_dh(zero: ZeroPose, d_parallel: Array) -> Array:
     """Return the Denavit-Hartenberg numbers of axes and a flange, by the common normals of neighbouring axes.
 
-    They have no place for where axis 1 stands in the base (4 numbers) and for 2 of the 6 numbers of the flange on the
-    last axis; everything else they hold.
+    They cannot express the place of axis 1 in the base (4 numbers) and 2 of the 6 numbers of the flange.
 
     Args:
         zero: Axes and flange at the zero pose.
-        d_parallel: Distance along an axis that is taken where the next one is parallel to it. Shape (n,). [m]
+        d_parallel: Distance along an axis used where the next one is parallel. Shape (n,). [m]
 
     Returns:
         theta, a, d, alpha of each joint. Shape (n, 4). [rad, m, m, rad]
@@ -152,7 +151,7 @@ def _common_normal(axis: Array, point: Array, d_parallel: float) -> tuple[float,
     else:
         level = axis[:2] / sine
         normal, height = np.array([axis[1], -axis[0]]), float(point[2] - axis[2] / sine * (level @ point[:2]))
-    if normal[0] < 0.0:  # either sense is right: the turn is at most a quarter
+    if normal[0] < 0.0:  # choose the sense with a turn of at most 90 degrees
         normal = -normal
     return float(np.arctan2(normal[1], normal[0])), height
 

@@ -1,4 +1,4 @@
-"""Numbers of a calibration file, line by line, with the line in every message."""
+"""Parsing of numbers of a calibration file, with the line in every message."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from compplan.io.tables import is_plain
 
 
 def read_numbers(words: str, count: int, name: str, file: Path, line: int) -> list[float]:
-    """Read finite numbers that commas or spaces divide.
+    """Read finite numbers separated by commas or spaces.
 
     Raises:
         InputError: If they are not `count` finite numbers.
@@ -28,10 +28,10 @@ def read_numbers(words: str, count: int, name: str, file: Path, line: int) -> li
 
 
 def keep_once(found: dict[str, list[float]], name: str, values: list[float], file: Path, line: int) -> None:
-    """Keep what a line says.
+    """Store the value of a line.
 
     Raises:
-        InputError: If another line has said it before.
+        InputError: If an earlier line has set it.
     """
     if name in found:
         raise InputError(f"{name} is given twice, expected once", file=file, where=line)
@@ -42,7 +42,7 @@ def require_names(found: dict[str, list[float]], names: list[str], file: Path) -
     """Refuse a file that lacks a name.
 
     Raises:
-        InputError: With the names that are missing.
+        InputError: With the missing names.
     """
     if missing := [name for name in names if name not in found]:
         raise InputError(f"has no {', '.join(missing)}, expected {', '.join(names)}", file=file)

@@ -1,4 +1,4 @@
-"""calibration.conf of Universal Robots: what a robot's Denavit-Hartenberg numbers differ by from those of its type.
+"""calibration.conf of Universal Robots: corrections of the Denavit-Hartenberg numbers of the type.
 
 The file has four lines of six numbers, delta_theta [rad], delta_a [m], delta_d [m], delta_alpha [rad], which are added
 to the numbers of the type. Axes 2, 3 and 4 are nearly parallel, so delta_d may be hundreds of metres; they cancel.
@@ -22,12 +22,12 @@ KEYS = ["delta_theta", "delta_a", "delta_d", "delta_alpha"]
 lacks = "where axis 1 stands in the base, 2 of 6 numbers of the flange"
 advice = "keep the robot's own file, put these four lines in place of its own"
 LINE = re.compile(r"\s*(delta_\w+)\s*=\s*\[?([^\]#]*)\]?")
-#: Farther from the numbers of the type no shipped geometry is. [m, rad]
+#: Greatest difference of a shipped geometry from the numbers of the type. [m, rad]
 ROUNDED = 1e-6
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text is a calibration.conf."""
+    """Return whether a text is a calibration.conf."""
     return re.search(r"^\s*delta_(theta|alpha|a|d)\s*=", text, re.MULTILINE) is not None
 
 
@@ -37,27 +37,27 @@ def read(text: str, file: Path, nominal: Robot) -> Robot:
     Args:
         text: The text of the file.
         file: The file, for messages.
-        nominal: The robot of this type as it ships.
+        nominal: The shipped robot of this type.
 
     Raises:
         InputError: If a line is missing or no row of numbers, or the robot is of another make or type.
     """
     found: dict[str, list[float]] = {}
     for number, line in enumerate(text.splitlines(), 1):
-        said = LINE.match(line)
-        if said and said[1] in KEYS:
-            keep_once(found, said[1], read_numbers(said[2], 6, said[1], file, number), file, number)
+        matched = LINE.match(line)
+        if matched and matched[1] in KEYS:
+            keep_once(found, matched[1], read_numbers(matched[2], 6, matched[1], file, number), file, number)
     require_names(found, KEYS, file)
     dh = find_type(nominal) + np.array([found[key] for key in KEYS]).T
     return move_axes(nominal, walk_dh(dh), file)
 
 
 def write(robot: Robot, nominal: Robot) -> tuple[str, Robot]:
-    """Return the calibration.conf of a robot, and the robot that its controller then believes.
+    """Return the calibration.conf of a robot, and the robot as its controller then models it.
 
     Args:
         robot: The robot as measured.
-        nominal: The robot of this type as it ships.
+        nominal: The shipped robot of this type.
 
     Raises:
         InputError: If the robots have not the axes of a Universal Robots arm.
@@ -72,7 +72,7 @@ def write(robot: Robot, nominal: Robot) -> tuple[str, Robot]:
 
 
 def find_type(nominal: Robot) -> Array:
-    """Return theta, a, d, alpha of each joint of a Universal Robots arm as it ships. Shape (6, 4). [rad, m].
+    """Return theta, a, d, alpha of each joint of a shipped Universal Robots arm. Shape (6, 4). [rad, m].
 
     Raises:
         InputError: If its axes are not those of such an arm.
@@ -88,12 +88,12 @@ def find_type(nominal: Robot) -> Array:
         dh[4:, 2] = dh[0, 2] - high, -across - dh[3, 2]
         if _differ(zero, walk_dh(dh)) < ROUNDED:
             return dh
-    message = f"robot {nominal.name!r} has not the axes of a Universal Robots arm as it ships"
+    message = f"robot {nominal.name!r} does not have the axes of a Universal Robots arm"
     raise InputError(f"{message}, expected --robot ur5e, ur10e, ...")
 
 
 def _differ(one: ZeroPose, other: ZeroPose) -> float:
-    """Return the greatest difference of two zero poses; a point may lie anywhere on its axis. [m, rad]."""
+    """Return the greatest difference of two zero poses, points projected onto the axes. [m, rad]."""
     apart = np.cross(one.point - other.point, one.direction)
     parts = (one.direction - other.direction, apart, one.flange - other.flange)
     return max(float(np.abs(part).max()) for part in parts)

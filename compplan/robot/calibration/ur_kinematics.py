@@ -1,4 +1,4 @@
-"""The kinematics file that the ROS driver of Universal Robots extracts: one frame a joint, each in the one before.
+"""Kinematics file extracted by the ROS driver of Universal Robots: one frame a joint, each in the one before.
 
 `kinematics:` holds shoulder, upper_arm, forearm, wrist_1, wrist_2, wrist_3 with x y z [m] and roll pitch yaw [rad]; the
 joint turns about z of its frame, the first frame counts from the controller's base, the last one is the flange.
@@ -25,7 +25,7 @@ VALUES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def recognise(text: str) -> bool:
-    """Tell whether a text is such a file."""
+    """Return whether a text is such a file."""
     return re.search(r"^\s*(kinematics|shoulder):\s*$", text, re.MULTILINE) is not None
 
 
@@ -35,7 +35,7 @@ def read(text: str, file: Path, nominal: Robot) -> Robot:
     Args:
         text: The text of the file.
         file: The file, for messages.
-        nominal: The robot of this type as it ships.
+        nominal: The shipped robot of this type.
 
     Raises:
         InputError: If a number is missing or none, or the robot is of another make or type.

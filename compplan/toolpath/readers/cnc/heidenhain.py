@@ -94,7 +94,7 @@ class Klartext:
                     raise InputError(f"label {block.text[:30]!r} is not read, expected LBL and a number or a name")
                 word = found.group(1)
                 if word in self.labels:
-                    raise InputError(f"label {word} stands twice, first in line {blocks[self.labels[word]].line}")
+                    raise InputError(f"label {word} occurs twice, first in line {blocks[self.labels[word]].line}")
                 if word != "0":
                     self.labels[word] = index
         return CncProgram(blocks, 0, len(blocks), self.it.file)

@@ -182,7 +182,7 @@ class Rs274:
             if len(said := sorted(group & set(codes))) > 1:
                 names = " and ".join(f"G{code:g}" for code in said)
                 one = ", expected one motion" if said[0] in MOTIONS else ""
-                raise InputError(f"{names} stand in one block{one or ' and contradict each other'}")
+                raise InputError(f"{names} are in one block{one or ' and contradict each other'}")
         return self.it.run_words(block, codes, find_code, self.pass_over)
 
     def pass_over(self, block: CncBlock, code: float | str) -> None:

@@ -89,7 +89,7 @@ def _find_start(it: Interpreter, axis: int, stated: float | None = None) -> floa
             raise InputError("a drilling cycle begins where the height of the tool is not known and states no level R; "
                              "let a rapid move (G0) to a height come first")  # fmt: skip
         state.cycle_start = it.course.position[axis] if known is None else known
-        it.note(f"a cycle begins where nobody knows the height: {state.cycle_start:g} is assumed")
+        it.note(f"a cycle begins at an unknown height: {state.cycle_start:g} is assumed")
     return state.cycle_start
 
 

@@ -82,7 +82,7 @@ class SinumerikFlow:
             elif key in OPENING.values():
                 self.flow.line = index + 1
                 if not stack or OPENING[stack[-1][0]] != key:
-                    raise InputError(f"{key} closes nothing that is open")
+                    raise InputError(f"{key} has no matching opening word")
                 _, opened = stack.pop()
                 program.partners[opened] = index
                 program.partners[index] = opened
