@@ -258,7 +258,9 @@ def test_frames_that_a_program_asks_of_the_cell_are_read_back(language: str, tmp
         for name, frame in read_declared(path).items():
             other = np.linalg.inv(frame)
             part, tool = (planned, other) if name == "tool" else (other, tip)
-            assert compare_declared(path, part, tool) == [f"the {name} that it asks of the cell is not the planned one"]
+            assert compare_declared(path, part, tool) == [
+                f"the {name} that it expects of the cell is not the planned one"
+            ]
 
 
 @pytest.mark.parametrize("base", [None, "G54"])

@@ -124,7 +124,7 @@ class IsfRegressionProcess(PathForceTable):
         if other > read * (1.0 + 1.96 * self.uncertainty):
             notes.append("The step-down is so large against the scallop that this spread does not hold both readings.")
         if outside:
-            notes.append(f"Outside the range that the regression is known to hold in: {', '.join(outside)}.")
+            notes.append(f"Outside the range of the regression: {', '.join(outside)}.")
         return notes
 
 
