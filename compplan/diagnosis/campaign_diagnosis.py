@@ -10,8 +10,8 @@ import numpy as np
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
 from compplan.diagnosis.data.shared import LISTED, rank_number
-from compplan.diagnosis.results.calibration import excludes_zero
 from compplan.diagnosis.results.delivery import deliver_folders
+from compplan.diagnosis.results.intervals import excludes_zero
 from compplan.diagnosis.results.posterior import state_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
 from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict, unname

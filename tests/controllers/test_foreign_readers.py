@@ -11,7 +11,7 @@ from commandline import run_command
 from golden_cell import COUNTING, PART, TOOL, WAYPOINTS, forward, write_job
 
 from compplan.controllers.writers import Program, write_program
-from compplan.controllers.writers.post import Post
+from compplan.controllers.writers.program import Post
 from tests.controllers.test_fit import circle, make_program
 from tests.oracles.program_texts import READERS, Target
 

@@ -18,7 +18,7 @@ from script_readers import read_inform, read_kawasaki, read_sinumerik, read_ursc
 
 from compplan.controllers.readback.declared import compare_declared, read_declared
 from compplan.controllers.writers import Program, build_program, write_program
-from compplan.controllers.writers.post import Post
+from compplan.controllers.writers.program import Post
 from compplan.robot import load_robot
 
 AXES = ("E1", "A1", "A2", "A3", "A4", "A5", "A6")

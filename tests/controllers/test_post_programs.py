@@ -17,8 +17,7 @@ from script_readers import read_urscript
 
 from compplan.controllers.writers import Program, build_program, write_program
 from compplan.controllers.writers.krl import turn_bits
-from compplan.controllers.writers.post import Post
-from compplan.controllers.writers.program import split_parts
+from compplan.controllers.writers.program import Post, split_parts
 from compplan.controllers.writers.text import legal_name
 from compplan.errors import InputError, UnknownNameError
 from compplan.robot import load_robot

@@ -14,7 +14,8 @@ from program_readers import read_fanuc, read_krl
 from script_readers import read_inform, read_sinumerik
 
 from compplan.controllers.writers import Program, build_program, write_program
-from compplan.controllers.writers.post import Post, read_post
+from compplan.controllers.writers.post import read_post
+from compplan.controllers.writers.program import Post
 from compplan.errors import InputError
 from compplan.job.job import load_job
 from compplan.planning.plan import plan_job

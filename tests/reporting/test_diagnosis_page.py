@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnosis.results.calibration import state_change
+from compplan.diagnosis.results.intervals import state_change
 from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
 from compplan.diagnosis.results.small_errors import Group, SmallErrors
 from compplan.diagnosis.results.where import Split, spread_gap

@@ -16,32 +16,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compplan.controllers.writers.program import Post, Program
 from compplan.errors import InputError
 from compplan.io.notes import Stop
 from compplan.io.tables import read_text
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from jinja2 import Environment
-
-    from compplan.controllers.writers.program import Program
 
 #: Letters of a line that controllers take: KSS 471, TP programs 254, the others assumed.
 LONGEST_LINE = {"krl": 471, "fanuc_ls": 254, "sinumerik": 512}
-
-
-@dataclass(frozen=True)
-class Post:
-    """How a job wants programs of a language written around their moves."""
-
-    template: Path | None = None  #: File of its own template, or None for the one of the package.
-    tool: int | str | None = None  #: Number or name of the cell's own tool data, None for those of the job.
-    base: int | str | None = None  #: Number or name of the cell's own frame, None for the part frame of the job.
-    overwrite: bool = False  #: Whether programs fill the cell's tool data and frame with those of the job.
-    main: str | None = None  #: Name of the main program, None for that of the job.
-    #: Number or name by which the cell knows what carries the part, None for the language's usual one.
-    positioner: int | str | None = None
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from compplan.controllers.writers.joint_convention import (
     to_controller,
 )
 from compplan.controllers.writers.machine import Wiring
-from compplan.controllers.writers.post import Post
 from compplan.controllers.writers.text import clean_text
 from compplan.errors import InputError, ShapeError
 from compplan.io.tables import Array
@@ -40,6 +40,19 @@ BY_ROW: dict[str, tuple[int, ...]] = {
     "coarser": (), "arc_of": (), "line_of": (), "corner": (), "corner_shift": (3,), "asked": (), "via": (4, 4),
     "bend": (2, 3),
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Post:
+    """How a job wants programs of a language written around their moves."""
+
+    template: Path | None = None  #: File of its own template, or None for the one of the package.
+    tool: int | str | None = None  #: Number or name of the cell's own tool data, None for those of the job.
+    base: int | str | None = None  #: Number or name of the cell's own frame, None for the part frame of the job.
+    overwrite: bool = False  #: Whether programs fill the cell's tool data and frame with those of the job.
+    main: str | None = None  #: Name of the main program, None for that of the job.
+    #: Number or name by which the cell knows what carries the part, None for the language's usual one.
+    positioner: int | str | None = None
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.diagnosis.results.calibration import state_change
 from compplan.diagnosis.results.delivery import Delivery
+from compplan.diagnosis.results.intervals import state_change
 from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities

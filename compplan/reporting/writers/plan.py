@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from compplan.controllers.writers import Program
 from compplan.controllers.writers.fit import LINE
-from compplan.controllers.writers.post import Post
-from compplan.controllers.writers.program import Pieces
+from compplan.controllers.writers.program import Pieces, Post
 from compplan.controllers.writers.zones import STOPPING, mark_corner_stops
 from compplan.io.tables import write_json, write_table
 from compplan.io.transaction import list_files, replace_folder
