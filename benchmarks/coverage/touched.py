@@ -103,14 +103,13 @@ def _cut_part(truth: Truth, rows: Rows, few: Array, corners: Array, touching: Ar
     return np.asarray(np.linalg.norm((tip - shift) @ turn - rows.wanted[few], axis=1))
 
 
-def list_jobs(found: list[dict]) -> list[tuple[str, str, str, str, str, str]]:
-    """Return a row a job: name, box [mm], widest band and true 95 % point [mm], share held [%], their median ratio."""
+def list_jobs(found: list[dict]) -> list[tuple[str, str, str, str, str]]:
+    """Return name and scale, widest band and true 95 % point [mm], share held [%] and median ratio of each job."""
     rows = []
     for one in found:
         band, away = np.array(one["band_mm"]), np.array(one["away_mm"])
         point = np.quantile(away, 0.95, axis=0)
-        box = " x ".join(f"{side:.0f}" for side in one["box_mm"])
-        rows.append((one["job"], box, f"{band.max():.3f}", f"{point.max():.3f}", f"{100 * np.mean(away <= band):.1f}",
+        rows.append((one["job"], f"{band.max():.3f}", f"{point.max():.3f}", f"{100 * np.mean(away <= band):.1f}",
                      f"{np.median(band / point):.2f}"))  # fmt: skip
     return rows
 

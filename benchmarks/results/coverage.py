@@ -43,15 +43,15 @@ def measure(settings: Settings) -> Findings:
     run_benchmark("benchmarks.coverage.touched", "--out", touch, "--arms", ARMS)
     parts = [json.loads(file.read_text("utf-8")) for file in sorted(touch.glob("*.json"))]
     touched = list_jobs(parts)
-    ratios = [float(row[5]) for row in touched]
+    ratios = [float(row[4]) for row in touched]
     held = np.mean([np.mean(np.array(one["away_mm"]) <= np.array(one["band_mm"])) for one in parts])
     run_benchmark("benchmarks.loop", "--shops", settings.shops or SHOPS, "--out", loop)
     steps = find_steps(loop)
     run_benchmark("benchmarks.coverage", "--out", folder, "--jobs", JOBS, "--seed", FIRST)
     jobs = [json.loads((folder / f"seed_{seed}.json").read_text("utf-8")) for seed in range(FIRST, FIRST + JOBS)]
     solved = [job for job in jobs if job["status"] == "solved"]
-    coverage, words = list_coverage(solved), list_verdicts(solved)
-    wrong = next((row[2] for row in words if row[0] == "keeps"), "0.0")
+    coverage, verdicts = list_coverage(solved), list_verdicts(solved)
+    wrong = next((row[2] for row in verdicts if row[0] == "keeps"), "0.0")
     return Findings(
         (
             f"On {len(parts)} touched-off parts with {ARMS} arms each, the band holds {100 * held:.1f} % of tips; it "
@@ -67,18 +67,16 @@ def measure(settings: Settings) -> Findings:
         ),
         (
             "Touched-off parts: the band and the true 95 % point where they are widest\n\n"
-            + draw_table(("job, size", "box, mm", "band, mm", "true, mm", "held, %", "band / true, median"), touched),
+            + draw_table(("job, scale", "band, mm", "true, mm", "held, %", "band / true, median"), touched),
             "The band of the whole path after each measurement of the ladder alone\n\n"
             + draw_table(("rung", "before, mm", "after, mm", "predicted / after (range)", "within 25 %"),
                          list_rungs(steps)),
             "The 95 % band on arms in motion, by speed of the cut\n\n"
             + draw_table(("speed", "mm/s", "jobs", "held, %", "+-", "true 95 % point / band"), coverage),
-            "The verdict and the drawn arms\n\n"
-            + draw_table(("verdict", "jobs", "arms beyond the tolerance, %", "worst job, %"), words),
         ),
         (
-            *(f"Touched-off {row[0]}: the band holds {row[4]} % of the tips, {row[5]} times the true 95 % point."
-              for row in touched if not AIM[0] <= float(row[4]) <= AIM[1] or float(row[5]) > WIDE),
+            *(f"Touched-off {row[0]}: the band holds {row[3]} % of the tips, {row[4]} times the true 95 % point."
+              for row in touched if not AIM[0] <= float(row[3]) <= AIM[1] or float(row[4]) > WIDE),
             *(f"{step.shop}, {step.rung}: {step.predicted:.2f} mm predicted, {step.after:.2f} mm after."
               for step in steps if abs(step.ratio - 1.0) > NEAR),
             *(

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from compplan.effects import EFFECTS
-from compplan.io.quantities import format_number
+from compplan.io.quantities import format_length, format_number
 
 UNITS = {
     "rad_per_Nm": "rad/(N m)", "Nm_per_rad": "N m/rad", "m_per_N": "m/N", "rad_per_N": "rad/N",
@@ -73,14 +73,19 @@ def describe_change(effect: Mapping[str, Any]) -> str:
     return f"{value:+.{digits}f} % ± {half:.{digits}f} %".replace("-", "−")
 
 
-def list_sizes(effects: Sequence[Mapping[str, Any]], most: int = 7) -> list[str]:
-    """List the size of each effect with unit and 95 % interval, and what the measurements cannot tell it from."""
+def list_effects(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """List named effects: probability, motion of the tip, size with unit and 95 % interval, and what fits as well."""
     lines = []
-    for effect in effects[:most]:
+    for effect in effects:
+        place = " ".join(str(effect[key]) for key in ("effect", "joint", "axis") if effect.get(key))
         size = describe_change(effect)
         size = f"{size} (95 %)" if size else describe_parameters(effect["parameters"], effect.get("interval95"))
         rivals = " or ".join(name_effect(rival) for rival in effect.get("ambiguous_with", [])[:3])
-        lines.append(f"{name_effect(effect)}: {size}" + (f"; fits as well: {rivals}" if rivals else ""))
+        lines.append(
+            f"  {place}: probability {effect['probability']:.2f}, moves the tip "
+            f"{format_length(1e-3 * effect['explained_rms_mm'])}; {size}"
+            + (f"; fits as well: {rivals}" if rivals else "")
+        )
     return lines
 
 

@@ -12,10 +12,12 @@ from compplan.cli.terminal import show, show_progress
 from compplan.diagnosis import diagnose_campaign
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
+from compplan.io.display import MOST_LISTED
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.diagnosis import deliver_diagnosis
-from compplan.reporting.effect_text import list_sizes
+from compplan.reporting.diagnosis_text import describe_structure
+from compplan.reporting.effect_text import list_effects
 
 
 @click.command("diagnose")
@@ -52,10 +54,14 @@ def command(
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table, opening = deliver_diagnosis(diagnosis, folder, progress)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
+    effects = table["verdict"]["effects"]
+    headline, *figures = str(diagnosis).splitlines()  # the effects first, without their sizes
+    following = opening.next.replace("listed below", "listed in the report")
     lines = [
         *(f"assumed to be meant: {question}" for question in asked),
-        str(diagnosis), *list_sizes(table["verdict"]["effects"]), *list_notes(diagnosis.fit.problem.campaign.notes),
+        headline, *list_effects(effects), *describe_structure(diagnosis), *figures[len(effects[:MOST_LISTED]) :],
+        *list_notes(diagnosis.fit.problem.campaign.notes),
         f"wrote diagnosis.json, report.html, {folders} to {folder}",
-        f"next: {opening.next.replace('OUT/robot', str(folder / 'robot'))}",
+        f"next: {following.replace('OUT/robot', str(folder / 'robot'))}",
     ]  # fmt: skip
     show(table, as_json, lines)

@@ -380,7 +380,7 @@ REFUSED = [
     ("L X+5 M130", "M130"), ("RND R5", "does not stand between"),
     ("L X+9 F9\nRND R5\nL Y+9 FMAX", "no cutting move after"),
     ("L X+9 F9\nRND R50\nL Y+9", "takes"), ("PLANE AXIAL B+30 STAY", "PLANE AXIAL is not read"),
-    ("LBL 1\nLBL 1", "label 1 stands twice"), ("CALL LBL 9", "label 9 is not in"),
+    ("LBL 1\nLBL 1", "label 1 occurs twice"), ("CALL LBL 9", "label 9 is not in"),
     ("M99", "none that is read is defined"),
     ("HELLO X+5", "is not read and may move"), ("L X+1 B+30 F9", "rotary"),
     ("FN 18: SYSREAD Q1 = ID20\nL X+Q1", "FN 18"),
