@@ -130,5 +130,5 @@ def settle_questions(
     questions = check_plausibility(robot, campaign, parts)
     open_ones = [question for question in questions if not (events and question.event)]
     if open_ones and not assume_ok:
-        raise InputError(f"{open_ones[0].sentence} (--assume-ok goes on as it is)", file=campaign.file)
+        raise InputError(f"{open_ones[0].sentence} (to continue anyway: --assume-ok)", file=campaign.file)
     return [question.sentence for question in questions]

@@ -51,7 +51,7 @@ class ResultPath(click.Path):
         else:
             check_file(path)
             if path.exists() and path.suffix != self.suffix:
-                raise InputError(f"is there and no {self.suffix} file, name another one to write", file=path)
+                raise InputError(f"exists and is not a {self.suffix} file; name another file to write", file=path)
         return path
 
 

@@ -175,7 +175,7 @@ class SteadyStream:
             self._lose(error)
         fault, self._fault = self._fault, ""
         if fault:
-            raise InputError(f"{self._name} cannot be written: {fault}; what the command writes to files is whole")
+            raise InputError(f"{self._name} cannot be written: {fault}; the output files are complete")
 
     def _lose(self, error: OSError) -> None:
         """Let the rest go nowhere."""

@@ -154,8 +154,8 @@ def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> No
     """
     if left_out > OPEN_FRAMES * inside:
         raise InputError(
-            f"the rows do not fix where instrument, target and contacts are: the robot as it is leaves"
-            f" {1e3 * inside:.3g} mm on all of them and {1e3 * left_out:.3g} mm on poses left out; measure more poses,"
+            f"too few poses to locate instrument, target and contacts: the nominal robot leaves"
+            f" {1e3 * inside:.3g} mm on all poses and {1e3 * left_out:.3g} mm on poses left out; measure more poses,"
             " and more at each contact",
             file=campaign.file,
         )

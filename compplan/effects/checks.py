@@ -180,7 +180,7 @@ def _check_place(table: Mapping[str, Any], rule: Rule, robot: Robot, file: Path 
     if joint is not None and joint not in _places(name, robot):
         raise UnknownNameError("joint that moves", str(joint), _places(name, robot), file=file, where=f"{where}.joint")
     if rule.joint == "none" and joint is not None:
-        raise InputError(f"{name} has no joint, leave it out", file=file, where=f"{where}.joint")
+        raise InputError(f"{name} takes no joint; remove this key", file=file, where=f"{where}.joint")
     if axis is not None and axis not in rule.axes:
         allowed = f"choose from {list(rule.axes)}" if rule.axes else "leave it out"
         raise InputError(f"{name} has no axis {axis!r}, {allowed}", file=file, where=f"{where}.axis")

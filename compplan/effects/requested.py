@@ -45,7 +45,7 @@ def effect_forms(at: Linearization, wanted: Sequence[str]) -> list[Signature]:
         if name not in EFFECTS:
             raise UnknownNameError("effect", name, list(EFFECTS))
         if name in SPRINGS:
-            raise InputError(f"effect {name!r} is a spring, give its name (--springs, --add joint_3.rx)")
+            raise InputError(f"effect {name!r} is a spring; select it by its name, such as --add joint_3.rx")
         offered = {(s.joint, s.axis, s.form): s for s in reversed(list(EFFECTS[name].signatures(at)))}
         matching = [s for s in offered.values() if joint in ("", s.joint) and form in ("", s.form)][::-1]
         if not matching:

@@ -297,7 +297,7 @@ def place_spring(structure: FreeRobot, name: str, rows: Rows) -> SpringPlace:
             method="trf", max_nfev=20,
         )  # fmt: skip
     except CompplanError as error:
-        raise InputError(f"no place of spring {name!r} within {FARTHEST:g} m of its joint fits: {error}") from None
+        raise InputError(f"could not locate spring {name!r} within {FARTHEST:g} m of its joint: {error}") from None
     estimate, errors = fit(found.x), np.zeros(3)
     spread = np.linalg.pinv(found.jac.T @ found.jac)
     scale = np.sqrt(2 * found.cost / max(len(found.fun) - len(start.values) - 2, 1))

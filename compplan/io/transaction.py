@@ -164,7 +164,7 @@ def check_folder(path: Path) -> None:
     """
     with _describe_faults(path):
         if path.exists() and not path.is_dir():
-            raise InputError("cannot be written: is a file, name a folder", file=path)
+            raise InputError("cannot be written: is a file; name a folder", file=path)
         _check_parent(path if path.exists() else path.resolve())
 
 

@@ -97,8 +97,8 @@ def find_touching(
         while True:  # what the arm does not meet, or a wall bars, is no place to put anything up
             if not len(offered):
                 raise InputError(
-                    f"the arm meets place {number + 1} in {most} postures, expected at least 3, wherever near the path"
-                    " it is put up; ask for fewer --places, or check limits and collisions"
+                    f"the arm reaches place {number + 1} in {most} postures, expected at least 3, wherever it lies"
+                    " near the path; ask for fewer --places, or check joint limits and collisions"
                 )
             at = _choose_place(offered, chosen, middle)
             centre, offered = offered[at], np.delete(offered, at, axis=0)

@@ -32,7 +32,7 @@ def read_scan(file: Path) -> Table:
         raise InputError("the scan has no points", file=file)
     if not np.isfinite(found).all():
         bad = int((~np.isfinite(found).all(axis=1)).sum())
-        raise InputError(f"{bad} of {len(found)} points of the scan are no finite numbers", file=file)
+        raise InputError(f"{bad} of {len(found)} points of the scan are not finite; remove them", file=file)
     notes = []
     if len(found) > MOST_POINTS:
         step = -(-len(found) // MOST_POINTS)

@@ -181,7 +181,7 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
 
 
 def state_frequency(request: PostureRequest, robot: Robot) -> PostureRequest:
-    """Price the inertia of joint motion by the arm's lowest natural frequency amid its joint limits, where known."""
+    """Weight the inertia of joint motion by the arm's lowest natural frequency at mid-range, where known."""
     lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
     if not np.isfinite(lowest):
         return request

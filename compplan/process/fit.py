@@ -136,7 +136,7 @@ def fit_forces(log: ForceLog, law: ForceLaw, nominal: Toolpath, file: Path) -> F
     covariance, unseen = _jackknife(matrix, measured / scale, len(s))
     if unseen < EXPLAINED:
         message = (f"the prediction explains {100 * max(unseen, 0.0):.0f} % of the log at no lag within "
-                   f"{1e3 * most:.3g} mm; check that job and log are of one cut, its frame, and "
+                   f"{1e3 * most:.3g} mm; check that job and log are of the same cut, the frame of the force, and "
                    f"{'t_s' if log.timed else 's_mm'}")  # fmt: skip
         raise InputError(message, file=file)
     sigma = np.sqrt(np.diag(covariance))
@@ -221,7 +221,7 @@ def _find_cut(s: Array, predicted: Array, end: float, file: Path) -> NDArray[np.
     if len(cut) < FEWEST:
         raise InputError(f"{len(cut)} rows lie in the cut, a comparison needs {FEWEST}; check s_mm", file=file)
     if (places := len(np.unique(s[cut]))) < BLOCKS:
-        raise InputError(f"s_mm has {places} values in the cut, a comparison needs {BLOCKS}", file=file)
+        raise InputError(f"s_mm has {places} different values in the cut, a comparison needs {BLOCKS}", file=file)
     if (span := float(np.ptp(s[cut]))) < LEAST_SPAN * end:
         message = f"s_mm spans {1e3 * span:.3g} mm of a cut of {1e3 * end:.4g} mm: check its unit"
         raise InputError(message, file=file)

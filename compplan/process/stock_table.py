@@ -174,9 +174,10 @@ def _lay_grid(stock: StockColumns) -> tuple[Array, Array, Array]:
 
 
 def triangulate_stock(stock: StockColumns) -> Any:
-    """Return stock as a closed mesh of its columns, in the frame that it is seen in [m]; walls stand to a column.
+    """Return the stock as a closed mesh of square columns, in the stock's viewing frame. [m]
 
-    Columns are at most MOST_COLUMNS; where two bodies touch at a line alone one column of them is left out.
+    Walls are exact to one column. At most MOST_COLUMNS columns are used; where two bodies touch in a line only, one
+    column there is left out, so that the mesh stays closed.
     """
     import trimesh
 

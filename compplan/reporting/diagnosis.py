@@ -123,7 +123,8 @@ def measure_gap(diagnosis: Diagnosis, robot: Robot, delivery: Delivery, folder: 
     off = float(np.abs(gap[alike] - expected[alike]).max(initial=0.0))
     if off > SAME_POSITION:
         raise InputError(
-            f"the robot as read differs by {1e3 * off:.3g} mm from the one that was validated", file=folder
+            f"the folder as read predicts tips {1e3 * off:.3g} mm off the validated model; report a defect",
+            file=folder,
         )
     good[diagnosis.outliers] = False
     return float(np.sqrt(np.mean(np.sum(gap[good] ** 2, axis=1))))

@@ -36,26 +36,30 @@ def format_plan(plan: Plan, folder: Path, files: Sequence[Path]) -> list[str]:
         _format_verdict(plan),
         _format_sizes(plan),
         *wrap(cause, f"next: {step}"),
-        format_files(folder, files),
+        format_files(folder, files, count_notes(plan.notes)),
         _format_assumptions(plan),
-        *format_notes([*plan.reasons, *plan.notes], folder),
+        *format_stops([*plan.reasons, *plan.notes]),
     ]
 
 
-def format_notes(notes: Iterable[str], folder: Path) -> list[str]:
-    """Return the notes that must be settled, whole, and how many others stand in the report."""
-    notes = list(notes)
-    count = len(list_remarks(notes))
-    others = [f"{count} note{'s' * (count > 1)} in {folder / 'report.html'}"] if count else []
-    return [*(f"before the machine moves: {stop}" for stop in list_stops(notes)), *others]
+def format_stops(notes: Iterable[str]) -> list[str]:
+    """Return the notes that must be settled, whole."""
+    return [f"before the machine moves: {stop}" for stop in list_stops(list(notes))]
 
 
-def format_files(folder: Path, files: Sequence[Path]) -> str:
-    """Return which files were written, the programs by their number."""
+def count_notes(notes: Iterable[str]) -> str:
+    """Return how many other notes are in the report, in parentheses; "" for none."""
+    count = len(list_remarks(list(notes)))
+    return f" ({count} note{'s' * (count > 1)})" if count else ""
+
+
+def format_files(folder: Path, files: Sequence[Path], notes: str = "") -> str:
+    """Return which files were written, the programs by their number; `notes` follows the report."""
     names = [file.name for file in files]
     shown: list[str] = [name for name in ("report.html", "plan.json", "joints.csv") if name in names]
     programs = [file for file in files if file.suffix not in NO_PROGRAM and file.name not in NO_PROGRAM_NAMES]
     count = len([file for file in programs if file.name not in shown])
+    shown = [f"{name}{notes}" if name == "report.html" else name for name in shown]
     shown += [f"{count} program file{'s' * (count > 1)}"] if count else []
     return f"wrote {', '.join(shown)} to {folder}"
 

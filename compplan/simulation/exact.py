@@ -56,7 +56,7 @@ class ExactRobot:
     gravity: Array = field(default_factory=lambda: np.zeros(3))
 
     def turn_gravity(self, data: pin.Data, coordinates: Array) -> None:
-        """Let gravity point where it does at a posture, seen from the link that carries the part."""
+        """Set gravity in the frame of the link that carries the part, at a posture."""
         if self.ground:
             pin.forwardKinematics(self.model, data, coordinates)
             turn = pin.updateFramePlacement(self.model, data, self.ground).rotation

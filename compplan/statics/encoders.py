@@ -88,7 +88,10 @@ def control_equilibrium(
     lies_between = selection.any(axis=0)
     coupled = np.abs(chain.compliance - own[..., None] * np.eye(chain.n_springs))[..., lies_between].any()
     if coupled:
-        raise InputError("an actuator spring is coupled with another spring, encoders cannot tell its part")
+        raise InputError(
+            "an actuator spring is coupled with another spring, so encoders cannot separate its deflection; "
+            "choose a strategy without encoders"
+        )
     gain = {"motor": np.ones(chain.nq), "link": np.zeros(chain.nq)}.get(feedback, -np.broadcast_to(beta, (chain.nq,)))
     scale = feedback_scale(np.where(lies_between, gain @ np.abs(selection), 1.0), chain.link_share)
     loaded = solve_equilibrium(replace(chain, compliance=chain.compliance * scale), q, wrench)

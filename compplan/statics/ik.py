@@ -138,9 +138,9 @@ def solve_branches(arm: Arm, position: Array, rotation: Array, held: Array | Non
 def name_configuration(arm: Arm, q: Array) -> NDArray[np.int_]:
     """Return the configuration of joint positions: index into `CONFIGURATIONS`. Shape (n, nq) -> (n,).
 
-    Shoulder: side of the first axis of the wrist, along the second joint's plane. Elbow: third joint above or below the
-    line from the second one to the wrist, for an arm reaching forward. Wrist: sign of the fifth joint from the
-    alignment of axes four and six.
+    Shoulder: on which side of axis one the wrist lies, in the plane in which joint two moves. Elbow: third joint above
+    or below the line from the second one to the wrist, for an arm reaching forward. Wrist: sign of the fifth joint
+    from the alignment of axes four and six.
     """
     return _name_slots(arm, locate_frames(arm.chain, q))
 

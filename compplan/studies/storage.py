@@ -113,7 +113,7 @@ def discard_chunks(folder: Path) -> None:
         for file in (*folder.rglob("chunk-*.npz"), *folder.rglob("study.json")):
             file.unlink()
     except OSError as error:
-        raise InputError(f"cannot be taken away: {error.strerror}", file=folder) from None
+        raise InputError(f"cannot be deleted: {error.strerror}", file=folder) from None
 
 
 def _read_mark(file: Path) -> str | None:

@@ -93,7 +93,7 @@ def lifts(nominal: Toolpath) -> NDArray[np.bool_]:
 
 
 def last_set(flags: NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Return of every row the last one up to it whose flag is set, the first set one before that. Shape (n,)."""
+    """Return for each row the last flagged row up to it; before the first flagged row, that one. Shape (n,)."""
     rows = np.flatnonzero(flags) if flags.any() else np.zeros(1, dtype=int)
     return np.asarray(rows[np.maximum(np.searchsorted(rows, np.arange(len(flags)), side="right") - 1, 0)])
 

@@ -179,7 +179,7 @@ def measure_beside(x: Array, corner: Array) -> float:
 
 
 def find_shares(position: Array) -> tuple[Array, float]:
-    """Find the shares u of waypoints on a rounding of power SLOWED, and a as a share of its length.
+    """Find the path parameter u of waypoints on a rounding of power SLOWED, and the factor `a` over its length.
 
     Between straight moves |x'(u)| = 4 a |(1 - u)^3 t_1 + u^3 t_2|, t the directions of travel.
 
@@ -187,7 +187,7 @@ def find_shares(position: Array) -> tuple[Array, float]:
         position: Waypoints from its first to its last. Shape (k, 3). [m]
 
     Returns:
-        Shape (k,), and a number.
+        u, shape (k,), from 0 to 1; `a` over the length of the rounding.
 
     """
     steps = np.diff(position, axis=0)

@@ -97,7 +97,7 @@ def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
         if unknown.effect == LINK_ELASTICITY:
             children = {joint.name: joint.child for joint in robot.joints}
             if children.get(str(unknown.joint)) not in links or unknown.keys != (RATIO,):
-                message = f"expected joint: one that carries an elastic link, and keys = ['{RATIO}']"
+                message = f"joint must be one that carries an elastic link, and keys ['{RATIO}']"
                 raise InputError(message, file=file, where=where)
             continue
         if unknown.effect not in EFFECTS:
@@ -107,7 +107,7 @@ def check_uncertainty(robot: Robot, known: Uncertainty) -> None:
         try:
             parameters = pack_parameters(unknown.keys, unknown.deviation, unknown.fixed)
         except AttributeError:
-            message = "a list of `fixed` cannot be unknown too"
+            message = "a list in `fixed` cannot also be unknown"
             raise InputError(message, file=file, where=f"{where}.keys") from None
         table = {"effect": unknown.effect, "joint": unknown.joint, "axis": unknown.axis, "parameters": parameters}
         check_effect(table, robot, file, where)

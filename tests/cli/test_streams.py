@@ -58,7 +58,7 @@ def test_a_full_disk_behind_standard_output_is_said() -> None:
     answer = run_shell("$C --version > /dev/full", ROOT)
     assert answer.returncode == 2
     assert answer.stderr.decode().splitlines() == [
-        "error: standard output cannot be written: No space left on device; what the command writes to files is whole"
+        "error: standard output cannot be written: No space left on device; the output files are complete"
     ]
 
 

@@ -52,7 +52,7 @@ def test_a_job_names_the_files_of_its_lines(
     (tmp_path / "on.txt").write_text("$OUT[3]=TRUE\nWAIT \u2028")
     answer = run_command(["plan", job, "--out", tmp_path / "bad"], monkeypatch, capsys)
     assert answer.status == 2 and not (tmp_path / "bad").exists()
-    assert "on.txt:2: has letters that no program takes" in answer.err
+    assert "on.txt:2: has characters that programs cannot hold" in answer.err
 
 
 @pytest.mark.parametrize("robot", ["kuka_kr270", "ur10"])

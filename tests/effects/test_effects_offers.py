@@ -253,7 +253,7 @@ REFUSED = [
     ("base_compliance", {"compliance_rad_per_Nm": 1e-7}, {}, "needs an axis"),
     ("base_compliance", {"compliance_rad_per_Nm": 1e-7}, {"axis": "tx"}, "has no axis 'tx', choose from"),
     ("wrench_scale", {"gain_error_ratio": 0.1}, {"axis": "rx"}, "has no axis 'rx', leave it out"),
-    ("wrench_scale", {"gain_error_ratio": 0.1}, {"joint": "first"}, "has no joint, leave it out"),
+    ("wrench_scale", {"gain_error_ratio": 0.1}, {"joint": "first"}, "takes no joint; remove this key"),
     ("wrench_scale", {"gain_error_ratio": float("nan")}, {}, "expected a finite number"),
     ("wrench_scale", {"gain": 0.1}, {}, "unknown key, choose from"),
     ("joint_offset", {"offset_rad": 0.1}, {"joint": "flange_fixed"}, "no joint that moves named"),

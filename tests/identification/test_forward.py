@@ -109,7 +109,7 @@ def test_effects_that_a_log_cannot_show_are_refused_with_what_it_can(tmp_path: P
     rows = every_row(plan_rows(robot, 3, poses=8))
     for asked, kind, sentence in (
         ("rust", UnknownNameError, "no effect named 'rust', choose from"),
-        ("joint_stiffness", InputError, "is a spring, give its name"),
+        ("joint_stiffness", InputError, "is a spring; select it by its name"),
         ("backlash@joint_9", UnknownNameError, "no effect that this log can show named 'backlash@joint_9'"),
     ):
         with pytest.raises(kind, match=sentence):

@@ -33,7 +33,7 @@ def command(target: str | None, robot_name: str | None, as_json: bool) -> None:
     if target is not None and Path(target).is_file():
         findings = examine_log(Path(target), None if robot_name is None else load_robot(robot_name))
     elif target is not None and Path(target).suffix.lower() == ".csv":
-        raise InputError("no such measurement log", file=Path(target))
+        raise InputError("measurement log not found", file=Path(target))
     elif target is not None and robot_name is not None:
         raise InputError(f"--robot is the robot of a log, but {target!r} is no log: name one robot")
     elif target is not None or robot_name is not None:

@@ -88,7 +88,7 @@ def _deliver_all(plans: Sequence[Plan], folder: Path, name: str, *, as_json: boo
     """Write the plans of several tools together, say so, and return them with what their files say."""
     from compplan.planning.operations import summarise_operations
     from compplan.reporting.operations import deliver_operations, describe_operations, describe_order
-    from compplan.reporting.plan_text import format_notes
+    from compplan.reporting.plan_text import count_notes, format_stops
 
     read, files = deliver_operations(plans, folder, name)
     summary = summarise_operations(read, name)
@@ -96,11 +96,12 @@ def _deliver_all(plans: Sequence[Plan], folder: Path, name: str, *, as_json: boo
     for plan in read:
         label = "" if plan.job is None else plan.job.label
         lines.append(f"{label}: {plan.status}, {len(plan.task)} waypoints; {plan.verdict.sentence}")
-    lines += format_notes(summary["notes"], folder)
+    lines += format_stops(summary["notes"])
     if any(plan.job is not None and plan.job.output.programs for plan in read):
         lines.append(describe_order(summary, files))
     first = folder / summary["tools"][0]["folder"]
-    lines.append(f"wrote {len(files)} files to {folder}; next: open {folder / 'report.html'}, or compplan view {first}")
+    report = f"{folder / 'report.html'}{count_notes(summary['notes'])}"
+    lines.append(f"wrote {len(files)} files to {folder}; next: open {report}, or compplan view {first}")
     show(summary, as_json, lines)
     return read
 

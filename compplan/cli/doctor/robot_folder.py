@@ -162,7 +162,9 @@ def _look_at_controller(robot: Robot) -> Iterator[Remark]:
 
 def _look_at_shapes(robot: Robot) -> Iterator[Remark]:
     bodies = read_bodies(robot)
-    advice = "a job with [collision] refuses this robot: mend robot.urdf, or put its meshes into meshes/ of the folder"
+    advice = (
+        "a job with [collision] refuses this robot: correct robot.urdf, or put its meshes into meshes/ of the folder"
+    )
     gaps = [body for body in bodies if body.gap]
     for body in gaps:
         yield Remark("odd", "collision", f"{body.link}: {body.gap}", advice if body is gaps[-1] else "")

@@ -365,7 +365,7 @@ def joint_shares(program: Program) -> Array:
 
 
 def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) -> Array:
-    """Return the share of the joint rates that each move asks for, of rapid ones `rapid`; unknown ones 10. (n,) [%]"""
+    """Return each move's share of the joint rates, `rapid` for rapid moves, 10 where unknown. Shape (n,). [%]"""
     shares = joint_shares(program)
     return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)
 

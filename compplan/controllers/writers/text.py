@@ -50,7 +50,11 @@ def read_code(path: Path) -> tuple[str, ...]:
     for number, line in enumerate(read_text(path).split("\n"), start=1):
         line = line.removesuffix("\r")
         if not all(letter == "\t" or " " <= letter <= "~" for letter in line) or "]]>" in line:
-            raise InputError("has letters that no program takes, expected plain ASCII", file=path, where=number)
+            raise InputError(
+                "has characters that programs cannot hold; expected printable ASCII without ]]>",
+                file=path,
+                where=number,
+            )
         lines.append(line)
     return tuple(lines[:-1] if lines[-1:] == [""] else lines)
 

@@ -32,12 +32,12 @@ BRANDS = ("fanuc_m10ia", "kuka_kr240", "kuka_kr270")
 
 
 def find_conventions(robot: Robot, campaign: Campaign, register: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Find conventions of counting without which the campaign is far off.
+    """Find joint conventions (signs, zeros, couplings) without which the log is far off the model.
 
     Args:
         robot: The nominal robot.
-        campaign: What was measured.
-        register: Frames that are fitted to each hypothesis.
+        campaign: The measured poses.
+        register: Frames that are fitted with each candidate convention.
     """
     rows = np.flatnonzero(campaign.usable & campaign.measured)
     if not len(rows):

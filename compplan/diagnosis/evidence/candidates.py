@@ -106,7 +106,7 @@ def proposed_signatures(signatures: Sequence[Signature]) -> list[Signature]:
 
 
 def propose_again(at: Linearization, proposals: list[Signature], wanted: set[Key]) -> list[Signature]:
-    """Offer the claimed ones of earlier proposals at a new linearization."""
+    """Recompute earlier proposals whose keys are `wanted` at a new linearization."""
     found: list[Signature] = []
     for old in proposals:
         if key_of(old) not in wanted:

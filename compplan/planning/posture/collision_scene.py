@@ -176,9 +176,9 @@ def check_bodies(bodies: Sequence[BodyShapes], without: Sequence[str], robot: st
     open_ = [body for body in gaps if body.link not in without]
     if not open_:
         return
-    more = f" and of {', '.join(body.link for body in open_[1:])}" if open_[1:] else ""
+    more = f" and those of {', '.join(body.link for body in open_[1:])}" if open_[1:] else ""
     raise InputError(
-        f"link {open_[0].link!r} of {robot} moves; {open_[0].gap}; collisions of it{more} would not be seen: mend "
+        f"link {open_[0].link!r} of {robot} moves; {open_[0].gap}; its collisions{more} would be missed: correct "
         "robot.urdf, or put its meshes into meshes/ of the robot folder (compplan doctor lists every link), "
         "or name the links in collision.without_shapes",
         file=file, where="collision",

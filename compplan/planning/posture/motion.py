@@ -200,7 +200,7 @@ def steady_slide(positions: Array, stroke: float) -> Array:
 
 
 def count_reversals(positions: Array, stroke: float) -> int:
-    """Count where a joint (n,) turns back, ways shorter than a stroke (above 0) left out. [m or rad]"""
+    """Count the reversals of a joint along positions (n,), ignoring moves shorter than `stroke` > 0. [m or rad]"""
     if not len(positions) or np.ptp(positions) < stroke:
         return 0
     return len(_turning_points(positions, stroke)) - 2

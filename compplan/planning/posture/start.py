@@ -106,7 +106,8 @@ def _follow_few_joints(robot: Robot, nominal: Toolpath, tool_x: Array, request: 
     if missed.all():
         least = ", which keep the tool where it points" if robot.nq < 5 else ""
         raise InputError(
-            f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one branch"
+            f"robot {robot.name!r} of {robot.nq} joints{least}: reaches no waypoint of the path in one configuration; "
+            "move the part, or check the frames"
         )
     note = (FOUR_JOINTS,) if robot.nq < 5 else ()
     return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)

@@ -199,7 +199,7 @@ def _half_plane(arm: Arm) -> _HalfPlane:
     axis, origin = frames.axis[0, first], frames.origin[0, first]
     forward = np.cross(frames.axis[0, second], axis) * arm.front
     if np.linalg.norm(forward) < 1e-6:
-        raise InputError("joints one and two of the arm are parallel: maps with a straight wrist do not fit it")
+        raise InputError("joints one and two of the arm are parallel: it has no map with a straight wrist")
     forward /= np.linalg.norm(forward)
     return _HalfPlane(origin, axis, forward, np.cross(axis, forward))
 

@@ -25,7 +25,7 @@ def deliver_robot_folder(robot: Robot, folder: Path, before: Robot | None = None
     try:
         attained = solve_model_poses(apply_effects(build_model(read, command_campaign(middle)), robot_effects(read)))
     except ConvergenceError as error:
-        raise InputError(f"the robot that was identified finds no equilibrium: {error}", file=folder) from None
+        raise InputError(f"the identified robot has no static equilibrium: {error}", file=folder) from None
     if not np.isfinite(attained.position).all():
-        raise InputError("the robot that was identified finds no equilibrium", file=folder)
+        raise InputError("the identified robot has no static equilibrium", file=folder)
     return read

@@ -115,7 +115,8 @@ def count_chords(arc: Arc, chord: float) -> int:
 def arc_about(start: Point, end: Point, centre: Point, normal: Point, *, right_hand: bool, turns: int = 1) -> Arc:
     """Return the arc from start to end about an axis; start and end at one place make a full circle. [mm]
 
-    The axis passes the centre along `normal`, a unit vector, which the arc turns about by the right hand or against it.
+    The axis passes through the centre along the unit vector `normal`; the arc turns about it by the right-hand rule,
+    or against it.
     Each of the `turns` beyond the first adds a full turn.
     """
     travel, arm = combine(1.0, end, -1.0, start), combine(1.0, start, -1.0, centre)

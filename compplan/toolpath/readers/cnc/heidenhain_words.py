@@ -42,7 +42,7 @@ class KlartextWords:
         self.radii: dict[str, float] = {}
 
     def set_feed_scale(self) -> None:
-        """Let plain blocks count their feed as the program does now."""
+        """Set the feed unit of plain blocks to the one that is now in force (per minute or per turn, mm or inch)."""
         self.it.state.feed_scale = self.to_mm_s(1.0) * 60.0
 
     def to_mm_s(self, number: float) -> float:
