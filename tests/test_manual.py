@@ -72,6 +72,7 @@ def test_the_first_part_of_the_manual_is_planned_by_its_own_commands(tmp_path: P
 
 
 def test_the_reference_lists_every_robot_and_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("docutils")  # of the extra docs
     monkeypatch.syspath_prepend(DOCS / "_ext")
     tables = importlib.import_module("reference_tables")
     assert tables.list_robots()[22][:5] == ("kuka_kr16_2", "16 kg", "1.61 m", "6", "x of flange")

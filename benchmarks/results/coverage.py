@@ -29,7 +29,6 @@ METHOD = (
 CHART = Chart("tips within the 95 % band, %", {"held": ("held, %", 0)})
 LIMITS = (
     "The controller of the moving arm is ideal: its servos follow joints.csv. A real one lags and blends.",
-    "Damping and widths of the drawn arms are the assumed ones of the robot folders.",
     "Runs of the moving arm begin at rest; ringing after rapid moves is no part of the band.",
 )
 JOBS, FIRST, ARMS, SHOPS = 20, 100, 200, 12
