@@ -76,5 +76,5 @@ def test_the_tool_stands_where_a_cut_begins_that_the_plan_approaches(
 def test_lines_that_would_break_a_file_are_refused(tmp_path: Path) -> None:
     for text in ("a\x00", "\xe4", "]]>", "a\x0bb"):
         (tmp_path / "lines.txt").write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match=r"plain ASCII|binary file"):
+        with pytest.raises(InputError, match=r"printable ASCII|binary file"):
             read_code(tmp_path / "lines.txt")
