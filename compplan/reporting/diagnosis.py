@@ -241,7 +241,7 @@ def open_diagnosis(
     todo = "Plan with the updated robot: compplan plan JOB --robot OUT/robot."
     more_poses = "Measure more poses, as listed below" if listed else "Measure more poses, other ones than these"
     if doubtful:
-        later = f" Until then: {todo}" if delivered != "nominal" else ""
+        later = f" Until then: {todo[:1].lower()}{todo[1:]}" if delivered != "nominal" else ""
         todo = f"{more_poses}: {rivals} would explain the measurements as well.{later}"
     elif delivered == "nominal" and status != "none":
         todo = f"Nothing predicts better than the robot folder as it was. {more_poses}."
