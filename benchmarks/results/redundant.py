@@ -31,20 +31,17 @@ QUESTION = (
     "what does one program of posture and speed bring beside repeated mirror compensation and the fastest run?"
 )
 METHOD = (
-    "`benchmarks/redundant_jobs.py` holds the jobs. *CAM posture*: one configuration, x of the tool as the job has it, "
-    "the rail where the arm stands best. *Graph*: the posture of the ladder graph, as repeated mirror gets it. "
-    "*Graph, eased*: the same, its speed eased where the arm vibrates most, as the program's is: what counts. "
-    "*Program*: what `compplan plan` takes with no preset named, *error_band* and *fast* with these. "
-    "Each is timed by the fastest run (as TOPP-RA finds it) with the smoothing that plans have, before correction. "
-    "Cycle: the whole run. "
-    "Band: the widest 95 % band, vibration included."
+    "`benchmarks/redundant_jobs.py` holds the jobs. Cells: cycle in s, widest 95 % band in mm with vibration. "
+    "*CAM posture*: the job's configuration and tool x. *Graph*: posture of the ladder graph, as mirror gets it; "
+    "*eased*: slower where the arm vibrates most, as the program is. *Program*: the default of `compplan plan`. "
+    "All timed by TOPP-RA with the smoothing of plans, before correction."
 )
 CHART = Chart("95 % band, mm", {
-    way: (f"{way}: cycle s, band mm", 1) for way in ("CAM posture", "graph", "program", "error_band", "fast")
+    way: (way, 1) for way in ("CAM posture", "graph", "program", "error_band", "fast")
 }, log=True)  # fmt: skip
 LIMITS = (
     "Robots are models; force, lost motion and most uncertainties are assumed, and so is the band.",
-    "The jobs were made by the author of the program, with feeds that the joints cannot hold everywhere.",
+    "The author of the program made the jobs; joints cannot hold their feeds everywhere.",
     "MoveIt and PyRoki are not run.",
 )
 WAYS = ("CAM posture", "graph", "graph, eased", "program", "error_band", "fast")
@@ -92,7 +89,7 @@ def measure(settings: Settings) -> Findings:
         others = [row for row in ways.values() if isinstance(row, Row) and row.status == "reached"]
         if not isinstance(fast, Row) or fast.cycle > 1.001 * min(row.cycle for row in others):
             slow.append(f"`{name}`: `fast` is not the fastest")
-    head = ("job", *(f"{way}: cycle s, band mm" for way in WAYS))
+    head = ("job", *WAYS)
     spent = [np.median([row.spent for ways in found.values() if isinstance(row := ways[way], Row)]) for way in WAYS]
     return Findings(
         (
