@@ -263,7 +263,7 @@ def test_sockets_are_put_up_elsewhere_where_the_arm_does_not_meet_a_place(monkey
     away = np.linalg.norm(place(0.0)[0] - middle)
     moved = np.linalg.norm(place(1.01 * away) - middle, axis=1)
     assert (moved > 1.01 * away).all()
-    with pytest.raises(InputError, match="in 2 postures, expected at least 3, wherever near the path"):
+    with pytest.raises(InputError, match="in 2 postures, expected at least 3, wherever it lies near the path"):
         place(9.0)
 
 

@@ -48,7 +48,7 @@ def test_no_planted_folder_passes_a_collision_check_unsaid(seed: int, tmp_path: 
         check_bodies(bodies, (), robot.name, JOB)
         assert odd == []
         return
-    with pytest.raises(InputError, match="would not be seen") as refused:
+    with pytest.raises(InputError, match="would be missed") as refused:
         check_bodies(bodies, (), robot.name, JOB)
     named = [body.link for body in bodies if body.gap]
     assert set(named) <= set(planted.links)
