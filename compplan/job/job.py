@@ -67,7 +67,7 @@ class PlanTable(StrictTable):
     configuration: Annotated[Configuration, BeforeValidator(_expand_auto)] = Configuration()
     start_deg: Numbers | None = None
     max_correction_mm: float = Field(default=10.0, gt=0.0, le=1000.0)
-    tolerance_mm: float = Field(default=0.1, gt=0.0, le=100.0)
+    tolerance_mm: float = Field(default=0.1, ge=1e-6, le=100.0)
     tool_x: Vector3 = (1.0, 0.0, 0.0)
     keep: Annotated[str, Field(min_length=1, max_length=LONGEST_PATH)] = KEEP_ROBOT
     inertia: bool = True

@@ -13,7 +13,7 @@ from compplan.errors import InputError
 from compplan.io.tomlfile import StrictTable
 from compplan.toolpath.toolpath import Toolpath
 
-Size = Annotated[float, Field(gt=0.0, le=100.0)]
+Size = Annotated[float, Field(ge=1e-6, le=100.0)]
 #: Keys that select a part of a path.
 PLACES = ("waypoints", "s_mm", "operation")
 

@@ -305,6 +305,7 @@ def test_an_instrument_that_cannot_be_is_refused(key: str, tmp_path: Path, monke
         ("robot/effects.toml", 'joint = "joint_1"', 'joint = "jo_1"', "effect[0].joint"),
         ("robot/elasticity.toml", "repeatability_mm    = 0.017", "repeatability_mm    = 1e13", "at most 1e+12"),
         ("job.toml", "max_correction_mm = 10.0", "max_correction_mm = 1e300", "at most 1e+12"),
+        ("job.toml", "tolerance_mm = 0.1", "tolerance_mm = 5e-324", "plan.tolerance_mm"),
     ],
 )
 def test_nonsense_in_a_table_is_refused_in_one_line(
