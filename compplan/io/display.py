@@ -10,7 +10,7 @@ import base64
 import html
 import io
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -85,11 +85,7 @@ class Shown:
 
     def __str__(self) -> str:
         (what, headline), *rest = self.summary()
-        width = max((len(name) for name, _ in rest), default=0)
-        lines = [cut_line(f"{what}: {headline}")]
-        for name, words in rest:
-            lines += wrap_words(words, f"  {name:<{width}}  ")
-        return "\n".join(lines[:MOST_LINES])
+        return "\n".join([cut_line(f"{what}: {headline}"), *format_figures(rest)][:MOST_LINES])
 
     def __repr__(self) -> str:
         what, headline = self.summary()[0]
@@ -153,6 +149,12 @@ class Shown:
 
             axes = plt.subplots(figsize=(7.0, 3.6), layout="constrained")[1]
         return draw_curves(curves, axes)
+
+
+def format_figures(figures: Sequence[tuple[str, str]]) -> list[str]:
+    """Write figures, a name and its words each, in lines whose words begin in one column."""
+    width = max((len(name) for name, _ in figures), default=0)
+    return [line for name, words in figures for line in wrap_words(words, f"  {name:<{width}}  ")]
 
 
 def wrap_words(words: str, head: str) -> list[str]:

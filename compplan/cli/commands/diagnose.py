@@ -12,7 +12,7 @@ from compplan.cli.terminal import show, show_progress
 from compplan.diagnosis import diagnose_campaign
 from compplan.effects import EFFECTS
 from compplan.errors import UnknownNameError
-from compplan.io.display import MOST_LISTED
+from compplan.io.display import format_figures
 from compplan.measurement.checks import list_notes
 from compplan.measurement.registration import parse_parts
 from compplan.reporting.diagnosis import deliver_diagnosis
@@ -54,13 +54,12 @@ def command(
         diagnosis = diagnose_campaign(robot, campaign, register=parts, without=without, progress=progress)
         table, opening = deliver_diagnosis(diagnosis, folder, progress)
     folders = ", ".join(f"{delivery.folder(number)}/" for number, delivery in enumerate(diagnosis.deliveries))
-    effects = table["verdict"]["effects"]
-    headline, *figures = str(diagnosis).splitlines()  # the effects first, without their sizes
+    what, headline = diagnosis.summary()[0]
     following = opening.next.replace("listed below", "listed in the report")
     lines = [
         *(f"assumed to be meant: {question}" for question in asked),
-        headline, *list_effects(effects), *describe_structure(diagnosis), *figures[len(effects[:MOST_LISTED]) :],
-        *list_notes(diagnosis.fit.problem.campaign.notes),
+        f"{what}: {headline}", *list_effects(table["verdict"]["effects"]), *describe_structure(diagnosis),
+        *format_figures(diagnosis.list_figures()), *list_notes(diagnosis.fit.problem.campaign.notes),
         f"wrote diagnosis.json, report.html, {folders} to {folder}",
         f"next: {following.replace('OUT/robot', str(folder / 'robot'))}",
     ]  # fmt: skip

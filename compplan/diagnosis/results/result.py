@@ -116,19 +116,25 @@ class Diagnosis(Shown):
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the answer: what is wrong, how far the gap shrinks."""
-        gap, found = self.gap, self.verdict.findings
+        found = self.verdict.findings
         rows = []
         for finding in found[:MOST_LISTED]:
             place = " ".join(str(part) for part in finding.effect.place[1:] if part is not None)
             moved = f", moves the tip {format_length(finding.explained)}" if np.isfinite(finding.explained) else ""
             rows.append((finding.effect.name, f"{place or 'robot'}: probability {finding.probability:.2f}{moved}"))
         more = [("further causes", str(len(found) - MOST_LISTED))] if len(found) > MOST_LISTED else []
-        more += [("not named", f"{f.effect.name}: {f.beyond}") for f in self.verdict.doubtful if f.beyond][:MOST_LISTED]
         words = {"none": "nothing is wrong", CALIBRATED: "not calibrated, many small errors"}
         status = words.get(self.verdict.status, self.verdict.status.replace("_", " "))
         return [
             ("diagnosis", f"{status}, {self.robot.name}, {len(self.residual_before)} rows"),
-            *rows, *more,
+            *rows, *more, *self.list_figures(),
+        ]  # fmt: skip
+
+    def list_figures(self) -> list[tuple[str, str]]:
+        """Return the rows of the summary that follow the named effects."""
+        gap, beyond = self.gap, [finding for finding in self.verdict.doubtful if finding.beyond]
+        return [
+            *(("not named", f"{finding.effect.name}: {finding.beyond}") for finding in beyond[:MOST_LISTED]),
             ("gap", f"{format_length(gap.before)} before, {format_length(gap.after)} after (rms)"),
             ("on rows never seen", f"{format_length(gap.held_out_before)} before, {format_length(gap.held_out_after)} "
                                    "after"),
