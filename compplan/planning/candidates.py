@@ -178,7 +178,7 @@ def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
         if rate < 1.0 and push < CALM:
             return True
     try:
-        timing = time_run(task, task.q_start, asked.wish)[1]
+        timing = time_run(task, task.q_start, asked.feed_request)[1]
     except ConvergenceError:
         return False
     return bool(timing.time[-1] <= AT_FEED * least_time(task) and timing.acceleration_ratio < CALM)
@@ -208,7 +208,7 @@ def measure_runs(
             eased = start if count == 0 and window == 1.0 else replace(
                 start, pace=Easing(window, task.origin, slower))  # fmt: skip
             run = replace(task, start=eased)
-            time = time_run(run, run.q_start, asked.wish)[1].time
+            time = time_run(run, run.q_start, asked.feed_request)[1].time
             rings = _spread_vibration(run, time, rows, dynamics)
             band = band_radius(still + rings, mean=aside)
             widest, least = (float(each.max(initial=0.0)) for each in (band, calm))

@@ -55,7 +55,7 @@ class ConstantFeed:
 
 
 def time_run(
-    task: PlanTask, q: Array, wish: FeedRequest, slow: Array | None = None
+    task: PlanTask, q: Array, feed_request: FeedRequest, slow: Array | None = None
 ) -> tuple[PlanTask, Timing, tuple[str, ...]]:
     """Time a command (n, nq) as the process asks; `slow` (n,) are factors by which the run is to be slower, or None.
 
@@ -63,7 +63,7 @@ def time_run(
         The task with the feed that was programmed in the end, the run, and sentences for the user.
     """
     notes: list[str] = []
-    if wish.constant:
+    if feed_request.constant:
         found = find_constant_feed(task, q)
         if found.waypoint >= 0:
             notes.append(
@@ -72,10 +72,10 @@ def time_run(
             )
         task = program_feed(task, found.feed)
     rules = None
-    if wish.torque:
+    if feed_request.torque:
         rules = TorqueRules(task.robot, q, task.wrench)
         notes += rules.notes
-    return task, time_command(task, q, rules=rules, slow=slow, keep=wish.constant), tuple(notes)
+    return task, time_command(task, q, rules=rules, slow=slow, keep=feed_request.constant), tuple(notes)
 
 
 def find_constant_feed(task: PlanTask, q: Array) -> ConstantFeed:

@@ -91,25 +91,25 @@ class Compensation:
 
 
 def compensate(
-    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None = None,
+    task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Compensation:  # fmt: skip
     """Let a strategy command a task, with the run and the loads that belong to the command.
 
     Inertia that keeps a plan from being one is left to the error band. A correction that lies below what the robot can
-    move is not made. `wish` is what the process asks of the feed, `output` what programs are asked for, if it is known.
+    move is not made. `output` is what programs are asked for, if it is known.
     """
     progress("sampling")
     if task.missed.any() or not task.chain.n_springs or not task.robot.bodies:
         task = replace(task, inertia=False)
-    found = _settle(task, strategy, wish, output, progress)
+    found = _settle(task, strategy, feed_request, output, progress)
     if found.task.inertia and (reason := _refuse_inertia(found)):
         task = replace(task, inertia=False)
-        found = _settle(task, strategy, wish, output, progress)
+        found = _settle(task, strategy, feed_request, output, progress)
         note = f"The inertia of the motion is not compensated here: with it {reason}. The 95 % band counts all of it."
         found = replace(found, notes=(*found.notes, note))
     if floor := describe_floor(found.task, found.command.q):
-        found = _settle(task, "none", wish, output, progress)
+        found = _settle(task, "none", feed_request, output, progress)
         found = replace(found, notes=(*found.notes, floor))
     return found
 
@@ -129,7 +129,11 @@ def _refuse_inertia(found: Compensation) -> str:
 
 
 def _settle(
-    task: PlanTask, strategy: str, wish: FeedRequest, output: OutputTable | None, progress: Callable[[str], None]
+    task: PlanTask,
+    strategy: str,
+    feed_request: FeedRequest,
+    output: OutputTable | None,
+    progress: Callable[[str], None],
 ) -> Compensation:
     """Run the loop; arguments as of `compensate`.
 
@@ -138,7 +142,7 @@ def _settle(
     """
     coupled = task.follows_feed or task.inertia
     masses = build_moving_chain(task.robot) if task.inertia else None
-    task = _divide_ahead(_resolve_starts(task, wish) if task.inertia else task, wish)
+    task = _divide_ahead(_resolve_starts(task, feed_request) if task.inertia else task, feed_request)
     mending, slow, run, command = Mending(), np.ones(len(task)), None, None
     first: Compensation | None = None
     turn, divisions, rounds = 0, 0, 0
@@ -151,7 +155,7 @@ def _settle(
         if command is None:
             command = nlp.approach_path(task) if strategy == "nlp" else command_path(task, strategy)
         excess, change = 0.0, 0.0
-        run = run or time_run(task, task.q_start if coupled else command.q, wish, slow)
+        run = run or time_run(task, task.q_start if coupled else command.q, feed_request, slow)
         driven, timing, notes = run
         if coupled:
             changed = _load(task, timing, command.q, masses)
@@ -159,10 +163,10 @@ def _settle(
             if change > EXACT:
                 command = nlp.correct_command(task, command) if strategy == "nlp" else command_path(task, strategy)
             time = time_between_cuts(task, command.q, timing.time)
-            rules = TorqueRules(task.robot, command.q, task.wrench) if wish.torque else None
+            rules = TorqueRules(task.robot, command.q, task.wrench) if feed_request.torque else None
             slower = find_slowdown(task, command.q, time, rules)
             excess = float(slower.max())
-            if excess > 1.0 or wish.torque:
+            if excess > 1.0 or feed_request.torque:
                 slow, run = slow * np.minimum(slower, 3.0) * np.where(slower > 1.0, 1.02, 1.0), None
             if (excess > 1.0 or change > SETTLED * task.tolerance) and turn % TURNS:
                 continue
@@ -184,7 +188,9 @@ def _settle(
         executed = evaluate_executed(found.task, found.command.q, found.timing.time, output)
         found = replace(found, executed=executed)
         first = first or found
-        use = None if wish.constant or found.command.status != "solved" else excess_executed(found.task, executed)
+        use = (
+            None if feed_request.constant or found.command.status != "solved" else excess_executed(found.task, executed)
+        )
         if use is None or rounds == SLOWER:
             break
         progress("slower where the drives leave the tolerance")
@@ -197,13 +203,13 @@ def _settle(
     return replace(found, notes=(*found.notes, note))
 
 
-def _divide_ahead(task: PlanTask, wish: FeedRequest) -> PlanTask:
+def _divide_ahead(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     """Divide by what the uncorrected motion shows, and start from the force at the feed that it can be driven with."""
     mending = Mending()
     for last in range(DIVISIONS):
         time = None
         if task.follows_feed:
-            timing = time_run(task, task.q_start, wish)[1]
+            timing = time_run(task, task.q_start, feed_request)[1]
             task, time = _load(task, timing, task.q_start, None), timing.time
         bow = measure_between(task, task.q_start, time, bow=True)
         pieces = mending.allow(task, wanted_pieces(bow, task.move_chord), bow.most)
@@ -286,7 +292,7 @@ def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
 
-def _resolve_starts(task: PlanTask, wish: FeedRequest) -> PlanTask:
+def _resolve_starts(task: PlanTask, feed_request: FeedRequest) -> PlanTask:
     """Divide first and last moves of runs, in steps that grow away from the rest, until their rows tell the motion.
 
     A run starts as s = j t^3 / 6. Its first row at t1 says that it accelerates by 2 s(t1) / t1^2 = j t1 / 3 where it
@@ -295,7 +301,11 @@ def _resolve_starts(task: PlanTask, wish: FeedRequest) -> PlanTask:
     dynamics, runs = build_dynamics(task.robot), task.runs
     if not dynamics.known or not runs:
         return task
-    time = time_run(task, task.q_start, wish)[1].time if wish.constant or wish.torque else time_ends(task, task.q_start)
+    time = (
+        time_run(task, task.q_start, feed_request)[1].time
+        if feed_request.constant or feed_request.torque
+        else time_ends(task, task.q_start)
+    )
     rests = np.array(runs).ravel()
     moves = rests - np.tile([0, 1], len(runs))
     step = np.maximum(np.diff(time)[moves], 1e-12)[:, None]

@@ -56,7 +56,7 @@ class PlanOptions:
     Attributes:
         strategy: none, mirror, iterated_mirror or nlp.
         spin_free: Whether the tool may rotate about its axis.
-        wish: What is said about the posture.
+        preference: What is said about the posture.
         max_correction: Greatest distance of the unloaded tip from the path. [m]
         tolerance: Greatest deviation that counts as within tolerance. [m]
         tool_x: Where the TCP frame's x points, base axes. Shape (3,).
@@ -79,7 +79,7 @@ class PlanOptions:
 
     strategy: str = "nlp"
     spin_free: bool = True
-    wish: Preference = field(default_factory=Preference)
+    preference: Preference = field(default_factory=Preference)
     max_correction: float = 0.010
     tolerance: float = 1e-4
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
@@ -223,8 +223,10 @@ def build_task(robot: Robot, nominal: Toolpath, options: PlanOptions, *, file: P
         raise InputError(message, file=file, where="robot" if file else None)
     request = options.posture
     try:
-        check_start(robot, options.wish.start)
-        start = find_kept_start(robot, nominal, np.asarray(options.tool_x, float), options.wish, request, options.lock)
+        check_start(robot, options.preference.start)
+        start = find_kept_start(
+            robot, nominal, np.asarray(options.tool_x, float), options.preference, request, options.lock
+        )
     except InputError as error:
         raise InputError(error.message, file=file, where=error.where if file else None) from None
     if options.lock is None and request is not None:
@@ -299,7 +301,7 @@ def read_options(job: Job, robot: Robot) -> PlanOptions:
     return PlanOptions(
         strategy=table.strategy,
         spin_free=table.rotate_about_tool_axis,
-        wish=Preference(words.shoulder, words.elbow, words.wrist, start),
+        preference=Preference(words.shoulder, words.elbow, words.wrist, start),
         max_correction=table.max_correction_mm * 1e-3,
         tolerance=job.strictest_tolerance,
         tool_x=job.tool_x_base,

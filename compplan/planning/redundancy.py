@@ -111,7 +111,7 @@ class Asked:
         robot: The robot.
         nominal: The toolpath, its tool axis as programmed.
         tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        wish: What the process asks of the feed.
+        feed_request: What the process asks of the feed.
         force: How surely the force is known.
         state: States the task that begins with a start.
         tube: Share of the tolerance by which the program may leave the path.
@@ -121,7 +121,7 @@ class Asked:
     robot: Robot
     nominal: Toolpath
     tool_x: Array
-    wish: FeedRequest
+    feed_request: FeedRequest
     force: ForceSpread
     state: Callable[[Start], PlanTask]
     tube: float = 0.0
@@ -129,7 +129,7 @@ class Asked:
     def time(self, task: PlanTask) -> float:
         """Time the fastest run of a task; infinite where none keeps the limits. [s]"""
         try:
-            return float(time_run(task, task.q_start, self.wish)[1].time[-1])
+            return float(time_run(task, task.q_start, self.feed_request)[1].time[-1])
         except ConvergenceError:
             return np.inf
 
@@ -206,7 +206,7 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
     if (free := find_free(task, posture_choice, asked)) is None:
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.wish.torque)
+    problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.feed_request.torque)
     scene, clear = request.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):

@@ -69,7 +69,7 @@ class Posture(NamedTuple):
     cost: float
 
 
-def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Preference | None = None) -> Posture:
+def choose_posture(robot: Robot, position: Array, rotation: Array, preference: Preference | None = None) -> Posture:
     """Choose one configuration for a whole path (n, 3), (n, 3, 3) and solve it at every waypoint.
 
     Of the configurations (and full turns of joints with more than one) that reach the most waypoints, the one is taken
@@ -78,20 +78,20 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Prefere
     Raises:
         InputError: If the wanted start lies outside the joint limits, or if no waypoint is reached at all.
     """
-    wish = wish or Preference()
-    check_start(robot, wish.start)
+    preference = preference or Preference()
+    check_start(robot, preference.start)
     arm, n = build_arm(robot), len(position)
-    held = _hold_extra_axes(arm, position, wish)
+    held = _hold_extra_axes(arm, position, preference)
     sample = pick_even(np.arange(n), SAMPLES)
     branches = solve_branches(arm, position[sample], rotation[sample], held[sample])
-    candidates = _rank_candidates(arm, branches, wish)
+    candidates = _rank_candidates(arm, branches, preference)
     if not candidates:
-        raise InputError(_explain_reach(arm, position, rotation, held, wish))
+        raise InputError(_explain_reach(arm, position, rotation, held, preference))
     cost, slot, turns = candidates[0]
     q = branches[:, slot] if n == len(sample) else solve_branches(arm, position, rotation, held)[:, slot]
     reached = np.isfinite(q[:, 0])
     if not reached.any():
-        raise InputError(_explain_reach(arm, position, rotation, held, wish))
+        raise InputError(_explain_reach(arm, position, rotation, held, preference))
     q = _unwrap(arm, q)
     q = q + _whole_turns(arm, q, turns, branches[:, slot])
     q = _fill_missed(arm, q, reached, position, rotation)
@@ -99,28 +99,28 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, wish: Prefere
     return Posture(q, CONFIGURATIONS[slot], ~(reached & inside), cost)
 
 
-def _rank_candidates(arm: Arm, branches: Array, wish: Preference) -> list[tuple[float, int, Array]]:
+def _rank_candidates(arm: Arm, branches: Array, preference: Preference) -> list[tuple[float, int, Array]]:
     """List cost, slot and whole turns of every configuration that is wanted, best first."""
     ranked = []
     for slot, configuration in enumerate(CONFIGURATIONS):
         q = branches[:, slot]
         reached = np.isfinite(q[:, 0])
-        if not wish.allows(configuration) or not reached.any():
+        if not preference.allows(configuration) or not reached.any():
             continue
         path = _unwrap(arm, q)[reached]
         for turns in _turn_variants(arm, path):
-            ranked.append((_rate(arm, path + turns, reached.mean(), wish), slot, turns))
+            ranked.append((_rate(arm, path + turns, reached.mean(), preference), slot, turns))
     return sorted(ranked, key=lambda entry: entry[0])
 
 
-def _rate(arm: Arm, q: Array, share: float, wish: Preference) -> float:
+def _rate(arm: Arm, q: Array, share: float, preference: Preference) -> float:
     """Rate one way to stand; what is missed or torn outweighs everything else."""
     robot = arm.robot
     outside = np.maximum(robot.lower - q, q - robot.upper).max(axis=1) > 1e-9
     torn = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > LARGEST_STEP if len(q) > 1 else np.zeros(0)
     penalty = 1e6 * (1.0 - share * (1.0 - outside.mean())) + 1e3 * float(np.sum(torn))
-    if wish.start is not None:
-        return penalty + float(np.linalg.norm(q[0] - wish.start))
+    if preference.start is not None:
+        return penalty + float(np.linalg.norm(q[0] - preference.start))
     reach = robot.upper - robot.lower
     span = np.where(np.isfinite(reach) & (reach > 0.0), reach, np.inf)  # a joint that is held uses none of its own
     usage = (2 * np.abs(q - middle_of_limits(robot)) / span).max()
@@ -187,11 +187,11 @@ def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArr
     return np.where(np.abs(wanted - before) <= np.abs(rows[after] - wanted), before, rows[after])
 
 
-def _hold_extra_axes(arm: Arm, position: Array, wish: Preference) -> Array:
+def _hold_extra_axes(arm: Arm, position: Array, preference: Preference) -> Array:
     """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach."""
     rest = middle_of_limits(arm.robot)
-    if wish.start is not None:
-        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), wish.start, rest)
+    if preference.start is not None:
+        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), preference.start, rest)
     elif len(arm.held) and arm.robot.prismatic[arm.held].all():
         rest = _slide_to_path(arm, rest, position)
     return np.tile(rest[arm.held], (len(position), 1))
@@ -235,9 +235,9 @@ def check_start(robot: Robot, start: Array | None) -> None:
         raise InputError(message, where="plan.start_deg")
 
 
-def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, wish: Preference) -> str:
+def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, preference: Preference) -> str:
     """Say why no waypoint is reached."""
-    wanted = [word for word in (wish.shoulder, wish.elbow, wish.wrist) if word]
+    wanted = [word for word in (preference.shoulder, preference.elbow, preference.wrist) if word]
     sample = pick_even(np.arange(len(position)), 20)
     if wanted and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
         return f"configuration {', '.join(wanted)} reaches no waypoint, other configurations do; leave it to 'auto'"
@@ -262,8 +262,8 @@ def solve_default_posture(problem: PostureProblem, posture_choice: PostureSummar
     rotation = tool_axes(nominal, problem.tool_x)
     start = None if settings.start is None else np.array(settings.start)
     try:
-        wish = Preference(**settings.configuration, start=start)
-        plain = choose_posture(problem.robot, nominal.position, rotation, wish)
+        preference = Preference(**settings.configuration, start=start)
+        plain = choose_posture(problem.robot, nominal.position, rotation, preference)
     except InputError:
         return None
     if plain.missed.any() or find_torn(plain.q, nominal, settings.most_step).any():

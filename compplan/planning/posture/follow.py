@@ -68,8 +68,8 @@ def reach_with_all(
         inverse = np.swapaxes(columns, 1, 2) @ np.linalg.inv(gram)
         step = (inverse @ error[..., None])[..., 0]
         if draw and count == 0:
-            wish = DRAWN * np.where(np.isfinite(rest), rest - q, 0.0)
-            step = step + wish - (inverse @ (columns @ wish[..., None]))[..., 0]
+            preference = DRAWN * np.where(np.isfinite(rest), rest - q, 0.0)
+            step = step + preference - (inverse @ (columns @ preference[..., None]))[..., 0]
         step *= np.minimum(1.0, LARGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
         q = np.clip(q + step, robot.lower, robot.upper)
     frames = locate_frames(chain, q)

@@ -136,7 +136,12 @@ def is_same_machine(one: Robot, other: Robot) -> bool:
 
 
 def find_kept_start(
-    robot: Robot, nominal: Toolpath, tool_x: Array, wish: Preference, request: PostureRequest | None, lock: Lock | None
+    robot: Robot,
+    nominal: Toolpath,
+    tool_x: Array,
+    preference: Preference,
+    request: PostureRequest | None,
+    lock: Lock | None,
 ) -> Start:
     """Find where a plan starts, the posture kept where a lock says so; arguments as of `find_start`.
 
@@ -145,20 +150,20 @@ def find_kept_start(
 
     """
     if lock is None or (lock.model is None and lock.program is None):
-        return find_start(robot, nominal, tool_x, wish, request)
+        return find_start(robot, nominal, tool_x, preference, request)
     if lock.program is not None:
         near, start = _follow_program(lock.program, nominal, tool_axes(nominal, tool_x), request)
         start = replace(start, q=near)
     else:
         assert lock.model is not None
         try:
-            start = find_start(lock.model, nominal, tool_x, wish, request)
+            start = find_start(lock.model, nominal, tool_x, preference, request)
         except InputError:
-            return find_start(robot, nominal, tool_x, wish, request)
+            return find_start(robot, nominal, tool_x, preference, request)
     kept = _stand_again(robot, start)
     if not (kept.missed & ~start.missed).any():
         return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
-    anew = find_start(robot, nominal, tool_x, wish, request)
+    anew = find_start(robot, nominal, tool_x, preference, request)
     if anew.missed.sum() >= kept.missed.sum():
         return replace(kept, notes=(*kept.notes, f"The posture is kept: that of {lock.source}."))
     change = describe_posture_change(robot, start.q, anew.q)

@@ -59,12 +59,11 @@ def read_request(job: Job, robot: Robot, errors: ErrorModel | None = None) -> Po
 
 
 def find_start(
-    robot: Robot, nominal: Toolpath, tool_x: Array, wish: Preference, request: PostureRequest | None
+    robot: Robot, nominal: Toolpath, tool_x: Array, preference: Preference, request: PostureRequest | None
 ) -> Start:
     """Find where a plan starts, x of the TCP pointing along tool_x (3,) at no rotation about the tool axis.
 
-    `wish` is what is said about configuration and start; without a request one configuration and the orientation are
-    kept as they are.
+    `preference` states configuration and start; without a request one configuration and the orientation are kept.
 
     Raises:
         InputError: If the wanted start lies outside the joint limits, or no waypoint is reached.
@@ -75,8 +74,8 @@ def find_start(
     note: tuple[str, ...] = ()
     if request is not None:
         problem = request.state(robot, nominal, tool_x)
-        stated = wish.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
-        if stated and (followed := _follow_start(problem, wish, request)):
+        stated = preference.start is not None and not robot.prismatic[: robot.nq - 6].all()  # where seven axes stand
+        if stated and (followed := _follow_start(problem, preference, request)):
             return followed
         try:
             return stand(choose_posture_path(problem), nominal, request)
@@ -84,17 +83,17 @@ def find_start(
             sentence = str(error)
         reason = f"{sentence[0].upper()}{sentence[1:]}."
         if request.scene is not None:
-            blind = find_start(robot, nominal, tool_x, wish, replace(request, scene=None))
+            blind = find_start(robot, nominal, tool_x, preference, replace(request, scene=None))
             if blind.posture_choice is not None:
                 said = f"{reason} The posture is that without anything in the way."
                 return replace(blind, request=request, notes=(said, *blind.notes))
-        instead = _follow_start(problem, wish, request) or find_partial(replace(problem, margin=None), request)
+        instead = _follow_start(problem, preference, request) or find_partial(replace(problem, margin=None), request)
         if instead is not None:
             return instead
         note = (f"{reason} One configuration is kept instead, and x of the TCP frame points along plan.tool_x all the"
                 " way.",)  # fmt: skip
     rotation = tool_axes(nominal, tool_x)
-    posture = choose_posture(robot, nominal.position, rotation, wish)
+    posture = choose_posture(robot, nominal.position, rotation, preference)
     return Start(nominal, posture.q, rotation, posture.configuration, posture.missed, None, request, note)
 
 
@@ -113,13 +112,13 @@ def _follow_few_joints(robot: Robot, nominal: Toolpath, tool_x: Array, request: 
     return Start(nominal, q, locate_frames(arm.chain, q).tcp_rotation, {}, missed, None, request, note)
 
 
-def _follow_start(problem: PostureProblem, wish: Preference, request: PostureRequest) -> Start | None:
+def _follow_start(problem: PostureProblem, preference: Preference, request: PostureRequest) -> Start | None:
     """Go on from the job's start by the least motion of all joints; None where that does not lead along the path."""
-    if wish.start is None or request.scene is not None:
+    if preference.start is None or request.scene is not None:
         return None
     robot, nominal, settings = problem.robot, problem.nominal, problem.settings
     q, missed = follow_from(
-        robot, problem.chain, nominal.position, tool_axes(nominal, problem.tool_x), wish.start,
+        robot, problem.chain, nominal.position, tool_axes(nominal, problem.tool_x), preference.start,
         free_spin=settings.free_spin, most_step=settings.most_step,
     )  # fmt: skip
     if missed.any():
