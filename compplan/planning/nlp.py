@@ -30,8 +30,9 @@ from compplan.statics.kinematics import build_loaded_function, locate_symbolic
 LOG = logging.getLogger(__name__)
 
 SOLVER = "ipopt"
-#: Steps of the loaded equilibrium in the expression: three reach 1e-9 of the deflection on real arms.
-STEPS = 3
+#: Steps of the loaded equilibrium in the expression: each leaves about a thousandth of the deflection's error on real
+#: arms. Where the speed is a variable the solution is no command, and the first guess is within a fraction.
+STEPS, TIMED_STEPS = 3, 1
 #: A row counts as active where it is this near to its bound, or its multiplier is larger. [row, 1]
 ACTIVE = 1e-6
 #: A released station misses its pose by more. [m and rad]
@@ -53,6 +54,8 @@ OPTIONS: dict[str, Any] = {
     "nlp_scaling_method": "none",
     "linear_solver": "mumps",
 }
+#: Square of the speed at which the solver begins, as a share of the programmed feed's.
+SLOW_START = 0.225
 #: Where the speed is a variable: no joint position has to be exact, the dense solution makes it so.
 TIMED: dict[str, Any] = {"mu_init": 1e-2, "tol": 1e-6, "constr_viol_tol": 1e-8}
 
@@ -174,20 +177,17 @@ def _state_sight(problem: PlanningProblem) -> tuple[sparse.csc_matrix, tuple[int
     return sparse.csc_matrix(stacked[np.argsort(order)]), sizes
 
 
-def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | None = None) -> Solution:
-    """Solve a program for the numbers of a problem from its posture, or from an earlier solution at the same stations.
-
-    The problem differs by numbers alone from what the program was built from.
-    """
+def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
+    """Solve a program for the numbers of a problem, which differs by numbers alone from what it was built from."""
     k, nq = problem.q_start.shape
     clock, offsets = time.process_time(), program.offsets
     begin, lower, upper = np.zeros(offsets[-1]), np.full(offsets[-1], -np.inf), np.full(offsets[-1], np.inf)
     joints, squares, slacks = (slice(a, b) for a, b in pairwise(offsets[:4]))
     lower[joints], upper[joints] = problem.lower.ravel(), problem.upper.ravel()
-    begin[joints] = (problem.guess if guess is None else guess.q).ravel()
+    begin[joints] = problem.guess.ravel()
     if problem.timed:
         lower[squares], upper[squares] = 1e-8, 1.0
-        begin[squares] = 0.9 * problem.speed**2 if guess is None else guess.square
+        begin[squares] = SLOW_START
         for start, end in problem.runs:
             lower[squares][[start, end]] = upper[squares][[start, end]] = 0.0
     if problem.released is not None:
@@ -195,7 +195,7 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | 
         held = np.repeat(~problem.released, problem.pose_rows + 1)
         lower[slacks][held] = upper[slacks][held] = 0.0
     if problem.counts_band:
-        begin[-1] = 1.0 if guess is None else guess.band
+        begin[-1] = 1.0
         lower[-1], upper[-1] = 0.0, problem.most_band
     bounds = [np.broadcast_arrays(*limit.bounds(problem), np.zeros((k, size)))
               for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
@@ -232,12 +232,12 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | 
     )  # fmt: skip
 
 
-def solve_problem(problem: PlanningProblem, guess: Solution | None = None) -> Solution:
+def solve_problem(problem: PlanningProblem) -> Solution:
     """Build and solve the program of a problem."""
     clock = time.process_time()
     program = build_nlp(problem)
     built = time.process_time() - clock
-    found = solve_nlp(program, problem, guess)
+    found = solve_nlp(program, problem)
     return found._replace(cpu=found.cpu + built)
 
 
@@ -284,7 +284,7 @@ def _state_station(problem: PlanningProblem) -> tuple[Station, list[ca.SX]]:
     fields += [("turn", 9)] if problem.turn is not None else []
     fields += [(limit.name, limit.numbers.shape[1]) for limit in problem.limits if limit.numbers is not None]
     data = {name: ca.SX.sym(name, size) for name, size in fields}
-    loaded = build_loaded_function(chain, STEPS)
+    loaded = build_loaded_function(chain, TIMED_STEPS if problem.timed else STEPS)
     position, rotation, deflection = loaded(q, data["wrench"], data["bias"], data["theta"], data["loaded"])
     position = position + data["shift"]
     if problem.turn is not None:

@@ -49,7 +49,6 @@ class PlanningProblem:
     released: NDArray[np.bool_] | None = None
     #: Tip that the correction is counted from, `position` if left out. Shape (k, 3). [m]
     programmed: Array | None = None
-    speed: Array | float = 0.5  #: Share of the programmed feed at which the solver begins. Shape (k,) or one number.
 
     def __len__(self) -> int:
         return len(self.position)
