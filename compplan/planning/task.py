@@ -222,6 +222,11 @@ class PlanTask:
         """First and last waypoint of every run of the cut from rest to rest."""
         return cutting_runs(np.r_[False, self.nominal.rapid[1:]], self.rests)
 
+    @cached_property
+    def moving_runs(self) -> list[tuple[int, int]]:
+        """Runs along which the wanted tip moves; in the others it turns where it is."""
+        return [(first, last) for first, last in self.runs if self.nominal.steps[first:last].any()]
+
     @property
     def axis_free(self) -> bool:
         """Tell whether the tool axis follows from the tip: four joints (palletisers, SCARA) cannot choose it."""
