@@ -116,19 +116,23 @@ def _build(problem: PlanningProblem) -> PathProgram:
     # objective
     term = sum((each.term(station) for each in problem.costs), ca.SX(0))
     objective = ca.sum2(ca.Function("cost", inputs, [term]).map(k)(local, data))
-    # constraints
+    # constraints: rows of every station, then sums over all of them that are bounded
     parts = [limit.rows(station) for limit in problem.limits]
-    rows = ca.vertcat(*parts)
-    g = ca.vec(ca.Function("limits", inputs, [rows]).map(k)(local, data))
+    sums = [each.term(station) for each in problem.costs if np.isfinite(each.most)]
+    rows, own = ca.vertcat(*parts, *sums), sum(part.numel() for part in parts)
+    every = ca.Function("limits", inputs, [rows]).map(k)(local, data)
+    g = ca.vertcat(ca.vec(every[:own, :]), ca.sum2(every[own:, :]))
     # exact derivatives, station by station: J = diag(J_i) L, H = L^T diag(H_i) L
     p, scale, pull = ca.vec(data), ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
     weight, pulls = ca.SX.sym("weight"), ca.SX.sym("pulls", rows.numel())
     slope = ca.Function("slope", inputs, [ca.jacobian(rows, inputs[0])]).map(k)(local, data)
     bend = ca.hessian(weight * term + ca.dot(pulls, rows), inputs[0])[0]
+    pulled = ca.vertcat(ca.reshape(pull[: own * k], own, k), ca.repmat(pull[own * k :], 1, k))
     bends = ca.Function("bend", [*inputs, weight, pulls], [bend]).map(k)(
-        local, data, ca.repmat(scale, 1, k), ca.reshape(pull, rows.numel(), k))  # fmt: skip
+        local, data, ca.repmat(scale, 1, k), pulled)  # fmt: skip
     sight = ca.MX(ca.DM(seen))
-    jacobian = ca.mtimes(ca.diagcat(*ca.horzsplit(slope, inputs[0].numel())), sight)
+    blocks = ca.diagcat(*ca.horzsplit(slope[:own, :], inputs[0].numel()))
+    jacobian = ca.mtimes(ca.vertcat(blocks, slope[own:, :]), sight)
     hessian = ca.triu(ca.mtimes(sight.T, ca.mtimes(ca.diagcat(*ca.horzsplit(bends, inputs[0].numel())), sight)))
     options: dict[str, Any] = {
         "ipopt": OPTIONS | (TIMED if problem.timed else {}),
@@ -200,12 +204,16 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem) -> Solution:
     bounds = [np.broadcast_arrays(*limit.bounds(problem), np.zeros((k, size)))
               for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
+    most = [each.most for each in problem.costs if np.isfinite(each.most)]
     found = program.solver(x0=np.clip(begin, lower, upper), p=_pack(problem).ravel(), lbx=lower, ubx=upper,
-                           lbg=low.ravel(), ubg=high.ravel())  # fmt: skip
+                           lbg=np.r_[low.ravel(), np.full(len(most), -np.inf)],
+                           ubg=np.r_[high.ravel(), most])  # fmt: skip
     stats = program.solver.stats()
     x, g, pulls = (np.array(found[name])[:, 0] for name in ("x", "g", "lam_g"))
-    g, pulls, bound_pulls = g.reshape(k, -1), pulls.reshape(k, -1), np.array(found["lam_x"])[:, 0][joints]
-    violation = float(np.maximum(low - g, g - high).max(initial=0.0))
+    beyond = np.maximum(g[low.size :] - most, 0.0)
+    g, pulls = (each[: low.size].reshape(k, -1) for each in (g, pulls))
+    bound_pulls = np.array(found["lam_x"])[:, 0][joints]
+    violation = float(max(np.maximum(low - g, g - high).max(initial=0.0), beyond.max(initial=0.0)))
     multipliers, active, at = {}, {}, 0
     for limit, size in zip(problem.limits, program.sizes, strict=True):
         if not size:

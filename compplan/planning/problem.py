@@ -167,6 +167,7 @@ class Cost:
     name: ClassVar[str]
     formula: ClassVar[str]
     timed: ClassVar[bool] = False
+    most: float = np.inf  #: Bound of its sum over the stations.
 
     def __str__(self) -> str:
         return self.formula

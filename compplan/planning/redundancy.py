@@ -114,8 +114,9 @@ def find_free(task: PlanTask, posture_choice: PostureSummary, asked: Asked) -> F
 
 
 def state_problem(
-    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, *, torque: bool = False
-) -> PlanningProblem:
+    task: PlanTask, free: Free, prices: Prices, band: BandLimit | None, time: float, most_time: float = np.inf, *,
+    torque: bool = False,
+) -> PlanningProblem:  # fmt: skip
     """State the program of posture and speed.
 
     Args:
@@ -124,6 +125,7 @@ def state_problem(
         prices: What is weighed.
         band: The band as a function of the posture, None where it does not count.
         time: Time of the start's run. [s]
+        most_time: Greatest time along the runs, without smoothing. [s]
         torque: Whether joint torques have to stay within the robot's efforts.
     """
     rows, robot = free.rows, task.robot
@@ -144,7 +146,7 @@ def state_problem(
                            AccelerationLimit(most)]  # fmt: skip
     unit = np.where(robot.prismatic, UNIT_SLIDE, UNIT_TURN)
     costs: list[Cost] = [
-        Time(prices.time, time),
+        Time(prices.time, time, prices.time * most_time / time),
         JointTravel(prices.motion, unit),
         Smoothness(SMOOTH / max(float(along[-1] - along[0]), 1e-9), most),
     ]
@@ -163,15 +165,20 @@ def state_problem(
     )  # fmt: skip
 
 
-def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
-    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
+def shape_start(
+    task: PlanTask, start: Start, asked: Asked, prices: Prices, most_time: float = np.inf
+) -> tuple[Start, Shaped] | None:
+    """Solve the program of posture and speed around the start of a task; None where nothing is free or follows.
+
+    most_time: greatest time along its runs, without smoothing. [s]
+    """
     posture_choice, request = start.posture_choice, start.request
     if posture_choice is None or request is None or task.missed.any():
         return None
     if (free := find_free(task, posture_choice, asked)) is None:
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
-    problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.feed_request.torque)
+    problem = state_problem(task, free, prices, band, asked.time(task), most_time, torque=asked.feed_request.torque)
     scene, clear = request.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
