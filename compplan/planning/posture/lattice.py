@@ -128,6 +128,11 @@ def follow_axis(arm: Arm, nominal: Toolpath) -> Array | None:
     return np.asarray(middle_of_limits(robot)[joint] + 0.5 * (angle.max() + angle.min()) - angle)
 
 
+def count_positions(settings: PostureSettings, axes: int) -> int:
+    """Return the grid positions of each of several extra axes, at least 3."""
+    return settings.held_steps if axes < 2 else max(3, int((3 * settings.held_steps) ** (1.0 / axes) + 1e-9))
+
+
 def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Options:
     """Build the grid of options; it holds for every station (k,) but for what follows the tool axis (`follow_axis`)."""
     arm, settings, follow = problem.arm, problem.settings, follow_axis(problem.arm, problem.nominal)
@@ -143,7 +148,7 @@ def build_options(problem: PostureProblem, stations: NDArray[np.int_]) -> Option
         if joint == followed:
             ranges.append(np.arange(-SIDES // 2, SIDES - SIDES // 2) * 2 * np.pi / SIDES)
         elif np.isfinite(low) and np.isfinite(high) and high > low:
-            ranges.append(np.linspace(low, high, settings.count_positions(len(arm.held))))
+            ranges.append(np.linspace(low, high, count_positions(settings, len(arm.held))))
         else:
             ranges.append(middle_of_limits(robot)[[joint]])
     cells = list(product(*ranges))
@@ -226,7 +231,7 @@ def fill_lattice(problem: PostureProblem, stations: NDArray[np.int_], options: O
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, measure=settings.measure, axes=problem.axes, margin=settings.limit_margin,
+        uncertainty=settings.known, measure=settings.measure, axes=settings.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)

@@ -23,8 +23,7 @@ from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.costs import ErrorModel, measure_nodes
 from compplan.planning.posture.lattice import build_options, orient_options, pick_stations
 from compplan.planning.posture.search import measure_rungs
-from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.start import read_request
+from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -104,7 +103,7 @@ def place_part(
         raise InputError(message, file=job.file, where="place.base_height_mm")
     axes = _grid_axes(job)
     here = job.T_base_part[:3, 3]
-    settings = read_request(job, robot, errors).settings
+    settings = read_settings(job, robot, errors)
     rater = Rater(robot, settings)
     ratings = []
     for turn_deg in job.place.turn_deg:
@@ -183,7 +182,7 @@ class Rater:
 
         NaN where a station is out of reach; tool_x and axes as of `PostureProblem`.
         """
-        problem = PostureProblem(self.robot, nominal, tool_x, self.settings, axes)
+        problem = PostureProblem(self.robot, nominal, tool_x, replace(self.settings, axes=axes))
         stations = pick_stations(nominal, STATIONS)
         share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
         stations, share = stations[share > 0], share[share > 0]
@@ -278,9 +277,9 @@ def _search_posture(
 ) -> PostureSummary | None:
     """Search the posture with the part at a place; None where nothing leads along the path."""
     moved = _move_job(job, place, turn)
-    request = read_request(moved, robot, errors)
+    settings = read_settings(moved, robot, errors)
     try:
-        return choose_posture_path(request.state(robot, load_nominal(moved), moved.tool_x_base))
+        return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, settings))
     except InfeasibleError:
         return None
 
@@ -369,7 +368,7 @@ def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
     cut = nominal.position[~nominal.rapid]
     middle = 0.5 * (cut.min(axis=0) + cut.max(axis=0))
     here = job.T_base_part[:3, 3]
-    rater = Rater(robot, read_request(job, robot).settings)
+    rater = Rater(robot, read_settings(job, robot))
     if rater.arm.solver is None:
         return FirstPlace(_round(here + ASSUMED * robot.longest_reach - middle), tried=False)
     out, up = (robot.longest_reach * shares for shares in (OUT, UP))
