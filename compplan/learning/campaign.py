@@ -48,33 +48,20 @@ BY_CHANCE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class PoseCampaign:
-    """Poses to measure, in the order in which to measure them; the last is the first once more.
+    """Poses to measure, in the order in which to measure them; the last is the first once more."""
 
-    Attributes:
-        plan: The plan of the path that they are for.
-        equipment: What there is to measure with.
-        poses: The measurements, in the order of measuring.
-        worth: Their order by what they bring, 1 the most; as `poses`.
-        choice: What they bring, in the order of their worth.
-        design: What is known, and the path.
-        start: Covariance before the first of them.
-        rest: What would narrow the band further afterwards: parameter and share of the variance.
-        touching: Places in the order to which the way touches something.
-        log: Rows of the partial log that counted.
-        notes: What a user has to know, one sentence each.
-    """
-
-    plan: Plan
-    equipment: Equipment
-    poses: Candidates
-    worth: NDArray[np.int_]
-    choice: Choice
-    design: Design
-    start: Array
+    plan: Plan  #: The plan of the path that they are for.
+    equipment: Equipment  #: What there is to measure with.
+    poses: Candidates  #: The measurements, in the order of measuring.
+    worth: NDArray[np.int_]  #: Their order by what they bring, 1 the most; as `poses`.
+    choice: Choice  #: What they bring, in the order of their worth.
+    design: Design  #: What is known, and the path.
+    start: Array  #: Covariance before the first of them.
+    #: What would narrow the band further afterwards: parameter and share of the variance.
     rest: tuple[tuple[str, float], ...]
-    touching: NDArray[np.int_]
-    log: int
-    notes: tuple[str, ...]
+    touching: NDArray[np.int_]  #: Places in the order to which the way touches something.
+    log: int  #: Rows of the partial log that counted.
+    notes: tuple[str, ...]  #: What a user has to know, one sentence each.
 
     def model_part(self, covariance: Array) -> float:
         """Return the root mean square band of the parameters alone. [m]"""

@@ -39,21 +39,13 @@ FLOOR = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Measurements that could be taken; m of them, p parameters.
+    """Measurements that could be taken; m of them, p parameters."""
 
-    Attributes:
-        log: Two rows a measurement, nothing measured yet: where its approach begins, and the pose.
-        tip: Where the tip goes. Shape (m, 3). [m]
-        rotation: Orientation of the TCP. Shape (m, 3, 3).
-        slopes: Motion of the tip per unit of every parameter. Shape (m, 3, p).
-        sights: What another instrument than a tracker sees, or None.
-    """
-
-    log: Campaign
-    tip: Array
-    rotation: Array
-    slopes: Array
-    sights: Observations | None = None
+    log: Campaign  #: Two rows a measurement, nothing measured yet: where its approach begins, and the pose.
+    tip: Array  #: Where the tip goes. Shape (m, 3). [m]
+    rotation: Array  #: Orientation of the TCP. Shape (m, 3, 3).
+    slopes: Array  #: Motion of the tip per unit of every parameter. Shape (m, 3, p).
+    sights: Observations | None = None  #: What another instrument than a tracker sees, or None.
 
     def __len__(self) -> int:
         return len(self.tip)

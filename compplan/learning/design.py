@@ -37,21 +37,13 @@ WORTH = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames.
+    """Linear-Gaussian bookkeeping of what measurements tell; p parameters, f numbers of frames."""
 
-    Attributes:
-        known: What is known before.
-        path: The path to first order.
-        sigma: Standard deviation of the instrument per axis. [m]
-        frames: Which frames are unknown, of "base" and "tool".
-        places: Places of contacts that are unknown.
-    """
-
-    known: Uncertainty
-    path: Slopes
-    sigma: float
-    frames: tuple[str, ...] = ()
-    places: int = 0
+    known: Uncertainty  #: What is known before.
+    path: Slopes  #: The path to first order.
+    sigma: float  #: Standard deviation of the instrument per axis. [m]
+    frames: tuple[str, ...] = ()  #: Which frames are unknown, of "base" and "tool".
+    places: int = 0  #: Places of contacts that are unknown.
 
     @cached_property
     def start(self) -> Array:
@@ -116,19 +108,12 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Measurements that were chosen.
+    """Measurements that were chosen."""
 
-    Attributes:
-        rows: Their numbers among the candidates, in the order in which they help most.
-        greatest: Greatest band along the path after none, one, two ... of them. [m]
-        rms: Root mean square band after none, one, two ... of them. [m]
-        covariance: Covariance of parameters after all of them. Shape (p, p).
-    """
-
-    rows: NDArray[np.int_]
-    greatest: Array
-    rms: Array
-    covariance: Array
+    rows: NDArray[np.int_]  #: Their numbers among the candidates, in the order in which they help most.
+    greatest: Array  #: Greatest band along the path after none, one, two ... of them. [m]
+    rms: Array  #: Root mean square band after none, one, two ... of them. [m]
+    covariance: Array  #: Covariance of parameters after all of them. Shape (p, p).
 
     @property
     def enough(self) -> int | None:

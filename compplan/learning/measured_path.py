@@ -63,27 +63,16 @@ ROUNDING = 0.01
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPath:
-    """Measured points of a cut path, base frame; m of them.
+    """Measured points of a cut path, base frame; m of them."""
 
-    Attributes:
-        length: Place along the path. Shape (m,). [m]
-        deviation: Measured minus wanted tip. Shape (m, 3). [m]
-        counts: Projector on the directions that count. Shape (m, 3, 3).
-        sigma: Standard deviation of the measurement per axis. Shape (m,). [m]
-        left_out: Points that are not of the cut, too far away, or claimed by two stretches.
-        notes: What was read past.
-        scanned: Whether they are a scan: errors of neighbours are then one and the same.
-        motion: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
-    """
-
-    length: Array
-    deviation: Array
-    counts: Array
-    sigma: Array
-    left_out: int
-    notes: tuple[str, ...] = ()
-    scanned: bool = False
-    motion: Array | None = None
+    length: Array  #: Place along the path. Shape (m,). [m]
+    deviation: Array  #: Measured minus wanted tip. Shape (m, 3). [m]
+    counts: Array  #: Projector on the directions that count. Shape (m, 3, 3).
+    sigma: Array  #: Standard deviation of the measurement per axis. Shape (m,). [m]
+    left_out: int  #: Points that are not of the cut, too far away, or claimed by two stretches.
+    notes: tuple[str, ...] = ()  #: What was read past.
+    scanned: bool = False  #: Whether they are a scan: errors of neighbours are then one and the same.
+    motion: Array | None = None  #: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
 
     def __len__(self) -> int:
         return len(self.length)

@@ -24,21 +24,13 @@ ADDS = {"backlash": ("width",), "transmission_error": ("sine", "cosine", "height
 
 
 class Learned(NamedTuple):
-    """A parameter that a part told something of.
+    """A parameter that a part told something of."""
 
-    Attributes:
-        name: Its name for people.
-        key: Its key; the unit is its end.
-        value: What it moved by. [SI]
-        width: Its standard deviation before. [SI]
-        kept: Whether the robot folder holds it, nine tenths of it at least.
-    """
-
-    name: str
-    key: str
-    value: float
-    width: float
-    kept: bool
+    name: str  #: Its name for people.
+    key: str  #: Its key; the unit is its end.
+    value: float  #: What it moved by. [SI]
+    width: float  #: Its standard deviation before. [SI]
+    kept: bool  #: Whether the robot folder holds it, nine tenths of it at least.
 
 
 def apply_update(

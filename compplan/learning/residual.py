@@ -17,21 +17,13 @@ from compplan.toolpath.toolpath import interpolate
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it.
+    """What a path keeps beyond its robot: the deviation that the next program takes off; b places along it."""
 
-    Attributes:
-        length: Places along the path. Shape (b,). [m]
-        deviation: Deviation there, base axes. Shape (b, 3). [m]
-        spread: Standard deviation of it per axis. Shape (b,). [m]
-        q: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
-        open: What the last update left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
-    """
-
-    length: Array
-    deviation: Array
-    spread: Array
-    q: Array
-    open: Array
+    length: Array  #: Places along the path. Shape (b,). [m]
+    deviation: Array  #: Deviation there, base axes. Shape (b, 3). [m]
+    spread: Array  #: Standard deviation of it per axis. Shape (b,). [m]
+    q: Array  #: How the arm stood there, unloaded on the path. Shape (b, nq). [rad or m]
+    open: Array  #: What the last update left open of the tip, as columns u with covariance u u^T. Shape (b, 3, r). [m]
 
     @property
     def typical(self) -> float:

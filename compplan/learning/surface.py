@@ -26,15 +26,10 @@ SIDEWAYS = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A nominal surface; f triangles.
+    """A nominal surface; f triangles."""
 
-    Attributes:
-        corners: Corners of the triangles. Shape (f, 3, 3). [m]
-        reach: How far from the path of the tip the tool makes it. [m]
-    """
-
-    corners: Array
-    reach: float
+    corners: Array  #: Corners of the triangles. Shape (f, 3, 3). [m]
+    reach: float  #: How far from the path of the tip the tool makes it. [m]
 
     @cached_property
     def normals(self) -> Array:

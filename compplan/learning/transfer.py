@@ -35,18 +35,12 @@ FORCE, ROBOT = 0.97, 0.95
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What travels.
+    """What travels."""
 
-    Attributes:
-        force: Whether the force does.
-        robot: Whether the robot does.
-        reason: What the stretches say.
-        left: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
-    """
-
-    force: bool
-    robot: bool
-    reason: str
+    force: bool  #: Whether the force does.
+    robot: bool  #: Whether the robot does.
+    reason: str  #: What the stretches say.
+    #: What nothing, the force, and force and robot leave on stretches that they did not see, rms. [m]
     left: tuple[float, float, float]
 
     def without_robot(self, why: str) -> Transfer:

@@ -16,15 +16,10 @@ POSES = 200
 
 @dataclass(frozen=True)
 class Loss:
-    """One thing that a calibration does not hold.
+    """One thing that a calibration does not hold."""
 
-    Attributes:
-        what: What it is.
-        rms: Root mean square of the tip's motion that it makes. [m]
-    """
-
-    what: str
-    rms: float
+    what: str  #: What it is.
+    rms: float  #: Root mean square of the tip's motion that it makes. [m]
 
 
 def compute_losses(robot: Robot, held: Robot, nominal: Robot, lacks: str, seed: int = 0) -> tuple[list[Loss], float]:

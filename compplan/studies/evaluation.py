@@ -24,21 +24,13 @@ BATCH = 8192
 
 
 class ChunkResult(NamedTuple):
-    """Figures of b samples and m strategies.
+    """Figures of b samples and m strategies."""
 
-    Attributes:
-        rms: Shape (b, m). [m]
-        mean: Shape (b, m). [m]
-        max: Shape (b, m). [m]
-        within: Share of waypoints within tolerance. Shape (b, m).
-        along: Distance at the stations. Shape (b, m, k). [m]
-    """
-
-    rms: Array
-    mean: Array
-    max: Array
-    within: Array
-    along: NDArray[np.float32]
+    rms: Array  #: Shape (b, m). [m]
+    mean: Array  #: Shape (b, m). [m]
+    max: Array  #: Shape (b, m). [m]
+    within: Array  #: Share of waypoints within tolerance. Shape (b, m).
+    along: NDArray[np.float32]  #: Distance at the stations. Shape (b, m, k). [m]
 
 
 #: Number and figures of each chunk of a study, as it is done.

@@ -25,15 +25,10 @@ TWIST = 6
 
 @dataclass(frozen=True)
 class Factors:
-    """The coordinates of a sample's point.
+    """The coordinates of a sample's point."""
 
-    Attributes:
-        columns: By factor, the columns of the point that belong to it.
-        groups: By group of the sensitivity analysis, its factors.
-    """
-
-    columns: Mapping[str, slice]
-    groups: Mapping[str, tuple[str, ...]]
+    columns: Mapping[str, slice]  #: By factor, the columns of the point that belong to it.
+    groups: Mapping[str, tuple[str, ...]]  #: By group of the sensitivity analysis, its factors.
 
     @property
     def size(self) -> int:

@@ -24,19 +24,12 @@ SAMPLES = "samples"
 
 @dataclass(frozen=True)
 class JobStudy:
-    """A study of a job with everything that its report shows.
+    """A study of a job with everything that its report shows."""
 
-    Attributes:
-        job: The job.
-        run: The samples.
-        sensitivity: Total Sobol indices, or None.
-        summary: Content of montecarlo.json.
-    """
-
-    job: Job
-    run: Run
-    sensitivity: Sensitivity | None
-    summary: dict[str, Any]
+    job: Job  #: The job.
+    run: Run  #: The samples.
+    sensitivity: Sensitivity | None  #: Total Sobol indices, or None.
+    summary: dict[str, Any]  #: Content of montecarlo.json.
 
 
 def study_job(

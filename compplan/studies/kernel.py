@@ -28,17 +28,11 @@ MOST_PASSES = 60
 
 @dataclass(frozen=True)
 class Kernel:
-    """A chain, ready to be settled.
+    """A chain, ready to be settled."""
 
-    Attributes:
-        compiled: The chain prepared for walking.
-        elements: Elements that are elastic.
-        slides: Which elastic coordinates translate.
-    """
-
-    compiled: CompiledChain
-    elements: tuple[int, ...]
-    slides: tuple[bool, ...]
+    compiled: CompiledChain  #: The chain prepared for walking.
+    elements: tuple[int, ...]  #: Elements that are elastic.
+    slides: tuple[bool, ...]  #: Which elastic coordinates translate.
 
 
 def build_kernel(chain: Chain) -> Kernel:

@@ -29,34 +29,21 @@ MOST_ALONG = 2000
 
 @dataclass(frozen=True)
 class Settings:
-    """How a study is sampled.
+    """How a study is sampled."""
 
-    Attributes:
-        samples: Number of samples.
-        seed: Seed of everything.
-        replicates: Independent replicates of the Sobol sequence; their scatter gives the intervals.
-    """
-
-    samples: int
-    seed: int
-    replicates: int = 8
+    samples: int  #: Number of samples.
+    seed: int  #: Seed of everything.
+    replicates: int = 8  #: Independent replicates of the Sobol sequence; their scatter gives the intervals.
 
 
 @dataclass(frozen=True)
 class Run:
-    """A study that was run.
+    """A study that was run."""
 
-    Attributes:
-        study: The study.
-        settings: How it was sampled.
-        evaluated: Figures of every sample, in their order; `along` of the first MOST_ALONG.
-        reused: Chunks that were found on disk.
-    """
-
-    study: Study
-    settings: Settings
-    evaluated: ChunkResult
-    reused: int = 0
+    study: Study  #: The study.
+    settings: Settings  #: How it was sampled.
+    evaluated: ChunkResult  #: Figures of every sample, in their order; `along` of the first MOST_ALONG.
+    reused: int = 0  #: Chunks that were found on disk.
 
 
 def run_study(

@@ -38,68 +38,39 @@ _PATH, _ENCODERS, _FORCE = range(3)
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What all samples share; n waypoints.
+    """What all samples share; n waypoints."""
 
-    Attributes:
-        noise: The standard deviations.
-        factors: The coordinates of a sample's point.
-        wrench: Predicted wrench. Shape (6, n). [N, N m]
-        q: Commanded joints, for what depends on angle and direction of travel. Shape (nq, n). [rad or m]
-        travel: Direction of travel of each joint, -1, 0 or 1. Shape (nq, n).
-        link_share: Share of each compliance beyond the link-side encoder. Shape (s,).
-        n_springs: Number of elastic coordinates.
-        shift: Motion of the tip per growth, place of the part, effect and coordinate of the robot. Shape (k, 3, n).
-            [m per m, rad, 1]
-        scale: Standard deviation of each of them. Shape (k,). [m, rad, 1]
-        knot: Position of each waypoint among the knots of the noise along the path. Shape (n,).
-        forget: What is left of the noise from one knot to the next.
-        repeatability: Standard deviation, an axis. [m]
-        posterior: What is known of the robot, which robots are drawn from.
-    """
-
-    noise: NoiseTable
-    factors: Factors
-    wrench: Array
-    q: Array
-    travel: Array
-    link_share: Array
-    n_springs: int
+    noise: NoiseTable  #: The standard deviations.
+    factors: Factors  #: The coordinates of a sample's point.
+    wrench: Array  #: Predicted wrench. Shape (6, n). [N, N m]
+    q: Array  #: Commanded joints, for what depends on angle and direction of travel. Shape (nq, n). [rad or m]
+    travel: Array  #: Direction of travel of each joint, -1, 0 or 1. Shape (nq, n).
+    link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s,).
+    n_springs: int  #: Number of elastic coordinates.
+    #: Motion of the tip per growth, place of the part, effect and coordinate of the robot. Shape (k, 3, n). [m per m,
+    #: rad, 1]
     shift: Array
-    scale: Array
-    knot: Array
-    forget: float
-    repeatability: float
-    posterior: RobotPosterior
+    scale: Array  #: Standard deviation of each of them. Shape (k,). [m, rad, 1]
+    knot: Array  #: Position of each waypoint among the knots of the noise along the path. Shape (n,).
+    forget: float  #: What is left of the noise from one knot to the next.
+    repeatability: float  #: Standard deviation, an axis. [m]
+    posterior: RobotPosterior  #: What is known of the robot, which robots are drawn from.
 
 
 class Cells(NamedTuple):
-    """b cells; a part is cut in each.
+    """b cells; a part is cut in each."""
 
-    Attributes:
-        factor: Factor on each compliance. Shape (s, b).
-        link_share: Share of each compliance beyond the link-side encoder. Shape (s, b).
-        zero: True minus read position of each joint. Shape (nq, b). [rad or m]
-        drive: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
-        causes: Growth, place of the part, effects and robot. Shape (k, b). [m, rad, 1]
-        shift: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
-        wrench: Wrench on the tool. Shape (6, b, n). [N, N m]
-        repeat: Scatter of the tip from part to part. Shape (3, b). [m]
-        motor: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
-        link: Error of link-side encoders. Shape (nq, b, n). [rad or m]
-        force: Error of the force sensor. Shape (6, b, n). [N, N m]
-    """
-
-    factor: Array
-    link_share: Array
-    zero: Array
-    drive: Array
-    causes: Array
-    shift: Array
-    wrench: Array
-    repeat: Array
-    motor: Array
-    link: Array
-    force: Array
+    factor: Array  #: Factor on each compliance. Shape (s, b).
+    link_share: Array  #: Share of each compliance beyond the link-side encoder. Shape (s, b).
+    zero: Array  #: True minus read position of each joint. Shape (nq, b). [rad or m]
+    drive: Array  #: Link-side minus motor-side position, elastic part left out. Shape (nq, b, n). [rad or m]
+    causes: Array  #: Growth, place of the part, effects and robot. Shape (k, b). [m, rad, 1]
+    shift: Array  #: Motion of the tip by them, at the posture of the task. Shape (3, b, n). [m]
+    wrench: Array  #: Wrench on the tool. Shape (6, b, n). [N, N m]
+    repeat: Array  #: Scatter of the tip from part to part. Shape (3, b). [m]
+    motor: Array  #: Error of motor-side encoders. Shape (nq, b, n). [rad or m]
+    link: Array  #: Error of link-side encoders. Shape (nq, b, n). [rad or m]
+    force: Array  #: Error of the force sensor. Shape (6, b, n). [N, N m]
 
 
 def survey_surroundings(

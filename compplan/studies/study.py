@@ -42,56 +42,33 @@ STATIONS = 120
 
 
 class Worker(NamedTuple):
-    """An answer, components first, ready for many samples.
+    """An answer, components first, ready for many samples."""
 
-    Attributes:
-        q: Shape (nq, 1, n). [rad or m]
-        gain: Shape (nq, k, n), or None.
-        expected: Shape (k, 1, n), or None.
-        spring_gain: Factor on what each gear yields. Shape (nq,).
-        spring_factor: The same for every elastic coordinate, 1 where no encoder measures it. Shape (s,).
-        theta: Elastic coordinates by the model. Shape (s, n). [rad or m]
-        offset: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
-        placements: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
-        touch: How the strategy's robot finds the part, None where its frame is absolute.
-    """
-
-    q: Array
-    gain: Array | None
-    expected: Array | None
-    spring_gain: Array
-    spring_factor: Array
-    theta: Array
-    offset: Array
+    q: Array  #: Shape (nq, 1, n). [rad or m]
+    gain: Array | None  #: Shape (nq, k, n), or None.
+    expected: Array | None  #: Shape (k, 1, n), or None.
+    spring_gain: Array  #: Factor on what each gear yields. Shape (nq,).
+    spring_factor: Array  #: The same for every elastic coordinate, 1 where no encoder measures it. Shape (s,).
+    theta: Array  #: Elastic coordinates by the model. Shape (s, n). [rad or m]
+    offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, n). [m]
+    #: Motion of the tip per placement error where the posture is another than the task's. Shape (k, 3, n).
     placements: Array | None = None
-    touch: Touch | None = None
+    touch: Touch | None = None  #: How the strategy's robot finds the part, None where its frame is absolute.
 
 
 @dataclass(frozen=True)
 class Study:
-    """What all samples of a study share.
+    """What all samples of a study share."""
 
-    Attributes:
-        task: The task, thinned where it is long.
-        waypoints_of_path: Number of waypoints of the whole path.
-        answers: The strategies.
-        workers: The same, ready for many samples.
-        kernel: The kernel.
-        surroundings: Noise and what it acts on.
-        nominal: Wanted tips. Shape (3, n). [m]
-        cut: Waypoints that count. Shape (n,).
-        stations: Waypoints whose distances are kept. Shape (k,).
-    """
-
-    task: PlanTask
-    waypoints_of_path: int
-    answers: dict[str, Answer]
-    workers: dict[str, Worker]
-    kernel: Kernel
-    surroundings: Surroundings
-    nominal: Array
-    cut: NDArray[np.bool_]
-    stations: NDArray[np.int_]
+    task: PlanTask  #: The task, thinned where it is long.
+    waypoints_of_path: int  #: Number of waypoints of the whole path.
+    answers: dict[str, Answer]  #: The strategies.
+    workers: dict[str, Worker]  #: The same, ready for many samples.
+    kernel: Kernel  #: The kernel.
+    surroundings: Surroundings  #: Noise and what it acts on.
+    nominal: Array  #: Wanted tips. Shape (3, n). [m]
+    cut: NDArray[np.bool_]  #: Waypoints that count. Shape (n,).
+    stations: NDArray[np.int_]  #: Waypoints whose distances are kept. Shape (k,).
 
     @property
     def strategies(self) -> tuple[str, ...]:

@@ -23,21 +23,13 @@ GROWN, PART_AXES = 1, 6
 
 
 class Touch(NamedTuple):
-    """Touched points, components first; k points.
+    """Touched points, components first; k points."""
 
-    Attributes:
-        q: Joint positions there. Shape (nq, 1, k). [rad or m]
-        shown: The points in the found frame. Shape (3, k). [m]
-        placements: Motion of the tip per placement error. Shape (c, 3, k).
-        offset: Motion of the tip by the effects of the robot folder. Shape (3, k). [m]
-        fit: Shift of the middle and rotation vector of the best-fit motion of the points. Shape (6, 3 k).
-    """
-
-    q: Array
-    shown: Array
-    placements: Array
-    offset: Array
-    fit: Array
+    q: Array  #: Joint positions there. Shape (nq, 1, k). [rad or m]
+    shown: Array  #: The points in the found frame. Shape (3, k). [m]
+    placements: Array  #: Motion of the tip per placement error. Shape (c, 3, k).
+    offset: Array  #: Motion of the tip by the effects of the robot folder. Shape (3, k). [m]
+    fit: Array  #: Shift of the middle and rotation vector of the best-fit motion of the points. Shape (6, 3 k).
 
 
 def prepare_touch(task: PlanTask, noise: NoiseTable, touched: TouchedPart | None) -> Touch | None:

@@ -29,15 +29,10 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @dataclass(frozen=True)
 class Workers:
-    """Who computes.
+    """Who computes."""
 
-    Attributes:
-        workers: Processes on this machine; None: one a core, 1: in this process.
-        scheduler: Address of a Dask scheduler, in place of processes on this machine.
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
+    workers: int | None = None  #: Processes on this machine; None: one a core, 1: in this process.
+    scheduler: str | None = None  #: Address of a Dask scheduler, in place of processes on this machine.
 
     def check(self) -> None:
         """Ask the scheduler whether it is there, before anything is computed or written.

@@ -39,22 +39,14 @@ _BY_ROW = ("zero", "drive", "wrench", "joint_load", "growth", "base_twist", "too
 
 @dataclass(frozen=True, eq=False)
 class ForceSpread:
-    """Uncertainty of the wrench on the tool; relative standard deviations.
+    """Uncertainty of the wrench on the tool; relative standard deviations."""
 
-    Attributes:
-        level: Of its size, alike along the path, what differs from part to part included.
-        direction: Of its direction, alike along the path. [rad]
-        path: Of its size, from place to place.
-        source: Where it comes from.
-        scatter: Of its size from part to part, at most `level`.
-        robot: Covariance of its size and of turns about the base axes [rad] with parameters of the robot. Shape (p, 4).
-    """
-
-    level: float
-    direction: float
-    path: float
-    source: str
-    scatter: float = 0.0
+    level: float  #: Of its size, alike along the path, what differs from part to part included.
+    direction: float  #: Of its direction, alike along the path. [rad]
+    path: float  #: Of its size, from place to place.
+    source: str  #: Where it comes from.
+    scatter: float = 0.0  #: Of its size from part to part, at most `level`.
+    #: Covariance of its size and of turns about the base axes [rad] with parameters of the robot. Shape (p, 4).
     robot: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @property
