@@ -12,23 +12,24 @@ from scipy.special import gammaincinv
 from compplan.effects import solve_model_poses
 from compplan.effects.forward_model import ForwardModel
 from compplan.errors import InputError
-from compplan.learning.candidates import Candidates, find_postures, list_candidates
-from compplan.learning.contacts import (
+from compplan.learning.candidates import (
     LENGTHS,
     PLACES,
     SOCKETS,
+    Candidates,
     Fixture,
+    find_postures,
     find_touching,
+    list_candidates,
     list_fixtures,
     see_distances,
     sight_candidates,
 )
-from compplan.learning.design import Choice, Design, choose_measurements, find_idle
-from compplan.learning.order import order_poses
+from compplan.learning.design import Choice, Design, choose_measurements, find_idle, order_poses
 from compplan.measurement.campaign import Campaign
 from compplan.measurement.distance import band_radius
 from compplan.measurement.observations import DISTANCE, Observations
-from compplan.measurement.poses.information import learn_rows
+from compplan.measurement.pose_selection import learn_rows
 from compplan.planning.plan import Plan
 from compplan.planning.posture.collision_scene import CollisionScene, build_scene
 from compplan.robot import Array, Robot
@@ -37,8 +38,13 @@ from compplan.simulation.predict import predict_campaign
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty, widen_uncertainty
 from compplan.uncertainty.band import lead_unknowns, linearise_path, split_covariance
 from compplan.uncertainty.ladder import CALIBRATION, COMPLIANCES, PATH, TRACKER, Equipment
-from compplan.uncertainty.perturbation import build_varied_model
-from compplan.uncertainty.sensitivities import build_path_model, measure_slopes, read_force_spread, select_model_rows
+from compplan.uncertainty.sensitivities import (
+    build_path_model,
+    build_varied_model,
+    measure_slopes,
+    read_force_spread,
+    select_model_rows,
+)
 
 #: Postures that stand for wherever an arm can stand (assumed).
 REACH = 100

@@ -29,9 +29,8 @@ from compplan.learning.plausibility import (
     fit_rigid,
     sample_cut,
 )
-from compplan.learning.scan import SCAN_SIGMA, read_scan
-from compplan.learning.surface import Surface
-from compplan.measurement.exports import rename_title
+from compplan.learning.scan import SCAN_SIGMA, Surface, read_scan
+from compplan.measurement.reading import rename_title
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 

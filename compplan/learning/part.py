@@ -20,9 +20,8 @@ from compplan.learning.gathered_points import Gathered, describe_whole, gather_p
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
 from compplan.learning.plausibility import POSSIBLE, explain_points
-from compplan.learning.representable import Learned, list_learned
-from compplan.learning.residual import Residual, read_residual, residual_file
-from compplan.learning.surface import Surface
+from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
+from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
@@ -40,7 +39,6 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
 from compplan.uncertainty.motion import read_placement, shift_part
-from compplan.uncertainty.perturbation import vary_model
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -48,6 +46,7 @@ from compplan.uncertainty.sensitivities import (
     pick_rows,
     read_force_spread,
     tip_of,
+    vary_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 

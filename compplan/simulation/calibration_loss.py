@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.measurement.from_arrays import make_log
+from compplan.measurement.campaign import make_log
 from compplan.robot import Array, Joint, Robot
 from compplan.simulation.predict import predict_campaign
 

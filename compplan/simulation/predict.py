@@ -14,7 +14,7 @@ from compplan.effects.forward_model import Attained, build_model, solve_model_po
 from compplan.io.columns import to_unit
 from compplan.io.tables import write_table
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import (
     Registration,
     campaign_gap,

@@ -24,8 +24,14 @@ from compplan.robot import Array, Robot
 from compplan.robot.uncertainty import Uncertainty
 from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
-from compplan.uncertainty.perturbation import group_alternatives
-from compplan.uncertainty.sensitivities import ForceSpread, build_path_model, measure_slopes, pick_rows, tie_force
+from compplan.uncertainty.sensitivities import (
+    ForceSpread,
+    build_path_model,
+    group_alternatives,
+    measure_slopes,
+    pick_rows,
+    tie_force,
+)
 
 #: Smooth errors along the path that stand for what is unexplained, and waypoints that tell them.
 MODES, STATIONS = 12, 200

@@ -1,16 +1,22 @@
-"""What a sample's point means in the cell: compliances, zeros, gear errors, geometry, wrench, and the noise of sensors.
+"""The coordinates of a sample's point, how points are chosen, and what a point means in the cell.
 
-Arrays are components first, then b samples, then n waypoints.
+A sample is a point of the unit cube. Most coordinates become one number (a compliance factor, a zero, a force level);
+some become the seed of a noise along the path. Everything random about a sample follows from its point. Arrays of
+cells are components first, then b samples, then n waypoints.
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
+from scipy.stats import qmc
 
 from compplan.effects import (
     build_model,
@@ -23,10 +29,9 @@ from compplan.effects import (
 from compplan.effects.attained import attain_with_effects
 from compplan.job.noise import EffectNoise, NoiseTable
 from compplan.planning.task import PlanTask
-from compplan.robot import Array
+from compplan.robot import Array, Robot
 from compplan.robot.pose import rigid_columns
-from compplan.studies.factors import Factors, to_normal
-from compplan.studies.posterior import RobotPosterior, move_by_posterior, take_posterior
+from compplan.studies.posterior import RobotPosterior, count_coordinates, move_by_posterior, take_posterior
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import read_placement
 from compplan.uncertainty.sensitivities import ForceSpread
@@ -34,6 +39,8 @@ from compplan.uncertainty.sensitivities import ForceSpread
 #: Knots of the noise along the path per correlation length, and their greatest number.
 KNOTS, MOST_KNOTS = 10, 20000
 _PATH, _ENCODERS, _FORCE = range(3)
+#: Coordinates of a placement: three translations, three rotations.
+TWIST = 6
 
 
 @dataclass(frozen=True)
@@ -250,3 +257,94 @@ class _Noises:
         noise = self.at.noise
         level = (noise.motor_encoder_deg, noise.link_encoder_deg)[side]
         return np.radians(level) * self.white(_ENCODERS, "encoders", side, len(self.at.q))
+
+
+@dataclass(frozen=True)
+class Factors:
+    """The coordinates of a sample's point."""
+
+    columns: Mapping[str, slice]  #: By factor, the columns of the point that belong to it.
+    groups: Mapping[str, tuple[str, ...]]  #: By group of the sensitivity analysis, its factors.
+
+    @property
+    def size(self) -> int:
+        """Count the coordinates."""
+        return max(part.stop for part in self.columns.values())
+
+    def group_names(self) -> list[str]:
+        """Name the group of every coordinate. Length `size`."""
+        names = [""] * self.size
+        for group, factors in self.groups.items():
+            for factor in factors:
+                for column in range(self.columns[factor].start, self.columns[factor].stop):
+                    names[column] = group
+        return names
+
+
+def list_factors(robot: Robot, noise: NoiseTable) -> Factors:
+    """List the factors of a robot; groups without any uncertainty are left out of the sensitivity analysis."""
+    sizes = {
+        "link_share": sum(1 for spring in robot.springs if 0.0 < spring.link_share < 1.0),
+        "part_frame": TWIST,
+        "temperature": 1,
+        "wrench_level": 1,
+        "wrench_direction": 3,
+        "wrench_path": 1,
+        "encoders": 1,
+        "repeatability": 3,
+        "force_bias": 7,
+        "force_noise": 1,
+        "effects": len(noise.effects),
+        "posterior": count_coordinates(robot),
+    }
+    starts = np.concatenate([[0], np.cumsum(list(sizes.values()))])
+    columns = {name: slice(int(a), int(a) + size) for (name, size), a in zip(sizes.items(), starts, strict=False)}
+    groups = {
+        "link_share": (noise.link_share, ("link_share",)),
+        "part": (max(noise.part_frame_mm, noise.part_frame_deg), ("part_frame",)),
+        "temperature": (noise.temperature_K, ("temperature",)),
+        "wrench_level": (noise.wrench_level, ("wrench_level",)),
+        "wrench_direction": (noise.wrench_direction_deg, ("wrench_direction",)),
+        "wrench_path": (noise.wrench_path, ("wrench_path",)),
+        "encoders": (max(noise.motor_encoder_deg, noise.link_encoder_deg), ("encoders",)),
+        "repeatability": (robot_uncertainty(robot).repeatability or 0.0, ("repeatability",)),
+        "force_sensor": (
+            max(noise.force_noise_N, noise.moment_noise_Nm, noise.force_bias_N, noise.moment_bias_Nm, noise.force_gain),
+            ("force_bias", "force_noise"),
+        ),
+        "effects": (float(len(noise.effects)), ("effects",)),
+        "robot": (1.0, ("posterior",)),
+    }
+    kept = {
+        name: factors
+        for name, (level, factors) in groups.items()
+        if level > 0.0 and sum(sizes[factor] for factor in factors) > 0
+    }
+    return Factors(columns, kept)
+
+
+def draw_points(factors: Factors, seed: int, replicates: int, samples: range) -> Array:
+    """Draw points inside the unit cube; sample i is point i // replicates of the Sobol sequence i % replicates.
+
+    The replicates are scrambled independently, so that their scatter gives intervals of means [Owen1995]. `samples` is
+    a contiguous range. Shape (len(samples), size).
+    """
+    points = np.empty((len(samples), factors.size))
+    for replicate in range(replicates):
+        rows = [i for i in samples if i % replicates == replicate]
+        if not rows:
+            continue
+        first, count = rows[0] // replicates, len(rows)
+        rng = np.random.default_rng(np.random.SeedSequence([seed, replicate]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # no power of two: balanced less, not wrong
+            engine = qmc.Sobol(factors.size, scramble=True, rng=rng)
+            if first:
+                engine.fast_forward(first)
+            points[np.array(rows) - samples.start] = engine.random(count)
+    return np.clip(points, 1e-12, 1.0 - 1e-12)
+
+
+def to_normal(points: Array) -> Array:
+    """Turn uniform coordinates into standard normal ones."""
+    return np.asarray(ndtri(points))

@@ -27,12 +27,12 @@ from compplan.toolpath.toolpath import interpolate
 from compplan.uncertainty.assumed import list_assumed, robot_uncertainty
 from compplan.uncertainty.ladder import USUAL, Rung, climb_ladder, condition, pick_places, pose_variance, weigh_poses
 from compplan.uncertainty.motion import Motion
-from compplan.uncertainty.perturbation import sample_alternatives
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     measure_force_slopes,
     measure_slopes,
     pick_rows,
+    sample_alternatives,
     tie_force,
     unload_model,
 )
