@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from compplan.identification.forward import RowState
 from compplan.identification.parameters import Parameter
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit.separable import find_free, find_mates
+from compplan.measurement.fit.intervals import find_free, find_mates
 from compplan.robot import Array
 
 #: Held at its nominal value first: what is refinement rather than the joints and frames themselves.

@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from compplan.diagnosis.data.noise import ASSUMED_SIGMA
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.robot import Array, Robot, Spring
 from compplan.statics.chain import build_chain, jacobian, locate_frames
 from compplan.statics.elastic import spring_torque

@@ -32,8 +32,7 @@ from compplan.diagnosis.validation.calibrated_probability import TEMPER
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.effects.signature import Signature
-from compplan.measurement.poses.exchange import grow_choice, settle_choice
-from compplan.measurement.poses.information import odds_gains, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
 #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
@@ -234,7 +233,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
 
 
 def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> DifferenceShown:
-    """Return what moves show of the difference of two models, as `compplan.measurement.poses.information` counts it.
+    """Return what moves show of the difference of two models, as `compplan.measurement.pose_selection` counts it.
 
     Args:
         pair: The two models.

@@ -34,7 +34,7 @@ from compplan.diagnosis.search.state import (
     stands,
 )
 from compplan.errors import ConvergenceError
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.robot import Array
 
 #: The exact model has arrived when it leaves this little more than its linearization promises (assumed).
