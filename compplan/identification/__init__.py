@@ -7,14 +7,13 @@ exact loaded pose of `compplan.effects` (`forward`), p springs, terms of links' 
 (`compplan.measurement.fit.intervals`), grown where a spring earns its place there (`refine`, `spring_place`).
 """
 
-from compplan.identification.estimate import Estimate, estimate_parameters
+from compplan.identification.estimate import Estimate, Inseparable, estimate_parameters
 from compplan.identification.parameters import (
     FreeRobot,
     Parameter,
     build_structure,
 )
 from compplan.identification.reduce import ReducedModel, reduce_model
-from compplan.identification.separability import Inseparable
 from compplan.measurement.fit.rows import KNOWN_FRAMES, Rows
 
 __all__ = [

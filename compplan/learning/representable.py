@@ -1,6 +1,4 @@
-"""What a robot folder can hold of an update: parameters that URDF and springs can say, the uncertainty of all, and the
-file of what a path has learned beyond its robot.
-"""
+"""What a robot folder can hold of an update: its parameters, their uncertainty, and what remains for the path."""
 
 from __future__ import annotations
 

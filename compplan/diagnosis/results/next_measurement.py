@@ -21,14 +21,14 @@ from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import Finding
 from compplan.diagnosis.search.search import SHIFTS, TRIED, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import is_comparable
-from compplan.diagnosis.validation.calibrated_probability import TEMPER
+from compplan.diagnosis.validation.probability import TEMPER
+from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.effects.signature import Signature
