@@ -75,26 +75,15 @@ PRICES = {
 
 
 class TimedStart(NamedTuple):
-    """A run of a start, nothing corrected.
+    """A run of a start, nothing corrected."""
 
-    Attributes:
-        start: The start, with its pace.
-        time: The whole run. [s]
-        band: Widest 95 % band along the cut. [m]
-        still: The same, vibration left out. [m]
-        quiet: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
-        origin: Where it comes from: "search" or "programmed".
-        shaped: What the program did, None for nothing.
-
-    """
-
-    start: Start
-    time: float
-    band: float
-    still: float
-    quiet: Array
-    origin: str = "search"
-    shaped: Shaped | None = None
+    start: Start  #: The start, with its pace.
+    time: float  #: The whole run. [s]
+    band: float  #: Widest 95 % band along the cut. [m]
+    still: float  #: The same, vibration left out. [m]
+    quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
+    origin: str = "search"  #: Where it comes from: "search" or "programmed".
+    shaped: Shaped | None = None  #: What the program did, None for nothing.
 
 
 def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:

@@ -73,21 +73,14 @@ STOP, SETTLE, REMARK = "stop", "settle", "note"
 
 
 class Check(NamedTuple):
-    """One check of a plan.
+    """One check of a plan."""
 
-    Attributes:
-        name: What is checked.
-        value: What was found, in the unit of the limit; NaN where a sentence has no figure.
-        limit: Greatest value that passes.
-        sentence: What a failed check says.
-        severity: "stop" where a failed check keeps the plan from being confirmed, "settle" where it has to be settled
-            before the machine moves, "note" otherwise.
-    """
-
-    name: str
-    value: float
-    limit: float
-    sentence: str
+    name: str  #: What is checked.
+    value: float  #: What was found, in the unit of the limit; NaN where a sentence has no figure.
+    limit: float  #: Greatest value that passes.
+    sentence: str  #: What a failed check says.
+    #: "stop" where a failed check keeps the plan from being confirmed, "settle" where it has to be settled before the
+    #: machine moves, "note" otherwise.
     severity: str = STOP
 
     @property
@@ -117,20 +110,13 @@ def state_breaches(sentences: Iterable[str], name: str) -> tuple[Check, ...]:
 
 @dataclass(frozen=True)
 class Bench:
-    """What a plan is checked with, of its own reading.
+    """What a plan is checked with, of its own reading."""
 
-    Attributes:
-        cell: The robot as modelled.
-        bias: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
-        folder: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
-        moving: The robot as read, with all masses and no weight.
-
-    """
-
-    cell: SimulatedRobot
-    bias: Array | None = None
+    cell: SimulatedRobot  #: The robot as modelled.
+    bias: Array | None = None  #: Load of inertia on each spring, or None. Shape (n, s). [N m or N]
+    #: The robot folder that was read; None for robots and paths in memory, whose other checks are left out.
     folder: Path | None = None
-    moving: ExactRobot | None = None
+    moving: ExactRobot | None = None  #: The robot as read, with all masses and no weight.
 
 
 def set_up_bench(task: PlanTask, timing: Timing, job: Job | None) -> Bench:

@@ -37,27 +37,17 @@ SHORTEST, LONGEST = 0.02, 0.3
 
 @dataclass(frozen=True)
 class Bending:
-    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it.
+    """Greatest displacement of the tip over the cut by each cause, and the lowest natural frequencies along it."""
 
-    Attributes:
-        process: By the wrench on the tool. [m]
-        weight: By the weights that the model carries. [m]
-        inertia: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
-        compensated: Whether the plan compensates that.
-        frequencies: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
-        masses: Where the folder has its masses from.
-        motion: What the motion adds to the band, or None.
-        at_once: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
-
-    """
-
-    process: float
-    weight: float
-    inertia: float
-    compensated: bool
+    process: float  #: By the wrench on the tool. [m]
+    weight: float  #: By the weights that the model carries. [m]
+    inertia: float  #: By the inertia of the timed motion, answered by the modes of the arm; NaN without masses. [m]
+    compensated: bool  #: Whether the plan compensates that.
+    #: The two lowest natural frequencies, least along the path; NaN without masses. Shape (2,). [Hz]
     frequencies: Array
-    masses: str
-    motion: Motion | None = None
+    masses: str  #: Where the folder has its masses from.
+    motion: Motion | None = None  #: What the motion adds to the band, or None.
+    #: Greatest displacement by inertia if the springs gave at once; NaN without masses. [m]
     at_once: float = float("nan")
 
     def describe(self) -> dict[str, object]:

@@ -29,23 +29,14 @@ MOST_JUDGED = 10_000
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut.
+    """A run in a cell against its path; n waypoints, base frame. Figures are of the waypoints of the cut."""
 
-    Attributes:
-        cell: Name of the cell.
-        position: Attained tip. Shape (n, 3). [m]
-        rotation: Attained orientation of the TCP frame. Shape (n, 3, 3).
-        deviation: Attained minus nominal tip. Shape (n, 3). [m]
-        tilt: Angle between attained and nominal tool axis. Shape (n,). [rad]
-        cut: Waypoints that are compensated and evaluated. Shape (n,).
-    """
-
-    cell: str
-    position: Array
-    rotation: Array
-    deviation: Array
-    tilt: Array
-    cut: NDArray[np.bool_]
+    cell: str  #: Name of the cell.
+    position: Array  #: Attained tip. Shape (n, 3). [m]
+    rotation: Array  #: Attained orientation of the TCP frame. Shape (n, 3, 3).
+    deviation: Array  #: Attained minus nominal tip. Shape (n, 3). [m]
+    tilt: Array  #: Angle between attained and nominal tool axis. Shape (n,). [rad]
+    cut: NDArray[np.bool_]  #: Waypoints that are compensated and evaluated. Shape (n,).
 
     @cached_property
     def distance(self) -> Array:
@@ -79,21 +70,13 @@ class Evaluation:
 
 
 class Margins(NamedTuple):
-    """How far a command stays from its limits.
+    """How far a command stays from its limits."""
 
-    Attributes:
-        position: Least distance of a joint from its position limits; negative beyond. [rad or m]
-        joint: The joint that comes nearest, counted from 0.
-        velocity_ratio: Greatest joint velocity against its limit.
-        acceleration_ratio: Greatest joint acceleration against its limit.
-        max_correction: Greatest correction in the cut. [m]
-    """
-
-    position: float
-    joint: int
-    velocity_ratio: float
-    acceleration_ratio: float
-    max_correction: float
+    position: float  #: Least distance of a joint from its position limits; negative beyond. [rad or m]
+    joint: int  #: The joint that comes nearest, counted from 0.
+    velocity_ratio: float  #: Greatest joint velocity against its limit.
+    acceleration_ratio: float  #: Greatest joint acceleration against its limit.
+    max_correction: float  #: Greatest correction in the cut. [m]
 
 
 def evaluate_mismatch(task: PlanTask, q: Array) -> Evaluation:

@@ -62,32 +62,18 @@ STEP_CHORDS = 4.0
 
 @dataclass(frozen=True)
 class Compensation:
-    """A command with the time and the loads that belong to it.
+    """A command with the time and the loads that belong to it."""
 
-    Attributes:
-        task: The task as divided, with the feed programmed and the wrench at the feed driven.
-        strategy: The strategy; "none" where the correction lies below the robot's resolution.
-        command: The command.
-        timing: Its run.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        executed: Where the controller takes the tip, None where it is not known.
-        excess: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
-        change: Shift of the tip that the last turn still made. [m]
-        turns: Turns of the loop.
-        notes: Sentences for the user.
-
-    """
-
-    task: PlanTask
-    strategy: str
-    command: Command
-    timing: Timing
-    between: Between
-    executed: ExecutedPath | None = None
-    excess: float = 0.0
-    change: float = 0.0
-    turns: int = 1
-    notes: tuple[str, ...] = ()
+    task: PlanTask  #: The task as divided, with the feed programmed and the wrench at the feed driven.
+    strategy: str  #: The strategy; "none" where the correction lies below the robot's resolution.
+    command: Command  #: The command.
+    timing: Timing  #: Its run.
+    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
+    executed: ExecutedPath | None = None  #: Where the controller takes the tip, None where it is not known.
+    excess: float = 0.0  #: Factor by which a limit of a joint's motion is still passed; 1 at most where all agree.
+    change: float = 0.0  #: Shift of the tip that the last turn still made. [m]
+    turns: int = 1  #: Turns of the loop.
+    notes: tuple[str, ...] = ()  #: Sentences for the user.
 
 
 def compensate(

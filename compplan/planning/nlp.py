@@ -58,53 +58,30 @@ TIMED: dict[str, Any] = {"mu_init": 1e-2, "tol": 1e-6, "constr_viol_tol": 1e-8}
 
 
 class Solution(NamedTuple):
-    """What the solver found, success or not; k stations.
+    """What the solver found, success or not; k stations."""
 
-    Attributes:
-        problem: What was solved.
-        q: Joint positions. Shape (k, nq). [rad or m]
-        square: Square of the speed as a share of the programmed feed, ones where it was none. Shape (k,).
-        band: Widest 95 % band as a share of that at the start, 1 where it was none.
-        slack: Missed pose of released stations. Shape (k, rows). [m, rad]
-        success: Whether the solver says that all limits hold.
-        status: The solver's own word.
-        iterations: Its iterations.
-        cpu: CPU time, building and solving. [s]
-        violation: Greatest violation of a row. [m, rad or share]
-        multipliers: Multipliers of the rows of each limit. Shapes (k, r).
-        active: Stations at which each limit is active, by name. Shapes (k,).
-
-    """
-
-    problem: PlanningProblem
-    q: Array
-    square: Array
-    band: float
-    slack: Array
-    success: bool
-    status: str
-    iterations: int
-    cpu: float
-    violation: float
-    multipliers: Mapping[str, Array]
-    active: Mapping[str, NDArray[np.bool_]]
+    problem: PlanningProblem  #: What was solved.
+    q: Array  #: Joint positions. Shape (k, nq). [rad or m]
+    square: Array  #: Square of the speed as a share of the programmed feed, ones where it was none. Shape (k,).
+    band: float  #: Widest 95 % band as a share of that at the start, 1 where it was none.
+    slack: Array  #: Missed pose of released stations. Shape (k, rows). [m, rad]
+    success: bool  #: Whether the solver says that all limits hold.
+    status: str  #: The solver's own word.
+    iterations: int  #: Its iterations.
+    cpu: float  #: CPU time, building and solving. [s]
+    violation: float  #: Greatest violation of a row. [m, rad or share]
+    multipliers: Mapping[str, Array]  #: Multipliers of the rows of each limit. Shapes (k, r).
+    active: Mapping[str, NDArray[np.bool_]]  #: Stations at which each limit is active, by name. Shapes (k,).
 
 
 @dataclass(frozen=True)
 class PathProgram:
-    """A program, ready to be solved for any loads, poses and bounds at its stations.
+    """A program, ready to be solved for any loads, poses and bounds at its stations."""
 
-    Attributes:
-        problem: What it was built from.
-        solver: CasADi's solver; `solver.stats()` tells about its last run.
-        sizes: Number of rows of each limit at a station.
-        offsets: First variable of q, square, slack and band in the vector of variables, and their number.
-
-    """
-
-    problem: PlanningProblem
-    solver: ca.Function
-    sizes: tuple[int, ...]
+    problem: PlanningProblem  #: What it was built from.
+    solver: ca.Function  #: CasADi's solver; `solver.stats()` tells about its last run.
+    sizes: tuple[int, ...]  #: Number of rows of each limit at a station.
+    #: First variable of q, square, slack and band in the vector of variables, and their number.
     offsets: tuple[int, int, int, int, int]
 
 
@@ -220,7 +197,8 @@ def solve_nlp(program: PathProgram, problem: PlanningProblem, guess: Solution | 
     if problem.counts_band:
         begin[-1] = 1.0 if guess is None else guess.band
         lower[-1], upper[-1] = 0.0, problem.most_band
-    bounds = [limit.bounds(problem) for limit, size in zip(problem.limits, program.sizes, strict=True) if size]
+    bounds = [np.broadcast_arrays(*limit.bounds(problem), np.zeros((k, size)))
+              for limit, size in zip(problem.limits, program.sizes, strict=True)]  # fmt: skip
     low, high = (np.hstack([each[side] for each in bounds]) for side in (0, 1))
     found = program.solver(x0=np.clip(begin, lower, upper), p=_pack(problem).ravel(), lbx=lower, ubx=upper,
                            lbg=low.ravel(), ubg=high.ravel())  # fmt: skip

@@ -52,48 +52,32 @@ from compplan.uncertainty.touch_off import TouchOff, read_touch, touch_part
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a plan may do, as the tables [plan] and [limits] of a job say it.
+    """What a plan may do, as the tables [plan] and [limits] of a job say it."""
 
-    Attributes:
-        strategy: none, mirror, iterated_mirror or nlp.
-        spin_free: Whether the tool may rotate about its axis.
-        max_correction: Greatest distance of the unloaded tip from the path. [m]
-        tolerance: Greatest deviation that counts as within tolerance. [m]
-        tool_x: Where the TCP frame's x points, base axes. Shape (3,).
-        velocity_scale: Share of the robot's velocity limits that may be used.
-        acceleration_scale: Share of the robot's acceleration limits that may be used.
-        jerk_after: Time in which a joint reaches its greatest acceleration where the robot states no limit of the jerk;
-            None assumes none. [s]
-        feed: What the process asks of the feed.
-        posture: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
-        law: The law of the wrench; None where the path carries its wrench.
-        chord: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out.
-            [m]
-        inertia: Whether the inertia of the motion counts as a load and is compensated.
-        lock: Whose posture is kept: that of another model of the same machine, or of a program.
-        force: Uncertainty of the force (default: assumed).
-        tube: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
-        touch: How the part was found by touching it with the robot; None: its frame is absolute.
-
-    """
-
-    strategy: str = "nlp"
-    spin_free: bool = True
-    max_correction: float = 0.010
-    tolerance: float = 1e-4
+    strategy: str = "nlp"  #: none, mirror, iterated_mirror or nlp.
+    spin_free: bool = True  #: Whether the tool may rotate about its axis.
+    max_correction: float = 0.010  #: Greatest distance of the unloaded tip from the path. [m]
+    tolerance: float = 1e-4  #: Greatest deviation that counts as within tolerance. [m]
+    #: Where the TCP frame's x points, base axes. Shape (3,).
     tool_x: tuple[float, float, float] | Array = (1.0, 0.0, 0.0)
-    velocity_scale: float = 1.0
-    acceleration_scale: float = 1.0
+    velocity_scale: float = 1.0  #: Share of the robot's velocity limits that may be used.
+    acceleration_scale: float = 1.0  #: Share of the robot's acceleration limits that may be used.
+    #: Time in which a joint reaches its greatest acceleration where the robot states no limit of the jerk; None assumes
+    #: none. [s]
     jerk_after: float | None = None
+    #: What is asked of the posture; by default one configuration and the tool's x where `tool_x` has it.
     posture: PostureSettings = field(default_factory=lambda: PostureSettings(search=False))
-    feed: FeedRequest = field(default_factory=FeedRequest)
-    law: ForceLaw | None = None
+    feed: FeedRequest = field(default_factory=FeedRequest)  #: What the process asks of the feed.
+    law: ForceLaw | None = None  #: The law of the wrench; None where the path carries its wrench.
+    #: How far the loaded tip may stray from the path between waypoints; a tenth of the tolerance if left out. [m]
     chord: float | None = None
-    inertia: bool = True
+    inertia: bool = True  #: Whether the inertia of the motion counts as a load and is compensated.
+    #: Whose posture is kept: that of another model of the same machine, or of a program.
     lock: Robot | Kept | None = None
-    force: ForceSpread | None = None
+    force: ForceSpread | None = None  #: Uncertainty of the force (default: assumed).
+    #: Share of the tolerance by which a plan may leave the path where that makes the run shorter or surer.
     tube: float = 0.0
-    touch: TouchOff | None = None
+    touch: TouchOff | None = None  #: How the part was found by touching it with the robot; None: its frame is absolute.
 
 
 def plan_job(job: Job, *, progress: Callable[[str], None] = lambda text: None) -> Plan:

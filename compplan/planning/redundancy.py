@@ -18,20 +18,13 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from compplan.errors import ConvergenceError
-from compplan.planning.costs import Band, Cost, JointTravel, Smoothness, Time
+from compplan.planning.costs import Band, JointTravel, Smoothness, Time
 from compplan.planning.dense import place_pose
 from compplan.planning.feed import FeedRequest, time_run
-from compplan.planning.limits import (
-    AccelerationLimit,
-    BandLimit,
-    JointRange,
-    Limit,
-    PoseEquation,
-    VelocityLimit,
-    linearise_clearance,
-    read_band,
-    read_torques,
-)
+from compplan.planning.limits import AccelerationLimit, BandLimit, JointRange, PoseEquation, VelocityLimit
+from compplan.planning.limits.band import read_band
+from compplan.planning.limits.clearance import linearise_clearance
+from compplan.planning.limits.torque import read_torques
 from compplan.planning.nlp import Solution, solve_problem
 from compplan.planning.posture.clearance import sweep_margin
 from compplan.planning.posture.collision_scene import CollisionScene
@@ -41,7 +34,7 @@ from compplan.planning.posture.motion import find_torn
 from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import stand
 from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
-from compplan.planning.problem import PlanningProblem
+from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
 from compplan.statics.ik import build_arm, pose_error, refine_ik
@@ -64,20 +57,12 @@ CLEARANCE_SOLVES, RESERVE, LEAST_SHARE = 6, 1e-3, 0.05
 
 
 class Prices(NamedTuple):
-    """What the program weighs, each in shares of what the start has.
+    """What the program weighs, each in shares of what the start has."""
 
-    Attributes:
-        time: Of the time of the run.
-        band: Of the widest 95 % band.
-        motion: Of one unit of travel of a joint.
-        most_band: Greatest band as a share of the start's; infinite where it may grow.
-
-    """
-
-    time: float = 1.0
-    band: float = 0.0
-    motion: float = 2e-3
-    most_band: float = 1.0
+    time: float = 1.0  #: Of the time of the run.
+    band: float = 0.0  #: Of the widest 95 % band.
+    motion: float = 2e-3  #: Of one unit of travel of a joint.
+    most_band: float = 1.0  #: Greatest band as a share of the start's; infinite where it may grow.
 
 
 class Shaped(NamedTuple):
@@ -88,44 +73,25 @@ class Shaped(NamedTuple):
 
 
 class Free(NamedTuple):
-    """What is free at the stations of a task, and where the start has it.
+    """What is free at the stations of a task, and where the start has it."""
 
-    Attributes:
-        rows: Waypoints that are stations. Shape (k,).
-        names: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
-        frame: Axes of the path at the stations, as columns. Shape (k, 3, 3).
-        room: How far each row of the pose may be off. Shape (k, 5). [m, rad]
-
-    """
-
-    rows: NDArray[np.int_]
-    names: tuple[str, ...]
-    frame: Array
-    room: Array
+    rows: NDArray[np.int_]  #: Waypoints that are stations. Shape (k,).
+    names: tuple[str, ...]  #: "spin", "lead", "lean", names of extra axes, and "ahead", "left", "up" of a tube.
+    frame: Array  #: Axes of the path at the stations, as columns. Shape (k, 3, 3).
+    room: Array  #: How far each row of the pose may be off. Shape (k, 5). [m, rad]
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a redundant path.
+    """What is asked of a redundant path."""
 
-    Attributes:
-        robot: The robot.
-        nominal: The toolpath, its tool axis as programmed.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        feed_request: What the process asks of the feed.
-        force: How surely the force is known.
-        state: States the task that begins with a start.
-        tube: Share of the tolerance by which the program may leave the path.
-
-    """
-
-    robot: Robot
-    nominal: Toolpath
-    tool_x: Array
-    feed_request: FeedRequest
-    force: ForceSpread
-    state: Callable[[Start], PlanTask]
-    tube: float = 0.0
+    robot: Robot  #: The robot.
+    nominal: Toolpath  #: The toolpath, its tool axis as programmed.
+    tool_x: Array  #: Where x of the TCP points at spin 0, base axes. Shape (3,).
+    feed_request: FeedRequest  #: What the process asks of the feed.
+    force: ForceSpread  #: How surely the force is known.
+    state: Callable[[Start], PlanTask]  #: States the task that begins with a start.
+    tube: float = 0.0  #: Share of the tolerance by which the program may leave the path.
 
     def time(self, task: PlanTask) -> float:
         """Time the fastest run of a task; infinite where none keeps the limits. [s]"""

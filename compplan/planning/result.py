@@ -42,46 +42,25 @@ LISTED, LONGEST = 3, 300
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A plan, with everything that it was made from.
+    """A plan, with everything that it was made from."""
 
-    Attributes:
-        name: Name of the job.
-        task: Robot, nominal path, predicted wrench, posture, limits.
-        strategy: How the command was found.
-        command: Joint positions, status, failures, what the solver said.
-        timing: Times, joint rates and feeds of the command.
-        before: The uncorrected command (`task.q_start`) in the cell as modelled.
-        after: The command in the cell as modelled.
-        margins: Distance of the command from its limits.
-        approach: The way to the first waypoint, where the toolpath has no rapid start.
-        retract: The way from the last waypoint, where the toolpath ends in a cut.
-        between: Where the loaded tip goes between waypoints, by the planner's model.
-        bending: What bends the arm along the path, cause by cause.
-        judge: Name of the model that computed `before` and `after`.
-        checks: What was checked, with values and limits, and what is to be noted.
-        clearance: How far arm and tool keep clear of part and fixture, or None.
-        job: The job, or None.
-        learned: Uncertainty of the tip learned from measured parts on this path, or None.
-
-    """
-
-    name: str
-    task: PlanTask
-    strategy: str
-    command: Command
-    timing: Timing
-    before: Evaluation
-    after: Evaluation
-    margins: Margins
-    approach: Passage
-    retract: Passage
-    between: Between
-    bending: Bending
-    judge: str = JUDGE
-    checks: tuple[Check, ...] = ()
-    clearance: ClearanceProfile | None = None
-    job: Job | None = None
-    learned: ErrorBand | None = None
+    name: str  #: Name of the job.
+    task: PlanTask  #: Robot, nominal path, predicted wrench, posture, limits.
+    strategy: str  #: How the command was found.
+    command: Command  #: Joint positions, status, failures, what the solver said.
+    timing: Timing  #: Times, joint rates and feeds of the command.
+    before: Evaluation  #: The uncorrected command (`task.q_start`) in the cell as modelled.
+    after: Evaluation  #: The command in the cell as modelled.
+    margins: Margins  #: Distance of the command from its limits.
+    approach: Passage  #: The way to the first waypoint, where the toolpath has no rapid start.
+    retract: Passage  #: The way from the last waypoint, where the toolpath ends in a cut.
+    between: Between  #: Where the loaded tip goes between waypoints, by the planner's model.
+    bending: Bending  #: What bends the arm along the path, cause by cause.
+    judge: str = JUDGE  #: Name of the model that computed `before` and `after`.
+    checks: tuple[Check, ...] = ()  #: What was checked, with values and limits, and what is to be noted.
+    clearance: ClearanceProfile | None = None  #: How far arm and tool keep clear of part and fixture, or None.
+    job: Job | None = None  #: The job, or None.
+    learned: ErrorBand | None = None  #: Uncertainty of the tip learned from measured parts on this path, or None.
 
     @property
     def robot(self) -> Robot:

@@ -45,18 +45,11 @@ MENDED = 0.7
 
 @dataclass(frozen=True)
 class Between:
-    """Greatest distance of the loaded tip from each move; n - 1 moves, zero in rapid moves.
+    """Greatest distance of the loaded tip from each move; n - 1 moves, zero in rapid moves."""
 
-    Attributes:
-        joint: Joint positions linear in time. Shape (n - 1,). [m]
-        cartesian: Commanded tip on a straight line. Shape (n - 1,). [m]
-        spline: Cubic spline over time; like `joint` where no times are known. Shape (n - 1,). [m]
-
-    """
-
-    joint: Array
-    cartesian: Array
-    spline: Array
+    joint: Array  #: Joint positions linear in time. Shape (n - 1,). [m]
+    cartesian: Array  #: Commanded tip on a straight line. Shape (n - 1,). [m]
+    spline: Array  #: Cubic spline over time; like `joint` where no times are known. Shape (n - 1,). [m]
 
     @property
     def most(self) -> Array:

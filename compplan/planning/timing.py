@@ -64,30 +64,17 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Timing:
-    """The run of a command; n waypoints, nq joints.
+    """The run of a command; n waypoints, nq joints."""
 
-    Attributes:
-        time: Time at each waypoint. Shape (n,). [s]
-        velocity: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
-        acceleration: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
-        feed: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
-        share: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
-        limiting: Joint whose limit is used the most, -1 where none is near. Shape (n,).
-        by_velocity: Whether that limit is the velocity's. Shape (n,).
-        velocity_ratio: Greatest joint velocity against its limit.
-        acceleration_ratio: Greatest joint acceleration against its limit; 0 where no limit is known.
-
-    """
-
-    time: Array
-    velocity: Array
-    acceleration: Array
-    feed: Array
-    share: Array
-    limiting: NDArray[np.int_]
-    by_velocity: NDArray[np.bool_]
-    velocity_ratio: float
-    acceleration_ratio: float
+    time: Array  #: Time at each waypoint. Shape (n,). [s]
+    velocity: Array  #: Joint velocities at each waypoint. Shape (n, nq). [rad/s or m/s]
+    acceleration: Array  #: Joint accelerations at each waypoint. Shape (n, nq). [rad/s^2 or m/s^2]
+    feed: Array  #: Feed of the move that ends at each waypoint. Shape (n,). [m/s]
+    share: Array  #: Feed as a share of the programmed one; 1 in rapid moves. Shape (n,).
+    limiting: NDArray[np.int_]  #: Joint whose limit is used the most, -1 where none is near. Shape (n,).
+    by_velocity: NDArray[np.bool_]  #: Whether that limit is the velocity's. Shape (n,).
+    velocity_ratio: float  #: Greatest joint velocity against its limit.
+    acceleration_ratio: float  #: Greatest joint acceleration against its limit; 0 where no limit is known.
 
     @property
     def lowered(self) -> NDArray[np.bool_]:
@@ -470,18 +457,11 @@ def _toppra() -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True)
 class Profile:
-    """How a run goes along its path; k waypoints.
+    """How a run goes along its path; k waypoints."""
 
-    Attributes:
-        time: Time at each waypoint, from 0. Shape (k,). [s]
-        speed: Speed along the path, as a share of the programmed feed. Shape (k,).
-        push: Its rate. Shape (k,). [1/s]
-
-    """
-
-    time: Array
-    speed: Array
-    push: Array
+    time: Array  #: Time at each waypoint, from 0. Shape (k,). [s]
+    speed: Array  #: Speed along the path, as a share of the programmed feed. Shape (k,).
+    push: Array  #: Its rate. Shape (k,). [1/s]
 
 
 def smooth_profile(along: Array, speed: Array, window: float) -> Profile:

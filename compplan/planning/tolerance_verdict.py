@@ -57,31 +57,19 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True)
 class ToleranceVerdict:
-    """Whether the part may be expected within its tolerance.
+    """Whether the part may be expected within its tolerance."""
 
-    Attributes:
-        word: "keeps", "may_not_keep" or "not_known".
-        sentence: The same for people, with what to do about it.
-        tolerance: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
-        band: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
-        beyond_share: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
-        where: Stretches of the cut beyond the tolerance.
-        largest_cause: What makes the band widest where it is widest, or what is not known.
-        change: What would change the verdict, one sentence, "" where nothing has to.
-        basis: What the band rests on.
-        left_out: What moves the tip and is not in the band.
-    """
-
-    word: str
-    sentence: str
-    tolerance: float
-    band: float | None
+    word: str  #: "keeps", "may_not_keep" or "not_known".
+    sentence: str  #: The same for people, with what to do about it.
+    tolerance: float  #: Greatest deviation that counts as within tolerance, the strictest of all parts. [m]
+    band: float | None  #: Distance that the whole cut keeps within with 95 %; None where it is not known. [m]
+    #: Share of the cut, by length, whose band reaches beyond the tolerance; None where not known.
     beyond_share: float | None
-    where: tuple[Stretch, ...]
-    largest_cause: str
-    change: str
-    basis: str
-    left_out: tuple[str, ...]
+    where: tuple[Stretch, ...]  #: Stretches of the cut beyond the tolerance.
+    largest_cause: str  #: What makes the band widest where it is widest, or what is not known.
+    change: str  #: What would change the verdict, one sentence, "" where nothing has to.
+    basis: str  #: What the band rests on.
+    left_out: tuple[str, ...]  #: What moves the tip and is not in the band.
 
     def describe(self) -> dict[str, Any]:
         """Describe it for plan.json."""

@@ -14,16 +14,10 @@ AT_REST = 1e-9
 
 @dataclass(frozen=True)
 class Time(Cost):
-    """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1)).
+    """w T / T_0, T = sum 2 ds / (sqrt(x_i) + sqrt(x_i+1))."""
 
-    Attributes:
-        weight: w against the other costs.
-        reference: T_0. [s]
-
-    """
-
-    weight: float
-    reference: float
+    weight: float  #: w against the other costs.
+    reference: float  #: T_0. [s]
     name = "time"
     timed = True
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.problem import Limit, PlanningProblem, Station
+from compplan.planning.problem import Bounds, Limit, PlanningProblem, Station
 from compplan.planning.task import PlanTask
 from compplan.robot import Array
 from compplan.statics.chain import Chain
@@ -42,43 +42,28 @@ class BandLimit(Limit):
     posture: zero or gear of a joint (axis x lever), direction of a joint's axis, compliance of a spring (its column
     times its deflection), size and direction of the force. |x|^2 with x of covariance V is close to a scaled
     chi-squared variable, whose quantile is Wilson and Hilferty's.
-
-    Attributes:
-        chain: The elastic chain.
-        zeros: a_j of each joint element: zero and gear. Shape (m,). [rad or m]
-        turns: a_j of turns about each axis of the frame of each element. Shape (m,). [rad]
-        springs: a_j of each elastic coordinate, relative. Shape (s,).
-        level: Relative standard deviation of the size of the force.
-        direction: Standard deviation of its direction. [rad]
-        rest: V_0. Shape (3, 3). [m^2]
-        reference: Radius that counts as 1. [m]
-        cut: Stations that count. Shape (k,).
-        most: Greatest radius that is allowed, as a share of `reference`.
-
     """
 
-    chain: Chain
-    zeros: Array
-    turns: Array
-    springs: Array
-    level: float
-    direction: float
-    rest: Array
-    reference: float
-    cut: NDArray[np.bool_]
-    most: float = np.inf
+    chain: Chain  #: The elastic chain.
+    zeros: Array  #: a_j of each joint element: zero and gear. Shape (m,). [rad or m]
+    turns: Array  #: a_j of turns about each axis of the frame of each element. Shape (m,). [rad]
+    springs: Array  #: a_j of each elastic coordinate, relative. Shape (s,).
+    level: float  #: Relative standard deviation of the size of the force.
+    direction: float  #: Standard deviation of its direction. [rad]
+    rest: Array  #: V_0. Shape (3, 3). [m^2]
+    reference: float  #: Radius that counts as 1. [m]
+    cut: NDArray[np.bool_]  #: Stations that count. Shape (k,).
+    most: float = np.inf  #: Greatest radius that is allowed, as a share of `reference`.
     name = "band"
-
-    def __str__(self) -> str:
-        return "r_95(q) <= B"
+    formula = "r_95(q) <= B"
 
     def rows(self, station: Station) -> ca.SX:
         """Return the band variable less the radius of the station."""
         return station.band - self.radius(station.frames, station.deflection, station.wrench) / self.reference
 
-    def bounds(self, problem: PlanningProblem) -> tuple[Array, Array]:
+    def bounds(self, problem: PlanningProblem) -> Bounds:
         """Return the bounds: none outside of the cut."""
-        return np.where(self.cut, 0.0, -np.inf)[:, None], np.full((len(problem), 1), np.inf)
+        return np.where(self.cut, 0.0, -np.inf)[:, None], np.inf
 
     def radius(self, frames: SymbolicFrames, deflection: ca.SX, wrench: ca.SX) -> ca.SX:
         """Return the radius as an expression. [m]"""

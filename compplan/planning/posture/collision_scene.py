@@ -35,25 +35,15 @@ DRAWN_TOUCHING = 0.7
 
 @dataclass(frozen=True)
 class CollisionScene:
-    """What may touch what.
+    """What may touch what."""
 
-    Attributes:
-        robot: The robot with its tool.
-        solids: Shapes of the arm, tool, part, fixture.
-        outside: Pairs of arm or tool with part or fixture. Shape (p, 2).
-        own: Pairs of arm or tool with the arm itself. Shape (o, 2).
-        notes: What a user should know of it, one sentence each.
-        bodies: What is known of the collision shapes of each body of the arm.
-        meshes: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
-
-    """
-
-    robot: Robot
-    solids: tuple[Solid, ...]
-    outside: NDArray[np.int_]
-    own: NDArray[np.int_]
-    notes: tuple[str, ...] = ()
-    bodies: tuple[BodyShapes, ...] = ()
+    robot: Robot  #: The robot with its tool.
+    solids: tuple[Solid, ...]  #: Shapes of the arm, tool, part, fixture.
+    outside: NDArray[np.int_]  #: Pairs of arm or tool with part or fixture. Shape (p, 2).
+    own: NDArray[np.int_]  #: Pairs of arm or tool with the arm itself. Shape (o, 2).
+    notes: tuple[str, ...] = ()  #: What a user should know of it, one sentence each.
+    bodies: tuple[BodyShapes, ...] = ()  #: What is known of the collision shapes of each body of the arm.
+    #: What was given, to be drawn: name, link that carries it ("" where it stands still), and mesh [m].
     meshes: tuple[tuple[str, str, Any], ...] = ()
 
     @cached_property

@@ -31,21 +31,14 @@ LARGEST_STEP = 0.8
 
 
 class Posture(NamedTuple):
-    """Where a plan starts.
+    """Where a plan starts."""
 
-    Attributes:
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        configuration: Shoulder, elbow and wrist.
-        missed: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest
-            that was found. Shape (n,).
-        cost: Cost of the choice, smaller is better.
-
-    """
-
-    q: Array
-    configuration: dict[str, str]
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    configuration: dict[str, str]  #: Shoulder, elbow and wrist.
+    #: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest that was
+    #: found. Shape (n,).
     missed: NDArray[np.bool_]
-    cost: float
+    cost: float  #: Cost of the choice, smaller is better.
 
 
 def choose_posture(

@@ -25,28 +25,16 @@ MOST_PAIRS, APART = 6, 1e-6
 
 @dataclass(frozen=True)
 class Solid:
-    """Something that may touch.
+    """Something that may touch."""
 
-    Attributes:
-        name: What it is called in messages.
-        link: Link that it moves with, or "" for what stands still in the base frame.
-        body: Number of commanded joints before it; what stands still counts as 0.
-        geometry: coal's geometry, in its own frame.
-        placement: Pose of that frame in the frame of the link (or base). Shape (4, 4). [m]
-        centre: Centre of its bounding sphere in the frame of the link (or base). Shape (3,). [m]
-        radius: Radius of its bounding sphere. [m]
-        box: Lower and upper corner of its bounding box in that frame. Shape (2, 3). [m]
-
-    """
-
-    name: str
-    link: str
-    body: int
-    geometry: Any
-    placement: Array
-    centre: Array
-    radius: float
-    box: Array
+    name: str  #: What it is called in messages.
+    link: str  #: Link that it moves with, or "" for what stands still in the base frame.
+    body: int  #: Number of commanded joints before it; what stands still counts as 0.
+    geometry: Any  #: coal's geometry, in its own frame.
+    placement: Array  #: Pose of that frame in the frame of the link (or base). Shape (4, 4). [m]
+    centre: Array  #: Centre of its bounding sphere in the frame of the link (or base). Shape (3,). [m]
+    radius: float  #: Radius of its bounding sphere. [m]
+    box: Array  #: Lower and upper corner of its bounding box in that frame. Shape (2, 3). [m]
 
 
 class Contact(NamedTuple):
@@ -58,18 +46,11 @@ class Contact(NamedTuple):
 
 
 class Near(NamedTuple):
-    """The several nearest pairs of postures, r in all.
+    """The several nearest pairs of postures, r in all."""
 
-    Attributes:
-        posture: Which posture. Shape (r,).
-        distance: Signed distance of the pair. Shape (r,). [m]
-        rate: Its derivative by the joint positions. Shape (r, nq). [m/rad or 1]
-
-    """
-
-    posture: NDArray[np.int_]
-    distance: Array
-    rate: Array
+    posture: NDArray[np.int_]  #: Which posture. Shape (r,).
+    distance: Array  #: Signed distance of the pair. Shape (r,). [m]
+    rate: Array  #: Its derivative by the joint positions. Shape (r, nq). [m/rad or 1]
 
 
 class _Gauge:

@@ -41,20 +41,12 @@ SAME_PLACE, SAME_AXIS = 0.05, 0.1
 
 
 class Kept(NamedTuple):
-    """A posture along a path.
+    """A posture along a path."""
 
-    Attributes:
-        length: Length of the path at each row. Shape (m,). [m]
-        axis: Tool axis, tip to spindle, base axes. Shape (m, 3).
-        q: Joint positions. Shape (m, nq). [rad or m]
-        source: Where it comes from, in words.
-
-    """
-
-    length: Array
-    axis: Array
-    q: Array
-    source: str
+    length: Array  #: Length of the path at each row. Shape (m,). [m]
+    axis: Array  #: Tool axis, tip to spindle, base axes. Shape (m, 3).
+    q: Array  #: Joint positions. Shape (m, nq). [rad or m]
+    source: str  #: Where it comes from, in words.
 
 
 def read_lock(job: Job, robot: Robot) -> Robot | Kept | None:

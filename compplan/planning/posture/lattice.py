@@ -33,56 +33,32 @@ REASONS = ("usable", "out of reach", "joint limit", "singular", "collision", "co
 
 @dataclass(frozen=True)
 class Options:
-    """What may vary at one waypoint, g combinations.
+    """What may vary at one waypoint, g combinations."""
 
-    Attributes:
-        spin: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`.
-            Shape (k, g) or (1, g). [rad]
-        held: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
-        lead: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
-        lean: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
-        neighbours: Options that a step may come from, -1 where there is none. Shape (g, w).
-        shape: Grid shape behind g: spins, positions of extra axes, leans.
-        steps: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
-
-    """
-
+    #: Rotation about the tool axis, tip to spindle, counted from the posture with x along `tool_x`. Shape (k, g) or (1,
+    #: g). [rad]
     spin: Array
-    held: Array
-    lead: Array
-    lean: Array
-    neighbours: NDArray[np.int_]
-    shape: tuple[int, int, int]
-    steps: Array
+    held: Array  #: Positions of the extra axes. Shape (k, g, h) or (1, g, h). [m or rad]
+    lead: Array  #: Lean of the tool axis along the travel. Shape (k, g) or (1, g). [rad]
+    lean: Array  #: Lean of the tool axis across the travel. Shape (k, g) or (1, g). [rad]
+    neighbours: NDArray[np.int_]  #: Options that a step may come from, -1 where there is none. Shape (g, w).
+    shape: tuple[int, int, int]  #: Grid shape behind g: spins, positions of extra axes, leans.
+    steps: Array  #: Step of the grid of each extra axis, 0 for one that stands. Shape (h,). [m or rad]
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Nodes of the ladder graph: k stations, g options, b slots.
+    """Nodes of the ladder graph: k stations, g options, b slots."""
 
-    Attributes:
-        stations: Waypoint of each station. Shape (k,).
-        options: What varies.
-        q: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
-        sensitivity: Shape (k, g, b). [m]
-        deviation: Before compensation. Shape (k, g, b). [m]
-        limits: Nearness to joint limits. Shape (k, g, b).
-        dexterity: Shape (k, g, b).
-        reason: Index into `REASONS`. Shape (k, g, b).
-        singularity_margin: Inverse condition number below which a posture counts as singular.
-            Shape (k, g, b).
-
-    """
-
-    stations: NDArray[np.int_]
-    options: Options
-    q: Array
-    sensitivity: Array
-    deviation: Array
-    limits: Array
-    dexterity: Array
-    reason: NDArray[np.int8]
-    singularity_margin: float
+    stations: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
+    options: Options  #: What varies.
+    q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, b, nq). [rad or m]
+    sensitivity: Array  #: Shape (k, g, b). [m]
+    deviation: Array  #: Before compensation. Shape (k, g, b). [m]
+    limits: Array  #: Nearness to joint limits. Shape (k, g, b).
+    dexterity: Array  #: Shape (k, g, b).
+    reason: NDArray[np.int8]  #: Index into `REASONS`. Shape (k, g, b).
+    singularity_margin: float  #: Inverse condition number below which a posture counts as singular. Shape (k, g, b).
 
     @property
     def usable(self) -> NDArray[np.bool_]:

@@ -42,42 +42,25 @@ TRIED = 6
 
 @dataclass(frozen=True)
 class Ratings:
-    """Lower bounds of the remaining deviation over the grid of one turn of the part.
+    """Lower bounds of the remaining deviation over the grid of one turn of the part."""
 
-    Attributes:
-        turn: Turn about the vertical through the part's origin. [rad]
-        axes: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
-        bound: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
-
-    """
-
-    turn: float
+    turn: float  #: Turn about the vertical through the part's origin. [rad]
+    #: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
     axes: tuple[Array, Array, Array]
-    bound: Array
+    bound: Array  #: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
 
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """Where the part should stand.
+    """Where the part should stand."""
 
-    Attributes:
-        position: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
-        turn: Turn about the vertical through it, on top of the job's rotation. [rad]
-        base_height: How far the base has to be raised for that. [m]
-        posture_choice: Posture along the path there.
-        before: Posture at the job's own place, or None where none leads along the path.
-        ratings: Grids, one a turn.
-        here: The job's own place. Shape (3,). [m]
-
-    """
-
-    position: Array
-    turn: float
-    base_height: float
-    posture_choice: PostureSummary
-    before: PostureSummary | None
-    ratings: tuple[Ratings, ...]
-    here: Array
+    position: Array  #: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
+    turn: float  #: Turn about the vertical through it, on top of the job's rotation. [rad]
+    base_height: float  #: How far the base has to be raised for that. [m]
+    posture_choice: PostureSummary  #: Posture along the path there.
+    before: PostureSummary | None  #: Posture at the job's own place, or None where none leads along the path.
+    ratings: tuple[Ratings, ...]  #: Grids, one a turn.
+    here: Array  #: The job's own place. Shape (3,). [m]
 
     @property
     def ratio(self) -> float:
@@ -344,16 +327,10 @@ ROUND = 0.01
 
 @dataclass(frozen=True)
 class FirstPlace:
-    """A place, and whether the arm was tried there.
+    """A place, and whether the arm was tried there."""
 
-    Attributes:
-        position: Origin of the part, base frame. Shape (3,). [m]
-        tried: Whether the arm was found to reach stations of the path there.
-
-    """
-
-    position: Array
-    tried: bool
+    position: Array  #: Origin of the part, base frame. Shape (3,). [m]
+    tried: bool  #: Whether the arm was found to reach stations of the path there.
 
 
 def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:

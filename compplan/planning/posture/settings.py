@@ -28,59 +28,41 @@ Margin = Callable[[Array, NDArray[np.int_]], Array]
 
 @dataclass(frozen=True, eq=False)
 class PostureSettings:
-    """What the search may vary and what it weighs.
+    """What the search may vary and what it weighs."""
 
-    Attributes:
-        search: Whether the graph chooses; else one configuration and the tool's x as programmed are kept.
-        free_spin: Whether the rotation about the tool axis is free.
-        configuration: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
-        start: Joint positions to start near, or None. Shape (nq,). [rad or m]
-        preset: "accurate", "error_band", "smooth" or "fast".
-        compares: Whether the preset was asked for by name: finished postures are then measured beside those of others.
-        weights: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
-        measure: What sensitivity means: "expected" (root mean square) or "p95".
-        uncertainty: How well wrench, compliance and joint zeros are known.
-        spin_step: Step of the grid of rotations about the tool axis. [rad]
-        lead: How far the tool axis may lean along the travel. [rad]
-        lean: How far it may lean across the travel. [rad]
-        held_steps: Grid positions of each extra axis (a rail); of several together at most thrice as many.
-        stations: Waypoints that the graph is built at, at most; those between follow.
-        reconfigure: Whether the arm may change its configuration in rapid moves away from the part.
-        singularity_margin: Inverse condition number below which a posture counts as singular and costs steeply.
-        limit_margin: Distance to a joint limit below which a posture costs. [rad or m]
-        limit_room: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
-        most_step: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
-        motion: What the motion of joints does to accuracy.
-        errors: What the 95 % band knows of the robot, in place of `uncertainty`; None for other presets.
-        axes: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
-        scene: What may touch what, or None.
-        clearance: Distance from part and fixture that is asked for. [m]
-    """
-
-    search: bool = True
-    free_spin: bool = True
+    search: bool = True  #: Whether the graph chooses; else one configuration and the tool's x as programmed are kept.
+    free_spin: bool = True  #: Whether the rotation about the tool axis is free.
+    #: Words that the configuration has to have, such as {"elbow": "up"}; none: all are free.
     configuration: dict[str, str] = field(default_factory=dict)
-    start: Array | None = None
-    preset: str = "accurate"
+    start: Array | None = None  #: Joint positions to start near, or None. Shape (nq,). [rad or m]
+    preset: str = "accurate"  #: "accurate", "error_band", "smooth" or "fast".
+    #: Whether the preset was asked for by name: finished postures are then measured beside those of others.
     compares: bool = False
+    #: Weights in place of the preset's, see `compplan.planning.posture.costs.Weights`.
     weights: dict[str, float] = field(default_factory=dict)
-    measure: Measure = "expected"
+    measure: Measure = "expected"  #: What sensitivity means: "expected" (root mean square) or "p95".
+    #: How well wrench, compliance and joint zeros are known.
     uncertainty: ModelScatter = field(default_factory=ModelScatter)
-    spin_step: float = float(np.radians(5.0))
-    lead: float = 0.0
-    lean: float = 0.0
-    held_steps: int = 9
-    stations: int = 240
-    reconfigure: bool = True
+    spin_step: float = float(np.radians(5.0))  #: Step of the grid of rotations about the tool axis. [rad]
+    lead: float = 0.0  #: How far the tool axis may lean along the travel. [rad]
+    lean: float = 0.0  #: How far it may lean across the travel. [rad]
+    held_steps: int = 9  #: Grid positions of each extra axis (a rail); of several together at most thrice as many.
+    stations: int = 240  #: Waypoints that the graph is built at, at most; those between follow.
+    reconfigure: bool = True  #: Whether the arm may change its configuration in rapid moves away from the part.
+    #: Inverse condition number below which a posture counts as singular and costs steeply.
     singularity_margin: float = 0.03
-    limit_margin: float = float(np.radians(10.0))
+    limit_margin: float = float(np.radians(10.0))  #: Distance to a joint limit below which a posture costs. [rad or m]
+    #: Distance to a joint limit below which a posture is refused: room for the correction. [rad or m]
     limit_room: float = float(np.radians(2.0))
+    #: Greatest motion of a joint between neighbouring waypoints of a cut. [rad or m]
     most_step: float = float(np.radians(20.0))
-    motion: MotionFigures = field(default_factory=MotionFigures)
+    motion: MotionFigures = field(default_factory=MotionFigures)  #: What the motion of joints does to accuracy.
+    #: What the 95 % band knows of the robot, in place of `uncertainty`; None for other presets.
     errors: ErrorModel | None = None
+    #: Axes in whose components the wrench errs, as columns in base axes (the part's). Shape (3, 3).
     axes: Array = field(default_factory=lambda: np.eye(3))
-    scene: CollisionScene | None = None
-    clearance: float = 0.0
+    scene: CollisionScene | None = None  #: What may touch what, or None.
+    clearance: float = 0.0  #: Distance from part and fixture that is asked for. [m]
 
     @property
     def known(self) -> ModelScatter | ErrorModel:
@@ -90,19 +72,12 @@ class PostureSettings:
 
 @dataclass(frozen=True)
 class PostureProblem:
-    """The choice of a posture along a path, as every step of the search has it.
+    """The choice of a posture along a path, as every step of the search has it."""
 
-    Attributes:
-        robot: The robot with its tool.
-        nominal: Toolpath in the base frame, with its predicted wrench.
-        tool_x: Where x of the TCP points at spin 0, base axes. Shape (3,).
-        settings: What may vary and what it is chosen for.
-    """
-
-    robot: Robot
-    nominal: Toolpath
-    tool_x: Array
-    settings: PostureSettings
+    robot: Robot  #: The robot with its tool.
+    nominal: Toolpath  #: Toolpath in the base frame, with its predicted wrench.
+    tool_x: Array  #: Where x of the TCP points at spin 0, base axes. Shape (3,).
+    settings: PostureSettings  #: What may vary and what it is chosen for.
 
     @cached_property
     def chain(self) -> Chain:

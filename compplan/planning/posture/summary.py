@@ -20,88 +20,54 @@ from compplan.toolpath.toolpath import Toolpath, pick_even
 
 @dataclass(frozen=True)
 class PostureMap:
-    """Path length against rotation about the tool axis, at the configuration, extra axes and lean of the chosen line.
+    """Path length against rotation about the tool axis, at the extra axes and lean of the chosen line."""
 
-    Attributes:
-        length: Distance travelled at each station. Shape (k,). [m]
-        waypoint: Waypoint of each station. Shape (k,).
-        spin: Rotations about the tool axis. Shape (g,). [rad]
-        sensitivity: NaN where there is no solution. Shape (k, g). [m]
-        reason: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
-        chosen: Rotation of the chosen line. Shape (k,). [rad]
-        held: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
-        held_grid: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
-        held_sensitivity: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
-        q: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
-        fixed_sensitivity: Root mean square along the cut with x of the TCP kept where the job has it, in the best
-            single configuration; NaN where none leads along the path. [m]
-
-    """
-
-    length: Array
-    waypoint: NDArray[np.int_]
-    spin: Array
-    sensitivity: Array
-    reason: NDArray[np.int8]
-    chosen: Array
-    held: Array
-    held_grid: Array
-    held_sensitivity: Array
-    q: Array
+    length: Array  #: Distance travelled at each station. Shape (k,). [m]
+    waypoint: NDArray[np.int_]  #: Waypoint of each station. Shape (k,).
+    spin: Array  #: Rotations about the tool axis. Shape (g,). [rad]
+    sensitivity: Array  #: NaN where there is no solution. Shape (k, g). [m]
+    reason: NDArray[np.int8]  #: Index into `compplan.planning.posture.lattice.REASONS`. Shape (k, g).
+    chosen: Array  #: Rotation of the chosen line. Shape (k,). [rad]
+    held: Array  #: Positions of the extra axes along the chosen line. Shape (k, h). [m or rad]
+    held_grid: Array  #: Grid positions of the first extra axis, or empty. Shape (r,). [m or rad]
+    held_sensitivity: Array  #: Least sensitivity over all rotations against the first extra axis. Shape (k, r). [m]
+    q: Array  #: Joint positions, NaN where there is no solution. Shape (k, g, nq). [rad or m]
+    #: Root mean square along the cut with x of the TCP kept where the job has it, in the best single configuration; NaN
+    #: where none leads along the path. [m]
     fixed_sensitivity: float
 
 
 @dataclass(frozen=True)
 class PostureTrace:
-    """How the robot stands at every waypoint, unloaded.
+    """How the robot stands at every waypoint, unloaded."""
 
-    Attributes:
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        rotation: Orientation of the TCP frame, z out of the tool, leads and leans included. Shape (n, 3, 3).
-        spin: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
-        lead: Lean of the tool axis along the travel. Shape (n,). [rad]
-        lean: Lean of the tool axis to the left of the travel. Shape (n,). [rad]
-        missed: Waypoints where the posture could not be followed from station to station. Shape (n,).
-    """
-
-    q: Array
-    rotation: Array
-    spin: Array
-    lead: Array
-    lean: Array
-    missed: NDArray[np.bool_]
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    rotation: Array  #: Orientation of the TCP frame, z out of the tool, leads and leans included. Shape (n, 3, 3).
+    spin: Array  #: Rotation about the tool axis, counted on through full turns. Shape (n,). [rad]
+    lead: Array  #: Lean of the tool axis along the travel. Shape (n,). [rad]
+    lean: Array  #: Lean of the tool axis to the left of the travel. Shape (n,). [rad]
+    missed: NDArray[np.bool_]  #: Waypoints where the posture could not be followed from station to station. Shape (n,).
 
 
 @dataclass(frozen=True)
 class PostureSummary(PostureTrace):
-    """How the robot stands along a path before anything is corrected, and what that costs.
+    """How the robot stands along a path before anything is corrected, and what that costs."""
 
-    Attributes:
-        configuration: Shoulder, elbow and wrist along most of the path.
-        changes: Where the configuration changes: first waypoint afterwards, words before, words after.
-        weights: What each criterion was worth.
-        settings: What was asked for.
-        costs: What the posture costs, by criterion, with the unit in the key.
-        map: What the search saw.
-        keeps_margin: Whether some way along the path keeps the asked distance from joint limits.
-        plain: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
-        instead_of: Costs of the graph's way where the plain posture was preferred to it, or None.
-        compared: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
-        compared_by: The cost that they were compared by, such as "driven_s".
-
-    """
-
-    configuration: dict[str, str]
+    configuration: dict[str, str]  #: Shoulder, elbow and wrist along most of the path.
+    #: Where the configuration changes: first waypoint afterwards, words before, words after.
     changes: tuple[tuple[int, str, str], ...]
-    weights: Weights
-    settings: PostureSettings
-    costs: dict[str, float]
-    map: PostureMap
-    keeps_margin: bool = True
+    weights: Weights  #: What each criterion was worth.
+    settings: PostureSettings  #: What was asked for.
+    costs: dict[str, float]  #: What the posture costs, by criterion, with the unit in the key.
+    map: PostureMap  #: What the search saw.
+    keeps_margin: bool = True  #: Whether some way along the path keeps the asked distance from joint limits.
+    #: Costs of the plain posture (one configuration, the tool's x where the job has it) where it was weighed.
     plain: dict[str, float] | None = None
+    #: Costs of the graph's way where the plain posture was preferred to it, or None.
     instead_of: dict[str, float] | None = None
+    #: What the finished postures come to that were compared, by name; in the unit of `compared_by`.
     compared: Mapping[str, float] = field(default_factory=dict)
-    compared_by: str = ""
+    compared_by: str = ""  #: The cost that they were compared by, such as "driven_s".
 
     @property
     def axis(self) -> Array:
@@ -251,54 +217,34 @@ def mark_collisions(picture: PostureMap, margin: Margin, stride: int = 2) -> Pos
 
 
 class Easing(NamedTuple):
-    """How a run goes beside the fastest one, so that the arm rings less where its band is widest.
+    """How a run goes beside the fastest one, so that the arm rings less where its band is widest."""
 
-    Attributes:
-        window: Windows of smoothing as a share of those that plans have.
-        places: Places along the toolpath, waypoints counted from 0. Shape (k,).
-        slower: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
-
-    """
-
-    window: float
-    places: Array
-    slower: Array
+    window: float  #: Windows of smoothing as a share of those that plans have.
+    places: Array  #: Places along the toolpath, waypoints counted from 0. Shape (k,).
+    slower: Array  #: Factor by which the run is slower there; accelerations fall with its square. Shape (k,).
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a plan starts.
+    """Where a plan starts."""
 
-    Attributes:
-        nominal: The path, its tool axis leaning as chosen.
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        rotation: Wanted orientation of the TCP frame. Shape (n, 3, 3).
-        configuration: Shoulder, elbow and wrist along most of the path.
-        missed: Waypoints that are not reached. Shape (n,).
-        settings: What was asked for.
-        posture_choice: What the graph chose, or None where it found nothing (or was not asked).
-        notes: What a user should know, one sentence each.
-        of_program: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
-        mend: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
-        program: What the program of posture and speed made of the graph's posture, as plan.json holds it; None where
-            that is kept.
-        pace: How the run goes beside the fastest one, None where it is that.
-        aside: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
-        upright: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
-
-    """
-
-    nominal: Toolpath
-    q: Array
-    rotation: Array
-    configuration: Mapping[str, str]
-    missed: NDArray[np.bool_]
-    settings: PostureSettings
+    nominal: Toolpath  #: The path, its tool axis leaning as chosen.
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    rotation: Array  #: Wanted orientation of the TCP frame. Shape (n, 3, 3).
+    configuration: Mapping[str, str]  #: Shoulder, elbow and wrist along most of the path.
+    missed: NDArray[np.bool_]  #: Waypoints that are not reached. Shape (n,).
+    settings: PostureSettings  #: What was asked for.
+    #: What the graph chose, or None where it found nothing (or was not asked).
     posture_choice: PostureSummary | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: What a user should know, one sentence each.
+    #: Whether q is a motion that is kept as it is: an earlier program's, or one that was followed.
     of_program: bool = False
-    mend: str = ""
+    mend: str = ""  #: What stops the first waypoint that is out of reach and what mends it, "" where all is reached.
+    #: What the program of posture and speed made of the graph's posture, as plan.json holds it; None where that is
+    #: kept.
     program: Mapping[str, Any] | None = None
-    pace: Easing | None = None
+    pace: Easing | None = None  #: How the run goes beside the fastest one, None where it is that.
+    #: Where the path lies beside the programmed one, in its tube, None for nowhere. Shape (n, 3). [m]
     aside: Array | None = None
+    #: Tool axis as programmed where `nominal` leans, None where it does not. Shape (n, 3).
     upright: Array | None = None
