@@ -11,24 +11,22 @@ from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.conventions import find_conventions
 from compplan.diagnosis.data.shared import LISTED, rank_number
 from compplan.diagnosis.results.delivery import deliver_folders
-from compplan.diagnosis.results.intervals import excludes_zero
-from compplan.diagnosis.results.posterior import state_sizes
+from compplan.diagnosis.results.posterior import excludes_zero, state_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
 from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict, unname
-from compplan.diagnosis.search.fit import fit_effects
-from compplan.diagnosis.search.polish import polish_fit
+from compplan.diagnosis.search.fit import fit_effects, polish_fit
 from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
-from compplan.diagnosis.validation.calibrated_probability import MOST_SURE
 from compplan.diagnosis.validation.held_out import Folds, make_folds
+from compplan.diagnosis.validation.probability import MOST_SURE
 from compplan.diagnosis.validation.sparse import add_gear_waves
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities, revise_probabilities
+from compplan.diagnosis.validation.unmodelled import RevisedProbabilities, revise_probabilities
 from compplan.effects import Effect, robot_effects, solve_model_poses
 from compplan.effects.forward_model import ForwardModel
 from compplan.effects.linearization import AXES, Place
 from compplan.errors import InputError
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.pooling import pool_rows
 from compplan.measurement.registration import Registration, fitted_parts, stated_registration
 from compplan.robot import Array, Robot

@@ -29,9 +29,8 @@ from compplan.learning.plausibility import (
     fit_rigid,
     sample_cut,
 )
-from compplan.learning.scan import SCAN_SIGMA, read_scan
-from compplan.learning.surface import Surface
-from compplan.measurement.exports import rename_title
+from compplan.learning.scan import SCAN_SIGMA, Surface, read_scan
+from compplan.measurement.reading import rename_title
 from compplan.robot import Array
 from compplan.toolpath.toolpath import Toolpath
 
@@ -63,27 +62,16 @@ ROUNDING = 0.01
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPath:
-    """Measured points of a cut path, base frame; m of them.
+    """Measured points of a cut path, base frame; m of them."""
 
-    Attributes:
-        length: Place along the path. Shape (m,). [m]
-        deviation: Measured minus wanted tip. Shape (m, 3). [m]
-        counts: Projector on the directions that count. Shape (m, 3, 3).
-        sigma: Standard deviation of the measurement per axis. Shape (m,). [m]
-        left_out: Points that are not of the cut, too far away, or claimed by two stretches.
-        notes: What was read past.
-        scanned: Whether they are a scan: errors of neighbours are then one and the same.
-        motion: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
-    """
-
-    length: Array
-    deviation: Array
-    counts: Array
-    sigma: Array
-    left_out: int
-    notes: tuple[str, ...] = ()
-    scanned: bool = False
-    motion: Array | None = None
+    length: Array  #: Place along the path. Shape (m,). [m]
+    deviation: Array  #: Measured minus wanted tip. Shape (m, 3). [m]
+    counts: Array  #: Projector on the directions that count. Shape (m, 3, 3).
+    sigma: Array  #: Standard deviation of the measurement per axis. Shape (m,). [m]
+    left_out: int  #: Points that are not of the cut, too far away, or claimed by two stretches.
+    notes: tuple[str, ...] = ()  #: What was read past.
+    scanned: bool = False  #: Whether they are a scan: errors of neighbours are then one and the same.
+    motion: Array | None = None  #: Rigid motion that a best fit took off, or None. Shape (4, 4). [m]
 
     def __len__(self) -> int:
         return len(self.length)

@@ -51,59 +51,33 @@ Exact = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class ModelUpdate:
-    """What is learned from a part; k rows along the path, p parameters.
+    """What is learned from a part; k rows along the path, p parameters."""
 
-    Attributes:
-        taken: Whether a corrected program is written.
-        reason: Why, or why not.
-        values: Posterior mean of the parameters about the folder. Shape (p,). [SI]
-        force: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
-        force_covariance: Their posterior covariance. Shape (4, 4).
-        cross: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
-        own: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
-        own_spread: Posterior standard deviation of its sum with the level, in those of the level.
-        open: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
-        physics: What the parameters move along the path. Shape (k, 3). [m]
-        pushed: What the force moves beyond them. Shape (k, 3). [m]
-        residual: What is left for the path itself. Shape (k, 3). [m]
-        weight: Weights of the kernel that make it. Shape (k, 3). [1/m]
-        covariance: Posterior covariance of the parameters. Shape (p, p).
-        band_before: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
-        band_after: The same for the next part. Shape (k,). [m]
-        band_seen: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
-        size: Standard deviation of the residual per axis that the part asks for. [m]
-        scale: Distance over which it forgets itself. [m]
-        gathered: The measurements.
-        rms: Root mean square of the measured deviation. [m]
-        held_out: The same after correction, on stretches that were not used. [m]
-        expected: Root mean square deviation that is expected of the next part. [m]
-        model: The model that it was learned with.
-    """
-
-    taken: bool
-    reason: str
-    values: Array
-    force: Array
-    force_covariance: Array
-    cross: Array
-    own: Array
-    own_spread: float
-    open: Array
-    physics: Array
-    pushed: Array
-    residual: Array
-    weight: Array
-    covariance: Array
-    band_before: Array
-    band_after: Array
+    taken: bool  #: Whether a corrected program is written.
+    reason: str  #: Why, or why not.
+    values: Array  #: Posterior mean of the parameters about the folder. Shape (p,). [SI]
+    force: Array  #: Posterior mean of the force's shares: level and turns, in standard deviations. Shape (4,).
+    force_covariance: Array  #: Their posterior covariance. Shape (4, 4).
+    cross: Array  #: Posterior covariance of parameters and shares. Shape (p, 4). [SI]
+    own: Array  #: Posterior mean of what this part has of its own, in the columns of `Own.part`. Shape (m,).
+    own_spread: float  #: Posterior standard deviation of its sum with the level, in those of the level.
+    open: Array  #: What is left open of the next part's tip: columns u with covariance u u^T. Shape (k, 3, r). [m]
+    physics: Array  #: What the parameters move along the path. Shape (k, 3). [m]
+    pushed: Array  #: What the force moves beyond them. Shape (k, 3). [m]
+    residual: Array  #: What is left for the path itself. Shape (k, 3). [m]
+    weight: Array  #: Weights of the kernel that make it. Shape (k, 3). [1/m]
+    covariance: Array  #: Posterior covariance of the parameters. Shape (p, p).
+    band_before: Array  #: Radius that holds the true tip with 95 %, before. Shape (k,). [m]
+    band_after: Array  #: The same for the next part. Shape (k,). [m]
+    #: Both in the directions that were measured, at the rows of `gathered`. Shape (b,) each. [m]
     band_seen: tuple[Array, Array]
-    size: float
-    scale: float
-    gathered: Gathered
-    rms: float
-    held_out: float
-    expected: float
-    model: UpdateModel
+    size: float  #: Standard deviation of the residual per axis that the part asks for. [m]
+    scale: float  #: Distance over which it forgets itself. [m]
+    gathered: Gathered  #: The measurements.
+    rms: float  #: Root mean square of the measured deviation. [m]
+    held_out: float  #: The same after correction, on stretches that were not used. [m]
+    expected: float  #: Root mean square deviation that is expected of the next part. [m]
+    model: UpdateModel  #: The model that it was learned with.
 
     def residual_at(self, place: Array, tip: Array) -> Array:
         """Return what is left for the path at places (n, 3) [m]; tip: where it went at its rows, (k, 3) [m]."""
@@ -113,17 +87,11 @@ class ModelUpdate:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What a part has of its own along the path, as columns of one standard deviation; k rows.
+    """What a part has of its own along the path, as columns of one standard deviation; k rows."""
 
-    Attributes:
-        part: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
-        following: Of the next one. Shape (k, 3, n). [m]
-        ratio: Its force's column over that of the level that all parts share.
-    """
-
-    part: Array
-    following: Array
-    ratio: float = 0.0
+    part: Array  #: Of the measured part: its force first, then other things. Shape (k, 3, m). [m]
+    following: Array  #: Of the next one. Shape (k, 3, n). [m]
+    ratio: float = 0.0  #: Its force's column over that of the level that all parts share.
 
 
 @dataclass(frozen=True, eq=False)

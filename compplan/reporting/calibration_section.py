@@ -13,8 +13,7 @@ from compplan.reporting import page
 from compplan.reporting.charts import draw_curves
 
 if TYPE_CHECKING:
-    from compplan.diagnosis.results.accuracy import Assessment, Learning
-    from compplan.diagnosis.results.calibration import Correction, Pose
+    from compplan.diagnosis.results.assessment import Assessment, Correction, Learning, Pose
 
 #: A change of less than this share of its half width is none: poses that see a parameter by noise alone give it more.
 UNSEEN = 0.01
@@ -58,7 +57,7 @@ def _more_poses(learning: Learning | None) -> list[page.Block]:
     if learning is None:
         return ["Too few poses, or nothing delivered: the gain of more poses is unknown."]
 
-    from compplan.diagnosis.results.accuracy import MORE
+    from compplan.diagnosis.results.assessment import MORE
 
     count = np.linspace(min(learning.poses), learning.now + 2 * MORE, 60)
     lines = (

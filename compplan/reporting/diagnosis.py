@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis import Diagnosis
-from compplan.diagnosis.results.accuracy import Assessment, assess_diagnosis
+from compplan.diagnosis.results.assessment import Assessment, assess_diagnosis
 from compplan.diagnosis.results.delivery import Delivery
 from compplan.diagnosis.results.next_measurement import propose_measurements
 from compplan.diagnosis.results.shares import CALIBRATION

@@ -30,23 +30,15 @@ class Plant:
 
 @dataclass(frozen=True)
 class Loop:
-    """A correction loop.
+    """A correction loop."""
 
-    Attributes:
-        gain: Proportional gain.
-        integral: Integral time. [s]
-        derivative: Derivative time, 0 for a PI law. [s]
-        plant: How the robot follows.
-        error: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
-        period: Period of the law. [s]
-    """
-
-    gain: float = 0.8
-    integral: float = 0.048
-    derivative: float = 0.012
-    plant: Plant = Plant()
+    gain: float = 0.8  #: Proportional gain.
+    integral: float = 0.048  #: Integral time. [s]
+    derivative: float = 0.012  #: Derivative time, 0 for a PI law. [s]
+    plant: Plant = Plant()  #: How the robot follows.
+    #: Where the law takes its error from: the correction "sent" one period before, or the one "attained".
     error: Literal["sent", "attained"] = "attained"
-    period: float = 0.01
+    period: float = 0.01  #: Period of the law. [s]
 
     @property
     def law(self) -> tuple[Array, Array]:

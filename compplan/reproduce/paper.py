@@ -22,25 +22,15 @@ MATCHES, CLOSE, FACTOR = 0.05, 0.20, 3.0
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of a paper beside ours.
+    """One figure of a paper beside ours."""
 
-    Attributes:
-        quantity: What it is.
-        paper: What the paper states.
-        ours: What this run computed, or None.
-        unit: Unit of both.
-        tolerance: Relative band that the verdict refers to, or None where no numbers are compared.
-        verdict: One of the words above.
-        assumption: What had to be assumed for ours.
-    """
-
-    quantity: str
-    paper: float | str | None
-    ours: float | str | None
-    unit: str
-    tolerance: float | None
-    verdict: str
-    assumption: str = ""
+    quantity: str  #: What it is.
+    paper: float | str | None  #: What the paper states.
+    ours: float | str | None  #: What this run computed, or None.
+    unit: str  #: Unit of both.
+    tolerance: float | None  #: Relative band that the verdict refers to, or None where no numbers are compared.
+    verdict: str  #: One of the words above.
+    assumption: str = ""  #: What had to be assumed for ours.
 
     @property
     def ratio(self) -> float | None:
@@ -61,31 +51,18 @@ class PaperFigure:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A paper reproduced.
+    """A paper reproduced."""
 
-    Attributes:
-        name: Key of the paper.
-        title: Title of the paper.
-        citation: Authors, year, where.
-        robots: The robots that were used.
-        lede: What came out, in a few sentences.
-        rows: Figures of the paper beside ours.
-        figures: Redrawn figures.
-        missing: What the paper leaves out.
-        inconsistencies: Where the paper contradicts itself.
-        samples: Numbers behind the rows, for tests and notebooks.
-    """
-
-    name: str
-    title: str
-    citation: str
-    robots: tuple[Robot, ...]
-    lede: str
-    rows: tuple[Row, ...]
-    figures: tuple[PaperFigure, ...]
-    missing: tuple[str, ...]
-    inconsistencies: tuple[str, ...] = ()
-    samples: dict[str, Array] = field(default_factory=dict)
+    name: str  #: Key of the paper.
+    title: str  #: Title of the paper.
+    citation: str  #: Authors, year, where.
+    robots: tuple[Robot, ...]  #: The robots that were used.
+    lede: str  #: What came out, in a few sentences.
+    rows: tuple[Row, ...]  #: Figures of the paper beside ours.
+    figures: tuple[PaperFigure, ...]  #: Redrawn figures.
+    missing: tuple[str, ...]  #: What the paper leaves out.
+    inconsistencies: tuple[str, ...] = ()  #: Where the paper contradicts itself.
+    samples: dict[str, Array] = field(default_factory=dict)  #: Numbers behind the rows, for tests and notebooks.
 
     def row(self, quantity: str) -> Row:
         """Find a row by its quantity."""

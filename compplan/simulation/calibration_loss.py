@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compplan.measurement.from_arrays import make_log
+from compplan.measurement.campaign import make_log
 from compplan.robot import Array, Joint, Robot
 from compplan.simulation.predict import predict_campaign
 
@@ -16,15 +16,10 @@ POSES = 200
 
 @dataclass(frozen=True)
 class Loss:
-    """One thing that a calibration does not hold.
+    """One thing that a calibration does not hold."""
 
-    Attributes:
-        what: What it is.
-        rms: Root mean square of the tip's motion that it makes. [m]
-    """
-
-    what: str
-    rms: float
+    what: str  #: What it is.
+    rms: float  #: Root mean square of the tip's motion that it makes. [m]
 
 
 def compute_losses(robot: Robot, held: Robot, nominal: Robot, lacks: str, seed: int = 0) -> tuple[list[Loss], float]:

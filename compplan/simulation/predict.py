@@ -14,7 +14,7 @@ from compplan.effects.forward_model import Attained, build_model, solve_model_po
 from compplan.io.columns import to_unit
 from compplan.io.tables import write_table
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.fit_frames import fit_registration
+from compplan.measurement.frames import fit_registration
 from compplan.measurement.registration import (
     Registration,
     campaign_gap,
@@ -27,21 +27,14 @@ from compplan.robot import Array, Robot
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What the instrument should see; n rows, those without joints NaN.
+    """What the instrument should see; n rows, those without joints NaN."""
 
-    Attributes:
-        position: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
-        rotation: Orientation. Shape (n, 3, 3).
-        attained: Everything that the scene came to.
-        registration: Frames used, or None.
-        gap: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
-    """
-
+    #: Target as the instrument sees it; in the base frame where that sees no position. Shape (n, 3). [m]
     position: Array
-    rotation: Array
-    attained: Attained
-    registration: Registration | None
-    gap: Array
+    rotation: Array  #: Orientation. Shape (n, 3, 3).
+    attained: Attained  #: Everything that the scene came to.
+    registration: Registration | None  #: Frames used, or None.
+    gap: Array  #: Measured minus expected, base axes; places of contacts fitted. Shape (n, 3). [m]
 
 
 def predict_campaign(

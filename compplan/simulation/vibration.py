@@ -18,18 +18,12 @@ from compplan.simulation.exact import ExactRobot, build_exact_robot
 
 @dataclass(frozen=True)
 class Dynamics:
-    """A robot with all its masses as a Pinocchio model, springs as joints.
+    """A robot with all its masses as a Pinocchio model, springs as joints."""
 
-    Attributes:
-        judge: The model; its gravity is zero.
-        standing: The same seen from the ground, where accelerations count; another one only where a positioner carries
-            the part.
-        compliance: Compliance of the elastic coordinates. Shape (s, s).
-    """
-
-    judge: ExactRobot
+    judge: ExactRobot  #: The model; its gravity is zero.
+    #: The same seen from the ground, where accelerations count; another one only where a positioner carries the part.
     standing: ExactRobot
-    compliance: Array
+    compliance: Array  #: Compliance of the elastic coordinates. Shape (s, s).
 
     @property
     def known(self) -> bool:
@@ -39,17 +33,11 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class ModeShapes:
-    """The lowest modes at one posture, v^T M v = 1; m modes, s elastic coordinates.
+    """The lowest modes at one posture, v^T M v = 1; m modes, s elastic coordinates."""
 
-    Attributes:
-        omega: Angular frequencies, rising. Shape (m,). [rad/s]
-        shape: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
-        tip: Motion of the tip in each, base axes. Shape (3, m). [1/sqrt(kg)]
-    """
-
-    omega: Array
-    shape: Array
-    tip: Array
+    omega: Array  #: Angular frequencies, rising. Shape (m,). [rad/s]
+    shape: Array  #: Elastic coordinates of each mode. Shape (s, m). [1/sqrt(kg) and kin]
+    tip: Array  #: Motion of the tip in each, base axes. Shape (3, m). [1/sqrt(kg)]
 
 
 def build_dynamics(robot: Robot) -> Dynamics:

@@ -24,20 +24,13 @@ SETTLED = 1e-12
 
 
 class AttainedPose(NamedTuple):
-    """Loaded pose of the tool and its derivative by the commanded joints; n poses.
+    """Loaded pose of the tool and its derivative by the commanded joints; n poses."""
 
-    Attributes:
-        position: Attained TCP, base frame. Shape (n, 3). [m]
-        rotation: Attained orientation of the TCP, base frame. Shape (n, 3, 3).
-        jacobian: Twist of the attained TCP per commanded joint motion, linear rows first, base axes. Shape (n, 6, nq).
-        theta: Elastic coordinates, or None. Shape (n, s). [rad or m]
-
-    """
-
-    position: Array
-    rotation: Array
+    position: Array  #: Attained TCP, base frame. Shape (n, 3). [m]
+    rotation: Array  #: Attained orientation of the TCP, base frame. Shape (n, 3, 3).
+    #: Twist of the attained TCP per commanded joint motion, linear rows first, base axes. Shape (n, 6, nq).
     jacobian: Array
-    theta: Array | None = None
+    theta: Array | None = None  #: Elastic coordinates, or None. Shape (n, s). [rad or m]
 
 
 def attain_pose(

@@ -22,15 +22,10 @@ from compplan.statics.elastic import load_hessian
 
 
 class ComplementaryInfluence(NamedTuple):
-    """Change of the displacement under a wrench without K_C [Dumas2011, eqs. 10 and 11].
+    """Change of the displacement under a wrench without K_C [Dumas2011, eqs. 10 and 11]."""
 
-    Attributes:
-        nu_p: |dp_with - dp_without| / max(|dp_with|, |dp_without|), translations. Shape (n,).
-        nu_r: Largest difference of a rotation component. Shape (n,). [rad]
-    """
-
-    nu_p: Array
-    nu_r: Array
+    nu_p: Array  #: |dp_with - dp_without| / max(|dp_with|, |dp_without|), translations. Shape (n,).
+    nu_r: Array  #: Largest difference of a rotation component. Shape (n,). [rad]
 
 
 def complementary_stiffness(chain: Chain, q: Array, wrench: Array) -> Array:

@@ -39,19 +39,12 @@ DRAWS = 12
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the motion of the arm puts the tip; n rows.
+    """Where the motion of the arm puts the tip; n rows."""
 
-    Attributes:
-        error: Tip beside the planned one in every draw. Shape (d, n, 3). [m]
-        answer: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
-        static: The same if the springs gave at once. Shape (n, 3). [m]
-        source: What it rests on.
-    """
-
-    error: Array
-    answer: Array
-    static: Array
-    source: str
+    error: Array  #: Tip beside the planned one in every draw. Shape (d, n, 3). [m]
+    answer: Array  #: Motion of the tip by the load of its motion, as modelled. Shape (n, 3). [m]
+    static: Array  #: The same if the springs gave at once. Shape (n, 3). [m]
+    source: str  #: What it rests on.
 
     @property
     def mean(self) -> Array:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.results.accuracy import assess_diagnosis
+from compplan.diagnosis.results.assessment import assess_diagnosis
 from compplan.diagnosis.results.delivery import possible_claims, settle_play
 from compplan.diagnosis.results.verdict import reach_verdict
 from compplan.diagnosis.results.where import split_diagnosis

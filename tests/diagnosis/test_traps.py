@@ -13,7 +13,7 @@ import pytest
 from simulated_campaigns import measure, plan_rows, write_small_robot
 
 from compplan.diagnosis import Diagnosis, diagnose_campaign
-from compplan.diagnosis.results.accuracy import assess_diagnosis
+from compplan.diagnosis.results.assessment import assess_diagnosis
 from compplan.effects import Effect, build_model, solve_model_poses
 from compplan.robot import Robot
 from compplan.simulation.predict import predict_campaign

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnosis.results.intervals import state_change
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
-from compplan.diagnosis.results.small_errors import Group, SmallErrors
+from compplan.diagnosis.results.posterior import state_change
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Group, Share, Shares, SmallErrors
 from compplan.diagnosis.results.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect

@@ -40,7 +40,7 @@ def command(
     where named causes alone and all that a calibration finds are both worth a folder, DIR/robot is the one that
     predicts better, and DIR/robot_causes or DIR/robot_calibrated the other.
 
-    Example: compplan diagnose docs/notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
+    Example: compplan diagnose notebooks/diagnose_campaign/measurements.csv --robot kuka_kr270 --out out
     """
     parse_parts(register)
     for name in without:

@@ -21,19 +21,18 @@ from scipy.special import expit, logit, ndtri
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, SAMPLE, SURE, rank_number
 from compplan.diagnosis.evidence.candidates import offered_signatures
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.results.measurement_moves import KINDS, MeasuringMove, list_moves, probe_signature
 from compplan.diagnosis.results.result import Diagnosis, place_table
 from compplan.diagnosis.results.verdict import Finding
 from compplan.diagnosis.search.search import SHIFTS, TRIED, Claim, Model
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import is_comparable
-from compplan.diagnosis.validation.calibrated_probability import TEMPER
+from compplan.diagnosis.validation.probability import TEMPER
+from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects import apply_effects, build_model, solve_model_poses
 from compplan.effects.linearization import Linearization, Place, linearize_model
 from compplan.effects.signature import Signature
-from compplan.measurement.poses.exchange import grow_choice, settle_choice
-from compplan.measurement.poses.information import odds_gains, weight_rows
+from compplan.measurement.pose_selection import grow_choice, odds_gains, settle_choice, weight_rows
 from compplan.robot import Array
 
 #: Moves of one kind at least, since a single reading may be a gross error, and at most; so many proposals at most, too
@@ -234,7 +233,7 @@ def best_proposal(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> 
 
 
 def predict_difference(pair: Pair, design: Array, moves: Sequence[MeasuringMove]) -> DifferenceShown:
-    """Return what moves show of the difference of two models, as `compplan.measurement.poses.information` counts it.
+    """Return what moves show of the difference of two models, as `compplan.measurement.pose_selection` counts it.
 
     Args:
         pair: The two models.

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.results.delivery import Delivery
-from compplan.diagnosis.results.intervals import state_change
+from compplan.diagnosis.results.posterior import state_change
 from compplan.diagnosis.results.verdict import CALIBRATED, Finding, Verdict
 from compplan.diagnosis.search.state import Fit
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.diagnosis.validation.unmodelled import RevisedProbabilities
 from compplan.effects import robot_effects
 from compplan.effects.linearization import Place
 from compplan.effects.signature import plain

@@ -12,14 +12,17 @@ from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, 
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_similarities
-from compplan.diagnosis.validation.spurious_fit import rate_spurious_fits
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.diagnosis.validation.probability import (
+    Evidence,
+    calibrate_probability,
+    rate_similarities,
+    rate_spurious_fits,
+)
+from compplan.diagnosis.validation.unmodelled import UNMODELLED, RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
 from compplan.robot import Array

@@ -14,15 +14,25 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, SAMPLE, SEED
 from compplan.diagnosis.results.delivery import CALIBRATED
-from compplan.diagnosis.results.shares import UNEXPLAINED, Share, Shares, divide_gap, draw_blocks, find_interval
-from compplan.diagnosis.results.small_errors import SmallErrors, divide_small_errors
-from compplan.diagnosis.results.traces import Trace, trace_findings
+from compplan.diagnosis.results.shares import (
+    UNEXPLAINED,
+    Share,
+    Shares,
+    SmallErrors,
+    divide_gap,
+    divide_small_errors,
+    draw_blocks,
+    find_interval,
+)
+from compplan.effects import driver_of
+from compplan.effects.linearization import Linearization
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array, Robot
 from compplan.statics.chain import build_chain, locate_frames
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
+    from compplan.diagnosis.results.verdict import Finding
 
 #: Decimals to which rows are dealt to regions and levels: micrometres and micronewtons, far above rounding (theory).
 RESOLVED = 6
@@ -242,3 +252,77 @@ def split_region(table: GapTable, position: Array) -> list[dict[str, Any]]:
                 }
                 entries.append({**limits, **table.describe(inside)})
     return entries
+
+
+#: Rows whose point lies nearer to the joint's axis than this share of the usual distance tell nothing about it
+#: (assumed).
+NEAR_AXIS = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The error of one joint over the rows that show it; k rows.
+
+    Attributes:
+        place: The joint.
+        effect: The effect that stays in.
+        driver: What the error is drawn over. Shape (k,). [`driver_unit`]
+        error: Error that the joint makes. Shape (k,). [`error_unit`]
+        driver_name: What the driver is.
+        driver_unit: Its unit.
+        error_unit: "mrad" or "mm".
+    """
+
+    place: str
+    effect: str
+    driver: Array
+    error: Array
+    driver_name: str
+    driver_unit: str
+    error_unit: str
+
+    @property
+    def two_sided(self) -> bool:
+        """Tell whether the driver is a direction: minus, unknown, plus."""
+        return self.driver_name == "direction of the last move"
+
+
+def trace_findings(diagnosis: Diagnosis) -> tuple[Trace, ...]:
+    """Trace the errors of the joints that a diagnosis names."""
+    doubt, at = diagnosis.doubt, diagnosis.fit.at
+    equations, values = doubt.search.equations, doubt.model.posterior.values(doubt.search.equations.p)
+    source = equations.source[0]
+    left = equations.left(values)[0] * source.sigma
+    traces = []
+    for finding in diagnosis.verdict.findings:
+        if finding.signature not in doubt.model.signatures or finding.effect.joint not in at.robot.joint_names:
+            continue
+        columns = equations.columns(finding.signature)
+        part = left + equations.designs[0][..., columns] @ values[columns] * source.sigma
+        traces.append(_trace(finding, at, source.rows, part))
+    return tuple(traces)
+
+
+def _trace(finding: Finding, at: Linearization, rows: NDArray[np.int_], part: Array) -> Trace:
+    """Turn what a finding has to explain into an error about the joint's own axis."""
+    joint = str(finding.effect.joint)
+    index = at.robot.joint_names.index(joint)
+    slides = bool(at.robot.prismatic[index])
+    own = at.motion[rows][:, :3, index]
+    square = (own**2).sum(axis=1)
+    seen = square > NEAR_AXIS**2 * square.mean()
+    error = 1e3 * (own * part).sum(axis=1) / np.maximum(square, 1e-300)
+    driver, name, unit = _driver(finding.effect.name, at, index, slides)
+    return Trace(joint, finding.effect.name, driver[rows][seen], error[seen], name, unit, "mm" if slides else "mrad")
+
+
+def _driver(effect: str, at: Linearization, index: int, slides: bool) -> tuple[Array, str, str]:
+    """Return what stands on the horizontal axis, its name and its unit."""
+    follows, campaign = driver_of(effect), at.campaign
+    if follows in ("load", "gravity"):
+        return at.own_load[:, index], "load about the joint's axis", "N" if slides else "N m"
+    if follows == "direction of approach":
+        return campaign.approach[:, index], "direction of the last move", ""
+    if follows == "speed":
+        return campaign.speed[:, index], "joint speed", "m/s" if slides else "rad/s"
+    return campaign.q[:, index] * (1e3 if slides else 180 / np.pi), "joint position", "mm" if slides else "deg"

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.shared import STEPS, rank_evidence
 from compplan.diagnosis.evidence.evidence import (
     FIRST_STEPS,
+    SIZES,
+    Gain,
     Posterior,
     Prior,
     drop_negative,
     excess_squares,
+    find_gains,
     find_posterior,
 )
-from compplan.diagnosis.evidence.evidence_gain import SIZES, Gain, find_gains
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import NormalEquations, project_out
 from compplan.effects import gravity_sag

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import NEGLIGIBLE, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
-from compplan.diagnosis.evidence.evidence_gain import combine_normal_equations
+from compplan.diagnosis.evidence.evidence import combine_normal_equations
 from compplan.diagnosis.evidence.normal_equations import project_out
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.state import Fit
+from compplan.diagnosis.validation.unmodelled import UNMODELLED
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Signature
 from compplan.robot import Array

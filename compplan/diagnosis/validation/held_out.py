@@ -19,7 +19,7 @@ from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.evidence import Prior, find_posterior
 from compplan.diagnosis.evidence.normal_equations import ChannelProducts, NormalEquations, Products, select_rows
-from compplan.diagnosis.search.polish import register_again
+from compplan.diagnosis.search.fit import register_again
 from compplan.diagnosis.search.search import Claim
 from compplan.diagnosis.search.state import Fit, FitState, advance_state, stands
 from compplan.effects import apply_effects, build_model, fold_effects, robot_effects, solve_model_poses
