@@ -76,7 +76,7 @@ def list_notes(task: PlanTask, command: Command, timing: Timing, bending: Bendin
         notes.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
-    if conflict := command.facts.get("nlp", {}).get("conflict"):
+    if conflict := command.nlp.get("conflict"):
         notes.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
     more = (describe_depth_limit(task, command.q),
             describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s))  # fmt: skip
