@@ -43,7 +43,7 @@ BESIDE = {"fast": ("smooth", "accurate"), "accurate": ("smooth", "fast"), "error
 LEAST = {"fast": "driven_s", "accurate": "band_mm", "error_band": "band_mm", "smooth": "joint_travel_deg"}
 #: Shortest windows of smoothing, as a share of those that plans have.
 SHORT = 0.7
-#: Gain that a posture is changed for, and difference of time or band that counts as none.
+#: Gain that a posture is changed for, and difference of the band that counts as none.
 LEAST_GAIN, SAME = 0.01, 1e-3
 #: Joint positions that differ by less are one posture. [rad or m]
 ALIKE = 1e-4
@@ -116,23 +116,33 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
             runs.append(run._replace(origin="programmed"))
             if run.time / first.time + run.band / first.band < 2.0:
                 origins.append((runs[-1], asked.state(plain)))
-    for origin, state in origins:
-        most_time = np.inf
-        for prices in PRICES[preset]:
-            if (found := shape_start(state, origin.start, asked, prices, most_time)) is None:
-                break
-            own = [run._replace(origin=origin.origin, shaped=found[1]) for run in measure_runs(found[0], asked)]
-            runs += own
-            if preset != "fast" and own:
-                most_time = found[1].time * base.time / own[0].time
-                if most_time < (1.0 + LEAST_GAIN) * found[1].time:
-                    break
-    best = runs if preset == "fast" else [min(runs, key=lambda run: _value(run, base))]
+
+    def rank(run: TimedStart) -> float:
+        return run.time if preset == "fast" else _band_beside(run, base)
+
+    prices, others = PRICES[preset]
+    found = [(run, each) for each in origins for run in _shape_runs(*each, asked, prices)]
+    runs += [run for run, _ in found]
+    if found:
+        run, where = min(found, key=lambda each: rank(each[0]))
+        room = np.inf if preset == "fast" else base.time / run.time
+        if run.shaped is not None and room > 1.0 + LEAST_GAIN:
+            runs += _shape_runs(*where, asked, others, room * run.shaped.time)
+    best = runs if preset == "fast" else [min(runs, key=rank)]
     eased = [ease_run(preset, run, base, asked) for run in best if run is not first]
     taken = min([base, *eased], key=lambda run: judge_gain(preset, run, base))
     if judge_gain(preset, taken, first) >= 1.0 - LEAST_GAIN:
         return start
     return _take(start, first, taken, least_time(task))
+
+
+def _shape_runs(
+    origin: TimedStart, task: PlanTask, asked: Asked, prices: Prices, most_time: float = np.inf
+) -> list[TimedStart]:
+    """Shape an origin by the program and measure its fastest run; none where nothing follows."""
+    shaped = shape_start(task, origin.start, asked, prices, most_time)
+    runs = [] if shaped is None else measure_runs(shaped[0], asked)
+    return [run._replace(origin=origin.origin, shaped=None if shaped is None else shaped[1]) for run in runs]
 
 
 def _compare_presets(start: Start, asked: Asked) -> Start:
@@ -213,7 +223,7 @@ def measure_runs(
             if beside is None or not rings.any():
                 break
             if count % 2 == 0:  # two rounds bring the run near to a target, then the time says which way it goes on
-                late = time[-1] > (1.0 + SAME) * beside.time
+                late = time[-1] > beside.time
                 if late and count == 0:
                     break
                 low, high = (target, high) if late else (low, min(target, widest))
@@ -297,7 +307,7 @@ def ease_run(preset: str, run: TimedStart, base: TimedStart, asked: Asked) -> Ti
     return min(runs, key=lambda each: judge_gain(preset, each, base))
 
 
-def _value(run: TimedStart, base: TimedStart) -> float:
+def _band_beside(run: TimedStart, base: TimedStart) -> float:
     """Return the band of a run at the time of the base, infinite where it takes longer however short its window. [m]
 
     What vibration adds falls with the square of the time.
@@ -311,7 +321,7 @@ def judge_gain(preset: str, run: TimedStart, base: TimedStart) -> float:
     time, band, still = run.time / base.time, run.band / base.band, run.still / base.still
     if preset == "fast":
         return time
-    if max(time, band) > 1.0 + SAME:
+    if time > 1.0 or band > 1.0 + SAME:
         return np.inf
     if preset == "error_band":
         return band
