@@ -1,4 +1,4 @@
-"""Scans of a cut part (STL, PLY, XYZ, tables without a head), and the nominal surface that their points should lie on."""
+"""Scans of a cut part (STL, PLY, XYZ, tables without a head), and the nominal surface that its points should lie on."""
 
 from __future__ import annotations
 
