@@ -15,13 +15,7 @@ from compplan.effects import (
     robot_effects,
     solve_model_poses,
 )
-from compplan.effects.forward_model import (
-    ForwardModel,
-    Load,
-    compute_model_loads,
-    own_springs,
-    see_target,
-)
+from compplan.effects.forward_model import ForwardModel, Load, compute_model_loads, own_springs, see_target
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Frames, build_chain, stack_chains
 from compplan.statics.elastic import solve_equilibrium

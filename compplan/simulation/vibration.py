@@ -61,11 +61,7 @@ def build_dynamics(robot: Robot) -> Dynamics:
     """Build the dynamics of a robot, all bodies of its URDF and the tool included."""
     weightless = replace(robot, gravity=np.zeros(3), weights=())
     judge = build_exact_robot(weightless)
-    return Dynamics(
-        judge,
-        build_exact_robot(weightless, standing=True) if robot.ground else judge,
-        judge.compliance,
-    )
+    return Dynamics(judge, build_exact_robot(weightless, standing=True) if robot.ground else judge, judge.compliance)
 
 
 def natural_frequencies(dynamics: Dynamics, q: Array, count: int = 2) -> Array:
