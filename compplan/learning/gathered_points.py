@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from compplan.learning.measured_path import MeasuredPath
 from compplan.robot import Array
@@ -14,6 +15,8 @@ from compplan.robot.pose import rigid_columns
 
 #: Points within this distance along the path count for a row of it. [m]
 NEAR = 2e-3
+#: Distance over which directions that were measured count for a place: both sides of a corner do there (assumed). [m]
+AROUND = 0.01
 #: Points of a scan at one row that err apart (assumed: an instrument's errors are smooth).
 ALONE = 10.0
 #: Share of what was measured that is said to be a motion of the whole part, and how far it stands out of the noise
@@ -64,6 +67,19 @@ def gather_points(measured: MeasuredPath, length: Array) -> Gathered:
     deviation = np.einsum("bij,bj->bi", counts, total / inverse[:, None])
     variance = 1.0 / inverse * (np.maximum(count / ALONE, 1.0) if measured.scanned else 1.0)
     return Gathered(rows, deviation, counts, variance, count)
+
+
+def measured_directions(gathered: Gathered, tip: Array, place: Array) -> Array:
+    """Return at places, (n, 3) [m], how far each direction was measured around there, from 0 to 1. Shape (n, 3, 3).
+
+    A direction counts whole from where half of the points around tell it: a corner is known by both its sides. tip: at
+    the rows of the path, (k, 3) [m].
+    """
+    away = cdist(place, tip[gathered.row]) ** 2
+    weight = np.exp(-0.5 * (away - away.min(axis=1, keepdims=True)) / AROUND**2)
+    around = np.einsum("nb,bij->nij", weight / weight.sum(axis=1, keepdims=True), gathered.counts)
+    value, vector = np.linalg.eigh(around)
+    return np.asarray(np.einsum("nik,nk,njk->nij", vector, np.clip(2.0 * value, 0.0, 1.0), vector))
 
 
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array) -> str:

@@ -16,7 +16,7 @@ from compplan.io.display import Curve, Curves, Shown
 from compplan.io.quantities import format_length
 from compplan.io.tables import Table
 from compplan.job.job import Job
-from compplan.learning.gathered_points import Gathered, describe_whole, gather_points
+from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
 from compplan.learning.plausibility import POSSIBLE, explain_points
@@ -208,7 +208,9 @@ def learn_from_part(
     others = (
         transfer_to_paths(job, robot, before.task, wide, known, whole) if told else transfer_nothing(job, robot, wide)
     )
-    residual = add_residual(old, lesson, cut, before.task, others) if told else old
+    residual = old
+    if told:
+        residual, lesson = add_residual(old, lesson, cut, before.task, others)
     announce("the plan that follows")
     job = job.with_force(others.force)
     after = plan_learned(job, others.robot, residual)[1] if told else before
@@ -331,22 +333,36 @@ def keep_posture(task: PlanTask, residual: Residual, length: Array) -> PlanTask:
     return replace(task, q_start=q, rotation=rotation, missed=missed)
 
 
-def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others) -> Residual:
+def add_residual(
+    old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: PlanTask, others: Others
+) -> tuple[Residual, ModelUpdate]:
     """Add what stays with the path: what the update says of its tip, less what robot folder and process now say there.
+
+    It moves in measured directions alone: elsewhere it interpolates what other places of the path say. What robot
+    folder and process say is a model that stretches left out support, and moves in all of them. The band of the update
+    that is returned counts what is not taken off.
 
     old: what was learned before, or None; others: what robot folder and process say now.
     """
     rows, slopes = pick_rows(task.cut, MOST_PLACES), cut.slopes
     length, at = cut.length[rows], cut.length[slopes.rows]
     if old is not None:
-        moved = tip_of(cut.scene, rows) + old.at(length)
-        moved = moved + interpolate(length, at, lesson.residual)
+        before, moved = old.at(length), tip_of(cut.scene, rows) + interpolate(length, at, lesson.residual)
     else:
-        moved = cut.tip(lesson.values, lesson.force, rows)
+        before, moved = np.zeros((len(rows), 3)), cut.tip(lesson.values, lesson.force, rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
-    moved = moved - cut.tip(others.held, others.shares, rows)
-    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.model.size, 1e-7)))
-    return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
+    own = moved - cut.tip(others.held, others.shares, rows)
+    known = measured_directions(lesson.gathered, slopes.tip, task.position[rows])
+    taken = np.einsum("nij,nj->ni", known, own)
+    left = np.interp(at, length, np.linalg.norm(own - taken, axis=1))
+    lesson = replace(
+        lesson,
+        band_after=lesson.band_after + left,
+        expected=float(np.hypot(lesson.expected, np.sqrt(np.mean(left**2)))),
+    )
+    spread = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.model.size, 1e-7)))
+    residual = Residual(length, before + taken, spread, task.q_start[rows], interpolate(length, at, lesson.open))
+    return residual, lesson
 
 
 def with_band(plan: Plan, lesson: ModelUpdate, slopes: Slopes, known: Uncertainty) -> Plan:
