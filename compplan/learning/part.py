@@ -18,7 +18,7 @@ from compplan.io.tables import Table
 from compplan.job.job import Job
 from compplan.learning.gathered_points import Gathered, describe_whole, gather_points, measured_directions
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
-from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
+from compplan.learning.model_update import ModelUpdate, Own, expect_deviations, learn_part, take_blocks
 from compplan.learning.plausibility import POSSIBLE, explain_points
 from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
 from compplan.learning.scan import Surface
@@ -195,11 +195,12 @@ def learn_from_part(
     slopes, known, length = cut.slopes, cut.known, cut.length[cut.slopes.rows]
     gathered, own = gather_points(matched, length), own_of(job, slopes, whole, matched)
     left_open = None if old is None else interpolate(length, old.length, old.open)
+    expected = expect_deviations(slopes, known, gathered, own, left_open)
     if not sure:
-        band = possible_band(slopes, known, gathered, own, left_open)
+        band = band_radius(take_blocks(expected, len(gathered.row)))
         ask_possible(points, gathered, band, wanted, job.T_base_part, in_base=in_base, whole=not matched.scanned)
     allowed = old is not None or align == "best_fit" or read_placement(job.noise) is not None
-    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, asked=align is None and not sure)
+    stood = "" if allowed else ask_stood(points, gathered, slopes.tip, job, expected, asked=align is None and not sure)
     learn = partial(learn_part, slopes, known, gathered, cut.exact, own, None if old is None else old.typical)
     lesson = learn(left_open)
     # what the path left open stands for robot and force there: other paths are told what these say alone
@@ -252,14 +253,14 @@ def _list_notes(
     return (lesson.reason, *told, *matched.notes, *([coarse] if lesson.taken and longest > LONG_MOVE else []))
 
 
-def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, *, asked: bool) -> str:
+def ask_stood(points: Table, gathered: Gathered, tip: Array, job: Job, expected: Array, *, asked: bool) -> str:
     """Say how the part stood off as a whole, "" where it did not.
 
     Raises:
-        InputError: If it did, and that is asked about.
+        InputError: If it did beyond what robot, force and clamping explain, and that is asked about.
     """
-    stood = describe_whole(gathered, tip, job.T_base_part[:3, :3])
-    if stood and asked:
+    stood, beyond = describe_whole(gathered, tip, job.T_base_part[:3, :3], expected)
+    if beyond and asked:
         raise points.error(f"{stood}; was the part there? {WHOLE_PART}")
     return stood
 
