@@ -85,7 +85,7 @@ def measured_directions(gathered: Gathered, tip: Array, place: Array) -> Array:
 
 
 def describe_whole(gathered: Gathered, tip: Array, R_base_part: Array, expected: Array) -> tuple[str, bool]:
-    """Say how far a part is off as a whole where that is most of what was measured, and whether beyond what is expected.
+    """Say how far a part is off as a whole where that is most of what was measured, and whether that is unexpected.
 
     Only combinations of shift and turn that the points tell and that stand out of the noise count.
 
