@@ -226,7 +226,7 @@ def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
 
     length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the update.
     """
-    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
+    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.model.size), q, lesson.open)
 
 
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
@@ -345,7 +345,7 @@ def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: 
         moved = cut.tip(lesson.values, lesson.force, rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
     moved = moved - cut.tip(others.held, others.shares, rows)
-    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
+    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.model.size, 1e-7)))
     return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
 
 

@@ -1,4 +1,7 @@
-"""What a robot folder can hold of an update: its parameters, their uncertainty, and what remains for the path."""
+"""What a robot folder can hold of an update, and the file of what a path has learned beyond its robot.
+
+URDF and springs hold some parameters, effects others; what neither holds stays with the path.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from compplan.effects import EFFECTS, Effect
+from compplan.effects import Effect, fold_effect
 from compplan.effects.checks import check_effect
 from compplan.effects.signature import pack_parameters
 from compplan.errors import CompplanError
@@ -80,7 +83,7 @@ def fit_representable(robot: Robot, unknown: Unknown, own: Array) -> tuple[Robot
     if unknown.joint is not None and unknown.joint not in joints:
         return robot, np.zeros(len(own))
     effect = Effect(unknown.effect, unknown.joint, unknown.axis, pack_parameters(unknown.keys, own, unknown.fixed))
-    folded = EFFECTS[unknown.effect].fold(robot, effect)
+    folded = fold_effect(robot, effect)
     if folded is None:
         return add_effect(robot, effect, own)
     if unknown.effect in SPRINGS:

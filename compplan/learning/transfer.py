@@ -68,7 +68,7 @@ def choose_transfer(model: UpdateModel, gathered: Gathered) -> Transfer:
             return Transfer(False, False, "the part was measured at one place alone", (np.inf,) * 3)
         state, rows = condition(model, gathered.take(~test)), gathered.row[test]
         own = model.own.part[rows] @ state.own
-        force, robot = (moved.reshape(-1, 3)[rows] for moved in (state.pushed, state.physics))
+        force, robot = state.pushed[rows], state.physics[rows]
         for k, moved in enumerate((0.0 * own, own + force, own + force + robot)):
             seen = np.einsum("bij,bj->bi", gathered.counts[test], moved)
             left[k, test] = gathered.deviation[test] - seen

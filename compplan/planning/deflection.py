@@ -16,7 +16,7 @@ from compplan.statics.chain import Chain, joint_jacobian, locate_frames
 from compplan.statics.elastic import locate_loaded, solve_equilibrium
 from compplan.statics.ik import middle_of_limits
 from compplan.statics.inertia import build_moving_chain, load_motion, smooth_loads
-from compplan.statics.sensitivity import AttainedPose, chunk_rows
+from compplan.statics.stiffness import AttainedPose, chunk_rows
 from compplan.toolpath.toolpath import pick_even
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.motion import Motion, Push, know_masses, swing_arm

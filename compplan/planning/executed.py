@@ -46,7 +46,7 @@ from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 

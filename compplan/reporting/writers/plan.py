@@ -25,7 +25,7 @@ from compplan.planning.executed import bound_zones, describe_unfollowed
 from compplan.planning.result import Plan, replace_said, summarise_plan
 from compplan.reporting.writers.recording import write_plan_cell
 from compplan.robot import Array
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.events import ENDING, Event, find_halts
 from compplan.toolpath.toolpath import WRENCH_HEADERS
