@@ -146,13 +146,8 @@ def find_posterior(
 ) -> Posterior:
     """Compute evidence and posterior, noise and background fitted to the campaign unless told otherwise.
 
-    Args:
-        equations: The products.
-        prior: The prior.
-        hyper: Noise and background to begin with.
-        fit: Whether to fit them.
-        steps: Most steps of the fit.
-        shared: Whether rows of a stay may share an error.
+    `hyper` is what they begin with, `steps` the most of the fit; `shared` tells whether rows of a stay may share an
+    error.
     """
     channels, loose, variance = equations.channels, _loose(prior, hyper), _Variance(prior)
     wide = (prior.free | (prior.slab > 0))[prior.active]

@@ -421,7 +421,7 @@ class SmallErrors:
 
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
-    fitted = diagnosis.deliveries[0].fitted
+    fitted = diagnosis.delivery.fitted
     if fitted is None:
         return None
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), fitted)

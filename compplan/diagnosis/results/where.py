@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, FEW_ROWS, LISTED, SAMPLE, SEED
-from compplan.diagnosis.results.delivery import CALIBRATED
 from compplan.diagnosis.results.shares import (
     UNEXPLAINED,
     Share,
@@ -114,7 +113,7 @@ def split_diagnosis(diagnosis: Diagnosis, seed: int = SEED) -> Split:
         spread_gap(diagnosis.robot, campaign, before, after, used, seed),
         measure_play(diagnosis),
         trace_findings(diagnosis),
-        divide_small_errors(diagnosis, seed) if diagnosis.deliveries[0].kind == CALIBRATED else None,
+        divide_small_errors(diagnosis, seed),
     )
 
 

@@ -55,20 +55,6 @@ class HeldOut:
         """Return the residuals of some of its rows. Shape of `seen`: (r,)."""
         return HeldOut(self.rows[seen], self.residual[seen])
 
-    def nest_choice(self, options: Sequence[HeldOut], fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
-        """Return the residuals of nested selection: for each fold those of the option that is best on the other folds.
-
-        Args:
-            options: Residuals of each option at the same rows; a single one is returned as it is.
-            fold: Fold of each row. Shape (r,).
-            seen: Rows that are no outliers. Shape (r,).
-        """
-        residual = self.residual.copy()
-        for number in np.unique(fold) if len(options) > 1 else ():
-            best = min(options, key=lambda option: option.of(seen & (fold != number)).rms)
-            residual[fold == number] = best.residual[fold == number]
-        return HeldOut(self.rows, residual)
-
     def correct_for_selection(self, fold: NDArray[np.int_], seen: NDArray[np.bool_]) -> HeldOut:
         """Return these residuals, enlarged where they may be small by chance because folds are few.
 

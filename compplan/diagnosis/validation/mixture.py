@@ -160,11 +160,6 @@ def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool
     return StackedModel(solved, weigh(seen), np.array(by_fold))
 
 
-def stack_single(folds: Folds, option: Option) -> StackedModel:
-    """Return the mixture of one option alone."""
-    return StackedModel((solve_option(folds, option),), np.ones(1), np.ones((len(folds.without_fold), 1)))
-
-
 def is_faithful(fit: Fit, one: SolvedOption) -> bool:
     """Tell whether the exact model of an option leaves the same residual as its linearization.
 
@@ -183,25 +178,6 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
         return False
     off = abs(np.linalg.norm(gap[source.rows]) - np.linalg.norm(linear))
     return bool(off < FAITHFUL * np.linalg.norm(one.residual))
-
-
-def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -> HeldOut:
-    """Predict every row, to first order, by the mixture of the options without causes and gear waves.
-
-    Args:
-        folds: The fit, dealt to folds.
-        blend: The mixture of all options.
-        seen: Predicted rows that are no outliers. Shape (r,).
-    """
-    rows = folds.fit.search.equations.source[0].rows
-    fold = folds.fold[rows]
-    residual = np.stack([one.residual for one in blend.solved if not (one.option.claims or one.option.sparse)])
-    mixed = np.zeros_like(residual[0])
-    for number, _ in folds.without_fold:
-        others = seen & (fold != number)
-        weights = stack_weights(residual[:, others].reshape(len(residual), -1))
-        mixed[fold == number] = np.tensordot(weights, residual[:, fold == number], 1)
-    return HeldOut(rows, mixed)
 
 
 def hold_out_stack(folds: Folds, blend: StackedModel) -> HeldOut:
@@ -262,8 +238,8 @@ class Option:
         return replace(prior, background=background, slab=slab, spread=spread)
 
 
-#: Everything that a calibration fits, and nothing else.
-PLAIN = Option("plain calibration", wide=True)
+#: Everything that a calibration fits, and nothing else; small errors of every class alone.
+PLAIN, SMALL = Option("plain calibration", wide=True), Option("small errors", small=tuple(range(len(CLASSES))))
 
 
 def in_calibration(signature: Signature) -> bool:
@@ -365,13 +341,11 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
     return fit_frames(fit, left * source.sigma, len(np.unique(folds.pose)))
 
 
-def list_options(claims: Sequence[Claim]) -> list[Option]:
-    """List the models that the delivered robot may be mixed of."""
-    every = tuple(range(len(CLASSES)))
+def list_options(named: Sequence[Claim], possible: Sequence[Claim]) -> list[Option]:
+    """List the models that the delivered robot is mixed of; without named claims the first is the nominal robot."""
     return [
-        Option("nominal"),
-        Option("small errors", small=every),
+        Option("named causes", tuple(named)),
         PLAIN,
-        *([Option("causes and small errors", tuple(claims), small=every)] if claims else []),
-        Option("sparse calibration", tuple(claims), sparse=True),
+        Option("causes and small errors", tuple(possible), small=SMALL.small),
+        Option("sparse calibration", tuple(possible), sparse=True),
     ]
