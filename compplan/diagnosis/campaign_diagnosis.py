@@ -136,10 +136,7 @@ def _conclude(
 def refuse_open_frames(inside: float, left_out: float, campaign: Campaign) -> None:
     """Refuse rows that do not tell where instrument, target or contacts are: no folder could be judged by them.
 
-    Args:
-        inside: What the nominal robot leaves of all rows. [m]
-        left_out: What it leaves of poses left out, of which nothing but frames knows. [m]
-        campaign: The rows.
+    `inside` is what the nominal robot leaves of all rows, `left_out` of poses that no frame was fitted to. [m]
 
     Raises:
         InputError: If the poses left out are much farther off.

@@ -325,8 +325,8 @@ class SolvedRows:
     def slopes(self) -> tuple[Array, Array, Array]:
         """Return the derivatives of the log likelihood by log noise, log shared error, and the columns' variances.
 
-        With P = (V + Phi_A D_A Phi_A^T)^-1 and its pull P y: 1/2 ((c^T P y)^2 - c^T P c) for every column c; zero for
-        wide columns, which are not asked for. Shapes (channels,), (channels,), (a,).
+        With P = (V + Phi_A D_A Phi_A^T)^-1: 1/2 ((c^T P y)^2 - c^T P c) for every column c; zero for wide columns,
+        which are not asked for. Shapes (channels,), (channels,), (a,).
         """
         rows, channels = self.rows, len(self.hyper.log_noise)
         by_value = 0.5 * (self.pull**2 - self._precision_squares(self.inverse))

@@ -1,7 +1,7 @@
 """Normal equations: all that a campaign says about every signature, as inner products.
 
-Once the products of the columns with each other and with the observations are there, the evidence of any set of effects
-under any noise and background costs a small Cholesky factor, and no row of the campaign is touched again.
+Once they are there, the evidence of any set of effects under any noise and background costs a small Cholesky factor,
+and no row of the campaign is touched again.
 """
 
 from __future__ import annotations

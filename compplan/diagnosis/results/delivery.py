@@ -87,12 +87,7 @@ def deliver_robot(
 ) -> Delivery:  # fmt: skip
     """Build the mixture's robot; the nominal one where that predicts no better, by enough and by more than chance.
 
-    Args:
-        folds: The fit, dealt to folds.
-        verdict: Its verdict.
-        plain: What the nominal robot predicts.
-        nominal: State of the nominal robot.
-        good: Rows that are no outliers. Shape (n,).
+    `plain` is what the nominal robot predicts, `nominal` its state; `good` tells rows that are no outliers. Shape (n,).
     """
     fit, every, problem = folds.fit, possible_claims(verdict), folds.fit.problem
     named = [Claim(f.signature, f.size) for f in verdict.findings if f.signature >= 0]

@@ -25,13 +25,7 @@ from compplan.robot.uncertainty import Uncertainty
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect on its own: how far it shrinks the held-out gap, and how probable it is.
-
-    Attributes:
-        place: Name, joint and axis.
-        held_out: Root mean square held-out distance with this effect alone (and the registration). [m]
-        probability: Probability that it is present; of a rival, its part of what the claim leaves.
-    """
+    """One effect on its own: its place, the rms that it leaves of rows left out [m], the probability that it holds."""
 
     place: Place
     held_out: float
@@ -45,7 +39,7 @@ class Gap:
     Attributes:
         before: Nominal robot, registered where asked.
         after: Updated robot.
-        held_out_before: The same over the rows that are held out in turn.
+        held_out_before: Nominal robot over the rows that are held out in turn.
         held_out_after: Updated robot, on rows that its fit never saw.
         noise_floor: What is left of a perfect model.
     """
