@@ -62,14 +62,7 @@ CHECKS = CheckSettings()
 
 
 class QuestionRows(NamedTuple):
-    """Rows that the questions are asked of, in order; n of them.
-
-    Attributes:
-        campaign: The rows.
-        position: TCP that the nominal robot predicts, base frame. Shape (n, 3). [m]
-        rotation: Its orientation. Shape (n, 3, 3).
-
-    """
+    """Rows that the questions are asked of, and the TCP that the nominal robot predicts. Shapes (n, 3), (n, 3, 3)."""
 
     campaign: Campaign
     position: Array
@@ -83,13 +76,9 @@ class QuestionRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Question:
-    """Something to ask before anything is fitted.
+    """Something to ask before anything is fitted: what it is about, and a sentence with the figure that shows it.
 
-    Attributes:
-        about: What it is about, in a word or two.
-        sentence: What is odd, with the figure that shows it, and what may be meant.
-        event: Whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
-
+    `event` tells whether an event of the campaign explains it, which a diagnosis can model: nothing has to be answered.
     """
 
     about: str
@@ -98,16 +87,7 @@ class Question:
 
 
 def check_plausibility(robot: Robot, campaign: Campaign, register: Sequence[str] = ()) -> list[Question]:
-    """Look for mistakes that have to be settled before a gap is explained.
-
-    Args:
-        robot: The nominal robot.
-        campaign: What was measured.
-        register: Frames that nobody knows, of "base" and "tool".
-
-    Returns:
-        Questions, the most basic first; none where nothing is odd.
-    """
+    """Return questions that have to be settled before a gap is explained, the most basic first."""
     sighted = ask_sights(robot, campaign, register)
     if sighted:
         return [sighted]
@@ -279,9 +259,9 @@ def ask_sign(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Quest
 
     Residuals against the rigid robot are fitted by geometry, zeros and frames (with priors), and by a compliance
     c_j >= 0 of every joint: r = ... + sum_j c_j J_j (t_weight + t_load)_j. Reversed deviations fit with both loads
-    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot are not
-    seen: they look like another compliance. Without loads springs are a small part of what is there: those of the wrong
-    sign have to be as sure beside none as beside right ones.
+    reversed, a reversed wrench with its own part reversed. Deviations that were negated about the loaded robot look
+    like another compliance. Without loads, springs of the wrong sign have to be as sure beside none as beside right
+    ones.
     """
     shapes = shape_elastics(robot, rows.campaign, register)
     if not (np.abs(shapes.weight).any() or np.abs(shapes.load).any()):
@@ -333,9 +313,9 @@ def ask_clock(robot: Robot, rows: QuestionRows, register: Sequence[str]) -> Ques
 def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
     """Ask about runs whose poses lie on the nominal robot while those of others, under the same load, lie far off it.
 
-    Frames are fitted to each run by itself, so that no shift between runs counts. Controllers with an accurate model of
-    the arm correct poses of programs; poses that were jogged by hand are not. A frame or a tool that moves inside a
-    run is an event, which the diagnosis models.
+    Controllers with an accurate model of the arm correct poses of programs; poses that were jogged by hand are not.
+    Frames are fitted to each run by itself. A frame or a tool that moves inside a run is an event, which the diagnosis
+    models.
     """
     campaign, parts = rows.campaign, tuple(dict.fromkeys(("base", *register)))
     found: list[tuple[float, float, str, NDArray[np.int_], Array]] = []
@@ -378,15 +358,9 @@ def ask_jogged(rows: QuestionRows, register: Sequence[str]) -> Question | None:
 def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: float) -> str:
     """Return the event in a run that explains its gap: a frame or a tool that moved, at once or steadily; else empty.
 
-    The gap is fitted by a motion of the base frame (6 values) and a shift of the target on the flange (3) that hold in
-    the whole run, and, where that leaves too much, by one of these from a row on or growing from row to row. A
-    second event is looked for where one leaves too much.
-
-    Args:
-        rows: The rows.
-        run: Rows of the run. Shape (k,).
-        gap: Measured minus expected positions, the run's frame fitted. Shape (k, 3). [m]
-        most: Root mean square that the event may leave. [m]
+    The gap (k, 3) of the run's rows is fitted by a motion of the base frame (6 values) and a shift of the target on the
+    flange (3) that hold in the whole run, and, where that leaves more than `most` (rms, m), by one or two of these from
+    a row on or growing from row to row.
     """
     campaign = rows.campaign
     poses = 3 * len(np.unique(campaign.pose[run]))
@@ -421,13 +395,7 @@ def find_event(rows: QuestionRows, run: NDArray[np.int_], gap: Array, most: floa
 
 
 def _robust_rms(design: Array, gap: Array, values: int) -> float:
-    """Return what a linear model leaves of a gap, as root mean square of a pose whatever gross errors add. [m]
-
-    Args:
-        design: Motion by each parameter. Shape (k, 3, p).
-        gap: The gap. Shape (k, 3). [m]
-        values: Independent values that the gap holds.
-    """
+    """Return what a linear model (k, 3, p) leaves of a gap (k, 3) of so many values, whatever gross errors add. [m]"""
     weight = np.ones(len(gap))
     for _ in range(CHECKS.robust_rounds):
         columns = (weight[:, None, None] * design).reshape(-1, design.shape[2])
@@ -485,11 +453,8 @@ GEOMETRY = 2e-3
 class ElasticShapes(NamedTuple):
     """What the sign test fits, in units of the noise, what geometry can explain taken off; k equations.
 
-    Attributes:
-        residual: Measured minus rigid. Shape (k,).
-        weight: Deflection per unit compliance of each joint, under weights. Shape (k, nq).
-        load: The same under external loads. Shape (k, nq).
-
+    `residual` is measured minus rigid (k,), `weight` and `load` the deflection per unit compliance of each joint (k,
+    nq).
     """
 
     residual: Array
@@ -498,13 +463,7 @@ class ElasticShapes(NamedTuple):
 
 
 def shape_elastics(robot: Robot, campaign: Campaign, register: Sequence[str]) -> ElasticShapes:
-    """State what springs of every joint would do to the rows of a campaign; unknown frames are fitted first.
-
-    Args:
-        robot: The robot, whose own springs and effects are left out.
-        campaign: The rows.
-        register: Frames that nobody knows: "base", "tool".
-    """
+    """State what springs of every joint would do to the rows of a campaign, its own springs left out, frames fitted."""
     own = tuple(Spring(joint.name, "own", 0.0) for joint in robot.actuated)
     frames_of = tuple(Spring(joint.name, axis, 0.0) for joint in robot.joints for axis in ELASTIC_AXES)
     bare = replace(robot, springs=own + frames_of, link_elasticities=(), gravity=robot.real_gravity, effects=())

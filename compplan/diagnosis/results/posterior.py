@@ -9,7 +9,7 @@ noise variance. Claim and alternatives have weights 1 and exp(-d / 2), normalise
 (-a, b) where this holds the claim, by (0, b) where it does not, and adds w m m^T with m that difference.
 
 What held-out poses show beyond noise and parameters is unexplained. A conformal step widens both until the band holds
-those poses.
+those poses. Intervals of named effects hold given that these, and no others, are present.
 """
 
 from __future__ import annotations
@@ -112,12 +112,9 @@ def state_uncertainty(
 
 
 def state_sizes(fit: Fit, named: Sequence[Claim], calibration: float) -> Uncertainty:
-    """State how surely the sizes of named effects are known where these effects, and no others, are present.
+    """State how surely the sizes of named effects are known where these, and no others, are present.
 
-    Args:
-        fit: The fit.
-        named: Claims of the effects.
-        calibration: Factor of all deviations that makes bands hold poses left out.
+    `calibration` is the factor of all deviations that makes bands hold poses left out.
     """
     fitted = with_claims(_with_usual_classes(fit), named, background=True)
     present = replace(fit.state, values=dict.fromkeys(fit.search.equations.names, 1.0))
@@ -215,14 +212,9 @@ def _model_covariance(fitted: Fit, known: _Known) -> Array:
 
 
 def find_scale(place: Array, left: Array, pose: NDArray[np.int_]) -> float:
-    """Find the distance over which errors that are left forget themselves, from pairs of poses. [m]
+    """Find the distance over which errors that are left (n, 3) forget themselves, from pairs of places (n, 3). [m]
 
     Least squares of r_i . r_j against a exp(-d_ij^2 / 2 l^2) over pairs of different poses, a >= 0 free.
-
-    Args:
-        place: Where the target stood. Shape (n, 3). [m]
-        left: What is left of it. Shape (n, 3). [m]
-        pose: Pose of each row. Shape (n,).
     """
     _, index, count = np.unique(pose, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
@@ -271,13 +263,9 @@ def name_alternatives(verdict: Verdict) -> dict[int, tuple[AlternativeEffect, ..
 def explain_otherwise(
     fit: Fit, state: FitState, mean: Array, rivals: Mapping[int, Sequence[AlternativeEffect]]
 ) -> list[Explanation]:
-    """Find what the robot would be under the rivals of the claims that may be true.
+    """Find what the robot would be under the rivals of the claims that may be true, by signature.
 
-    Args:
-        fit: The fit.
-        state: What the folder holds.
-        mean: Posterior mean of every column, in units of its scale. Shape (p,).
-        rivals: Rivals of each claim, by its signature.
+    `mean` is the posterior mean of every column, in units of its scale. Shape (p,).
     """
     equations, found = fit.search.equations, []
     for number, others in rivals.items():

@@ -1,15 +1,17 @@
 """Shares: the motion that a diagnosis gives to each of its causes, as parts of the mean square gap.
 
-The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from,
-so that a place carries what is named there and nothing else. With the gap y (frames that are fitted anyway taken out),
-the motion m_g of each part and what all parts leave, r = y - sum m_g, the squares that come back where one part alone
-is taken out are
+The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from.
+With the gap y (frames that are fitted anyway taken out), the motion m_g of each part and what all parts leave,
+r = y - sum m_g, the squares that come back where one part alone is taken out are
 
     d_g = |r + m_g|^2 - |r|^2 = m_g . (m_g + 2 r)
 
 and the parts divide what they explain together, |y|^2 - |r|^2, in proportion to them: parts that cancel each other keep
 their weight. Intervals draw the parameters from the posterior, the pose groups anew, and whether a finding is present
 from its probability: one that the campaign cannot tell from a rival elsewhere sits there half of the time.
+
+The small errors of a robot that was not calibrated are divided in the same way by joint and kind, with the posterior of
+the robot that goes out.
 """
 
 from __future__ import annotations
@@ -160,13 +162,7 @@ def _collect_motions(parts: Sequence[Part], shares: Sequence[float]) -> dict[str
 
 
 class PosteriorMotion:
-    """The gap of a diagnosis and the motion of its posterior at the rows that were fitted.
-
-    Args:
-        diagnosis: The diagnosis.
-        rng: Draws parameters, pose groups and presence.
-        fitted: Whose posterior; that of the doubt, which the names come from, where left out.
-    """
+    """The gap of a diagnosis and the motion of a posterior at the rows that were fitted; the doubt's where left out."""
 
     def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
         model = fitted or diagnosis.doubt
@@ -349,13 +345,8 @@ def add_up(
 ) -> dict[str, Share]:  # fmt: skip
     """Add up the shares of parts by name; what no part explains comes last.
 
-    Args:
-        names: All names.
-        homes: Name of each part, and of each of its rivals.
-        stated: Share of each part, 0 where it is too improbable to be named.
-        drawn: Drawn shares of each part. Shape (SAMPLE,) each.
-        fate: Which of its names a part has in each draw, -1 for none. Shape (SAMPLE,) each.
-        noise: Share that noise explains.
+    `homes` are the name of each part and of its rivals, `fate` tells which of these it has in each draw, -1 for none.
+    Shapes of `drawn` and `fate`: (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
@@ -387,10 +378,7 @@ ALIKE, LISTED = 0.5, 0.05
 
 @dataclass(frozen=True)
 class Group:
-    """Errors of one kind at a joint or another part of the cell, known together though not one by one.
-
-    `repeats` is the cosine between the motions that two halves of the poses lead to.
-    """
+    """Errors of one kind at a place; `repeats`: cosine between the motions that two halves of the poses lead to."""
 
     place: str
     kind: str
@@ -421,7 +409,7 @@ class SmallErrors:
 
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
-    fitted = diagnosis.deliveries[0].fitted
+    fitted = diagnosis.delivery.fitted
     if fitted is None:
         return None
     motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), fitted)

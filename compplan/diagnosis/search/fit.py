@@ -69,13 +69,7 @@ def fit_effects(
     problem: Problem, registration: Registration | None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Fit:  # fmt: skip
-    """Find the effects of a campaign and fit them exactly.
-
-    Args:
-        problem: What is to be diagnosed.
-        registration: Frames to begin with, or None.
-        progress: Told what is being done.
-    """
+    """Find the effects of a campaign and fit them exactly, beginning with the registration's frames."""
     state = FitState(problem.fixed, {}, registration, problem.campaign.usable)
     noises: dict[str, Noise] | None = None
     proposals: list[Signature] = []
@@ -204,7 +198,7 @@ def _search_equations(
 
 
 def is_rigid(problem: Problem) -> bool:
-    """Tell whether nothing bends in a campaign but what claims make soft: no spring in the robot, no load that changes.
+    """Tell whether nothing bends but what claims make soft: no spring, and no load that changes.
 
     Where loads change, small compliances everywhere are fitted as well, and bend.
     """
@@ -319,9 +313,8 @@ def _step(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
 def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
     """Shorten a step until the exact model gains by it; returns the state and its exact score, or None.
 
-    The score is the log posterior of the model with the squares that the exact model leaves in the place of those that
-    its derivatives promise. A row that was left out counts as the least that is left out, so that scores of fits with
-    other outliers can be compared.
+    The score is the log posterior with the squares that the exact model leaves in the place of those that its
+    derivatives promise. A row that was left out counts as the least that is left out, so that scores can be compared.
     """
     equations, posterior = fit.search.equations, fit.model.posterior
     here = np.array([fit.state.values.get(name, 0.0) for name in equations.names]) / equations.scale
@@ -353,13 +346,7 @@ def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
 
 
 def square_left(channels: Sequence[Channel], left: Sequence[Array], hyper: Hyper) -> float:
-    """Return the squares that are left in units of the fitted noise, errors that stays share included.
-
-    Args:
-        channels: The channels of observations.
-        left: What is left in each, in units of its estimated noise. Shape (r, c) each.
-        hyper: Noise and background.
-    """
+    """Return the squares that are left (r, c) of each channel in units of the fitted noise, shared errors included."""
     total = 0.0
     for channel, rest, noise, shared in zip(channels, left, hyper.log_noise, hyper.log_shared, strict=True):
         # a gross error steers nothing

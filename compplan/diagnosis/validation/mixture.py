@@ -1,9 +1,10 @@
-"""Stacking: the mixture of candidate models that predicts held-out poses best [Breiman1996].
+"""Mixture: the candidate models of the delivered robot, and the weights that predict held-out poses best [Breiman1996].
 
 The named causes alone are not always the best prediction: a full calibration, or causes too doubtful to be named, may
-predict better. Each model is fitted without each fold of poses in turn, and the mixture of predictions with the least
-squares on the poses left out is delivered. Effects are small, so that a mixture of predictions is the same mixture of
-parameters. The weights for a fold come from the other folds, so that the stated error includes their choice.
+predict better. Named causes, plain calibration, causes beside small errors of every class, and sparse calibration are
+each fitted without each fold of poses in turn, and the mixture of predictions with the least squares on the poses left
+out is delivered. Effects are small, so that a mixture of predictions is the same mixture of parameters. The weights for
+a fold come from the other folds, so that the stated error includes their choice.
 """
 
 from __future__ import annotations
@@ -36,13 +37,10 @@ FAITHFUL = 0.3
 
 
 def stack_weights(residuals: Array) -> Array:
-    """Return the weights, none negative and one in sum, whose mixture of residuals has the least squares. Shape (k,).
+    """Return the weights (k,), none negative and one in sum, whose mixture of residuals (k, m) has the least squares.
 
     Weights x that need not sum to one and make |R x|^2 + (sum x - 1)^2 least are these but for their sum: along any
     direction w = x / sum x the least value is |R w|^2 / (1 + |R w|^2).
-
-    Args:
-        residuals: Residuals of each option. Shape (k, m).
     """
     gram = residuals @ residuals.T
     value, vector = np.linalg.eigh(gram / max(float(np.diag(gram).min()), 1e-300))
@@ -52,12 +50,9 @@ def stack_weights(residuals: Array) -> Array:
 
 
 def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
-    """Put values into the exact model.
+    """Put the value of each column, shape (p,), into the exact model.
 
-    Args:
-        fit: The fit; its outliers and scatter are kept.
-        values: Value of each column, in units of its scale. Shape (p,).
-        first: Signatures whose form is kept where several share a column: claims.
+    `first` are the signatures whose form is kept where several share a column: claims.
     """
     equations, left = fit.search.equations, values.copy()
     claimed = sorted(set(first), key=lambda n: -len(equations.columns(n)))
@@ -85,13 +80,7 @@ def build_state(fit: Fit, values: Array, first: Sequence[int]) -> FitState:
 
 @dataclass(frozen=True, eq=False)
 class StackedModel:
-    """A mixture of options.
-
-    Attributes:
-        solved: The options.
-        weights: Weight of each. Shape (k,).
-        by_fold: Weights for each fold, from the other folds. Shape (folds, k).
-    """
+    """A mixture of options, their weights (k,), and weights for each fold from the others (folds, k)."""
 
     solved: tuple[SolvedOption, ...]
     weights: Array
@@ -141,12 +130,9 @@ class StackedModel:
 
 
 def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool_]) -> StackedModel:
-    """Mix options with the weights of least held-out squares.
+    """Mix options with the weights of least held-out squares of the rows seen, shape (r,).
 
-    Args:
-        folds: The fit, dealt to folds.
-        options: The options; the first is kept where all of them fail `is_faithful`.
-        seen: Predicted rows that are no outliers. Shape (r,).
+    The first option is kept where all of them fail `is_faithful`.
     """
     every = tuple(solve_option(folds, option) for option in options)
     solved = tuple(one for one in every if is_faithful(folds.fit, one)) or every[:1]
@@ -158,11 +144,6 @@ def stack_options(folds: Folds, options: Sequence[Option], seen: NDArray[np.bool
 
     by_fold = [weigh(seen & (fold != number)) for number, _ in folds.without_fold]
     return StackedModel(solved, weigh(seen), np.array(by_fold))
-
-
-def stack_single(folds: Folds, option: Option) -> StackedModel:
-    """Return the mixture of one option alone."""
-    return StackedModel((solve_option(folds, option),), np.ones(1), np.ones((len(folds.without_fold), 1)))
 
 
 def is_faithful(fit: Fit, one: SolvedOption) -> bool:
@@ -183,25 +164,6 @@ def is_faithful(fit: Fit, one: SolvedOption) -> bool:
         return False
     off = abs(np.linalg.norm(gap[source.rows]) - np.linalg.norm(linear))
     return bool(off < FAITHFUL * np.linalg.norm(one.residual))
-
-
-def hold_out_small(folds: Folds, blend: StackedModel, seen: NDArray[np.bool_]) -> HeldOut:
-    """Predict every row, to first order, by the mixture of the options without causes and gear waves.
-
-    Args:
-        folds: The fit, dealt to folds.
-        blend: The mixture of all options.
-        seen: Predicted rows that are no outliers. Shape (r,).
-    """
-    rows = folds.fit.search.equations.source[0].rows
-    fold = folds.fold[rows]
-    residual = np.stack([one.residual for one in blend.solved if not (one.option.claims or one.option.sparse)])
-    mixed = np.zeros_like(residual[0])
-    for number, _ in folds.without_fold:
-        others = seen & (fold != number)
-        weights = stack_weights(residual[:, others].reshape(len(residual), -1))
-        mixed[fold == number] = np.tensordot(weights, residual[:, fold == number], 1)
-    return HeldOut(rows, mixed)
 
 
 def hold_out_stack(folds: Folds, blend: StackedModel) -> HeldOut:
@@ -262,8 +224,8 @@ class Option:
         return replace(prior, background=background, slab=slab, spread=spread)
 
 
-#: Everything that a calibration fits, and nothing else.
-PLAIN = Option("plain calibration", wide=True)
+#: Everything that a calibration fits, and nothing else; small errors of every class alone.
+PLAIN, SMALL = Option("plain calibration", wide=True), Option("small errors", small=tuple(range(len(CLASSES))))
 
 
 def in_calibration(signature: Signature) -> bool:
@@ -365,13 +327,11 @@ def predict_folds(folds: Folds, values: Sequence[Array]) -> Array:
     return fit_frames(fit, left * source.sigma, len(np.unique(folds.pose)))
 
 
-def list_options(claims: Sequence[Claim]) -> list[Option]:
-    """List the models that the delivered robot may be mixed of."""
-    every = tuple(range(len(CLASSES)))
+def list_options(named: Sequence[Claim], possible: Sequence[Claim]) -> list[Option]:
+    """List the models that the delivered robot is mixed of; without named claims the first is the nominal robot."""
     return [
-        Option("nominal"),
-        Option("small errors", small=every),
+        Option("named causes", tuple(named)),
         PLAIN,
-        *([Option("causes and small errors", tuple(claims), small=every)] if claims else []),
-        Option("sparse calibration", tuple(claims), sparse=True),
+        Option("causes and small errors", tuple(possible), small=SMALL.small),
+        Option("sparse calibration", tuple(possible), sparse=True),
     ]

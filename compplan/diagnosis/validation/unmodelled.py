@@ -84,14 +84,7 @@ def describe_unmodelled(joint: str | None, driver: str) -> str:
 
 
 def names_alike(driver: str, joint: str | None, effect: str, place: str | None) -> bool:
-    """Tell whether a named effect makes an error that follows the same: what is left of that kind is left beside it.
-
-    Args:
-        driver: What the unmodelled error depends on.
-        joint: Its joint, or None.
-        effect: Name of the effect.
-        place: Its joint, or None.
-    """
+    """Tell whether a named effect at a place makes an error that follows the same: the rest of it is left beside."""
     makers = next((names for word, names in MAKERS.items() if driver.startswith(word)), ())
     return effect in makers and (joint is None or place is None or joint == place)
 
