@@ -11,9 +11,8 @@ from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.job.loading import load_path
 from compplan.process.engagement import Engagement
-from compplan.process.fit import ForceFit, fit_forces
+from compplan.process.fit import ForceFit, fit_forces, read_force_log
 from compplan.process.force_law import ForceLaw
-from compplan.process.log import read_force_log
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import Toolpath
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,10 @@ from pydantic import Field, field_validator, model_validator
 
 from compplan.errors import InputError
 from compplan.io.tables import Array
-from compplan.io.tomlfile import StrictTable
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
 from compplan.process.engagement_search import find_engagement
-from compplan.process.materials import MATERIALS, Coefficients
+from compplan.process.materials import MATERIALS, Coefficients, CoefficientTable
 from compplan.process.milling import MillingShape, Spindle, ripple_amplitude, ripple_force, shape_milling
 from compplan.process.stock import StockColumns
 from compplan.process.stock_table import Cut, StockTable, read_stock, take_away, triangulate_stock, view_along
@@ -33,37 +32,6 @@ SMOOTH = 1e-6
 #: Feeds a tooth that are taken for true. [mm]
 FEED_PER_TOOTH = (1e-5, 3.0)
 
-Force3 = Annotated[tuple[float, float, float], Field(strict=False)]
-
-
-class CoefficientTable(StrictTable):
-    """[process.coefficients]: tangential, radial, axial; `exponent` is Kienzle's m of each (K is then at h = 1 mm)."""
-
-    cutting_N_mm2: Force3
-    edge_N_mm: Force3 = (0.0, 0.0, 0.0)
-    exponent: Force3 = (0.0, 0.0, 0.0)
-    uncertainty: float = Field(default=0.1, ge=0.0, le=1.0)
-    source: str = "the job"
-
-    @model_validator(mode="after")
-    def _check(self) -> CoefficientTable:
-        if not 10.0 <= self.cutting_N_mm2[0] <= 20_000.0 or max(map(abs, self.cutting_N_mm2)) > 20_000.0:
-            raise ValueError(
-                f"cutting_N_mm2 is {list(self.cutting_N_mm2)}, the tangential one is 10 to 20000 N/mm2 "
-                "and none is larger: check the unit"
-            )
-        if not all(0.0 <= value <= 500.0 for value in self.edge_N_mm):
-            raise ValueError(f"edge_N_mm is {list(self.edge_N_mm)}, 0 to 500 N/mm is allowed: check the unit")
-        if not all(0.0 <= value <= 0.9 for value in self.exponent):
-            raise ValueError(f"exponent is {list(self.exponent)}, 0 to 0.9 is allowed")
-        return self
-
-    def coefficients(self) -> Coefficients:
-        """Return them as a material's."""
-        return Coefficients(
-            self.cutting_N_mm2, self.edge_N_mm, self.exponent, uncertainty=self.uncertainty, source=self.source
-        )
-
 
 class CuttingTable(ForceTable):
     """Keys of every rotating cutter; the spindle turns clockwise, seen from the spindle."""
@@ -75,7 +43,7 @@ class CuttingTable(ForceTable):
     spindle_rpm: float = Field(gt=0.0, le=2e5)
     flute_mm: float | None = Field(default=None, ge=0.01, le=1000.0)
     material: str | None = None
-    materials: str | None = None  # a file of the user's own, see `compplan.process.material_library`
+    materials: str | None = None  # a file of the user's own, see `compplan.process.materials`
     coefficients: CoefficientTable | None = None
     stock: StockTable | None = None
     stock_top_mm: float | None = None
@@ -121,10 +89,6 @@ class CuttingTable(ForceTable):
 
     def describe(self, found: Engagement, cuts: NDArray[np.bool_]) -> list[str]:
         """Say what is odd about how this cutter is used; `cuts` are the waypoints that remove material."""
-        return []
-
-    def ask_another(self, feed_per_tooth: float) -> list[str]:
-        """Say what another relation gives at the greatest feed a tooth [mm], where there is one."""
         return []
 
 
@@ -258,7 +222,6 @@ def _describe_cut(process: CuttingTable, toolpath: Toolpath, found: Engagement, 
         notes.append(f"Feed a tooth of up to {chip.max():.3g} mm lies outside the range of the coefficients, "
                      f"{low:g} to {high:g} mm.")  # fmt: skip
     notes += process.describe(found, ~toolpath.rapid)
-    notes += process.ask_another(float(chip.max())) if len(chip) else []
     return notes
 
 

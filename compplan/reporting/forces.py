@@ -20,9 +20,9 @@ from compplan.io.quantities import format_number
 from compplan.io.tables import write_json, write_table, write_text
 from compplan.io.transaction import replace_folder
 from compplan.job.force_prediction import ForcePrediction
-from compplan.process.cutting import CoefficientTable
 from compplan.process.engagement import Engagement
 from compplan.process.fit import ForceFit
+from compplan.process.force_law import Process
 from compplan.process.force_models import name_force_model
 from compplan.process.learned_force import (
     SCATTER,
@@ -33,7 +33,7 @@ from compplan.process.learned_force import (
     read_learned_force,
     write_learned_force,
 )
-from compplan.process.wrench import Process
+from compplan.process.materials import CoefficientTable
 from compplan.reporting import page
 from compplan.reporting.along_path import Stations, draw_lines, draw_wrench, find_spans
 from compplan.reporting.charts import Figure

@@ -6,7 +6,7 @@ import pytest
 from compplan.process.cutter import Cutter
 from compplan.process.engagement import Engagement
 from compplan.process.engagement_search import find_engagement
-from compplan.process.force_models.drill import DRILLED, HANDBOOK, DrillProcess, ask_handbook
+from compplan.process.force_models.drill import DRILLED, DrillProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.process.materials import MATERIALS, Coefficients
 from compplan.process.milling import Spindle, ripple_amplitude, ripple_force, shape_milling
@@ -105,19 +105,20 @@ def test_thrust_and_torque_rise_with_feed_and_diameter(material: str) -> None:
         assert (wrench[:, [2, 5]] > 0.0).all() and (np.diff(wrench[:, [2, 5]], axis=0) > 0.0).all()
 
 
-def test_the_handbooks_relation_is_its_worked_tables_and_is_said_as_a_second_opinion() -> None:
-    """Tables 7 to 9 of the handbook at 11 mm, 0.3 mm a turn: f^0.8 = .382, D^0.8 = 6.81, D^1.8 = 74.9."""
-    thrust, torque = ask_handbook("c45", 11.0, 0.3, thinned=False)
-    assert thrust == pytest.approx(0.05 * 24000 * 0.382 * 6.81 * 1.355 + 0.007 * 24000 * 121 * 0.030, rel=2e-3)
-    assert torque == pytest.approx(0.000025 * 24000 * 0.382 * 74.9 * 1.085, rel=2e-3)
-    process = DrillProcess(model="drill", diameter_mm=10.0, spindle_rpm=1000.0, material="c45")
-    (said,) = process.ask_another(0.15)
-    own = drill(0.3)
-    assert f"{own[2]:.2g}"[:2] in said and f"{own[5]:.3g} N m" in said and "second opinion" in said
-    ratio = np.array([np.divide(drill(feed, 8.0, name, web_thinned=False)[[2, 5]],
-                                ask_handbook(name, 8.0, feed, thinned=False))
-                      for name in HANDBOOK for feed in (0.1, 0.3)])  # fmt: skip
-    assert ratio.min() > 0.6 and ratio.max() < 1.7
+def test_thrust_and_torque_are_within_the_spread_of_a_second_relation() -> None:
+    """Shaw and Oxford as Machinery's Handbook prints it (31st edition, p. 1152), a conventional point.
+
+    K_d is from general knowledge of its table 6 (assumed).
+    """
+    constants = {"al6061_t6": 7000.0, "al6082_t6": 7000.0, "al7075_t6": 7000.0, "aluminium_cast": 7000.0, "c45": 24e3,
+                 "low_carbon_steel": 24e3, "low_alloy_steel_300hb": 31e3, "cast_iron_pearlitic": 14e3}  # fmt: skip
+    ratio = []
+    for name, constant in constants.items():
+        for feed in (0.1, 0.3):
+            thrust = 0.05 * constant * (feed * 8.0) ** 0.8 * 1.355 + 0.007 * constant * 8.0**2 * 0.030
+            torque = 2.5e-5 * constant * feed**0.8 * 8.0**1.8 * 1.085
+            ratio.append(drill(feed, 8.0, name, web_thinned=False)[[2, 5]] / [thrust, torque])
+    assert np.min(ratio) > 0.6 and np.max(ratio) < 1.7
 
 
 def test_pecks_push_only_where_the_hole_is_not_yet() -> None:
