@@ -219,7 +219,7 @@ def _predict(law: ForceLaw, nominal: Toolpath) -> _Prediction:
     columns, names, unit, in_job = _columns(law, nominal, axes)
     power = np.zeros((*columns.shape[:2], 1))
     if law.cutting is not None:
-        power[..., 0] = 2.0 * np.pi * law.cutting.process.spindle().speed * columns[:, :, 5]
+        power[..., 0] = 2.0 * np.pi * (law.cutting.process.spindle_rpm / 60.0) * columns[:, :, 5]
     R = np.einsum("ji,njk->nik", law.T_base_part[:3, :3], axes)
     return _Prediction(cutting_progress(nominal), np.concatenate([columns, power], axis=2), R, names, unit, in_job)
 
@@ -412,7 +412,7 @@ def _columns(law: ForceLaw, nominal: Toolpath, axes: Array) -> tuple[Array, list
     """Return what each number contributes at its unit, path axes; names, units, and values now. Shape (c, n, 6)."""
     if law.cutting is not None:
         resistance = law.cutting.process.resistance
-        per_tooth = law.cutting.process.spindle().feed_per_tooth(nominal.feed)
+        per_tooth = law.cutting.process.feed_per_tooth(nominal.feed)
         every = law.cutting.shape.columns(resistance.exponent, per_tooth) * ~nominal.rapid[:, None, None]
         names = [f"{part} cutting coefficient" for part in NAMES] + [f"{part} edge coefficient" for part in NAMES]
         values = np.array([*resistance.cutting, *resistance.edge])

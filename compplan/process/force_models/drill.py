@@ -17,7 +17,7 @@ of the point is. The forces of the lips across the axis cancel. Valid for moves 
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,6 @@ def shape_drilling(found: Engagement, lips: int, *, thinned: bool) -> MillingSha
 class DrillProcess(CuttingTable):
     """A drill: thrust and torque of lips and chisel edge that stand opposite each other."""
 
-    steady: ClassVar[bool] = True
     model: Literal["drill"]
     point_deg: float = Field(default=118.0, ge=60.0, le=180.0)
     web_thinned: bool = True
