@@ -14,7 +14,7 @@ from compplan.process.cutting import CuttingForce
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
 from compplan.process.materials import Coefficients
-from compplan.process.milling import THINNEST, edge_wrenches
+from compplan.process.milling import edge_wrenches
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
@@ -22,6 +22,8 @@ from compplan.statics.elastic import load_hessian, solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
+#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
+THINNEST = 1e-4
 #: Waypoints that are looked at.
 TRIED = 400
 
@@ -209,9 +211,8 @@ def _compute_limits(
     """Return the limits of depth at some waypoints, shares of the depth that is cut. Shape (r,)."""
     process = cutting.process
     assert isinstance(process, EndMillProcess)
-    spindle = process.spindle()
-    feed = spindle.feed_per_tooth(task.nominal.feed[there])
-    mean = spindle.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
-    period, axes = 1.0 / (spindle.speed * spindle.teeth), path_axes(task.nominal)[there]
+    feed = process.feed_per_tooth(task.nominal.feed[there])
+    mean = process.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
+    period, axes = 1.0 / (process.spindle_rpm / 60.0 * process.teeth), path_axes(task.nominal)[there]
     return np.array([compute_depth_limit(b, period, own.turn(way).join(process.tool_mode))
                      for b, own, way in zip(mean, modes, axes, strict=True)])  # fmt: skip
