@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compplan.planning.posture.summary import PostureRequest
+from compplan.planning.posture.settings import PostureSettings
 from compplan.planning.task import PlanTask, differentiate_equations, pose_equations
 from compplan.planning.timing import Timing
 from compplan.robot import Array, Robot
@@ -170,14 +170,13 @@ def choose_smoothing(robot: Robot, q: Array, default: float) -> float:
     return float(np.clip(1.0 / lowest.min(), SHORTEST, LONGEST))
 
 
-def state_frequency(request: PostureRequest, robot: Robot) -> PostureRequest:
+def state_frequency(settings: PostureSettings, robot: Robot) -> PostureSettings:
     """Weight the inertia of joint motion by the arm's lowest natural frequency at mid-range, where known."""
     lowest = float(natural_frequencies(build_dynamics(robot), middle_of_limits(robot)[None], 1)[0, 0])
     if not np.isfinite(lowest):
-        return request
-    motion = request.settings.motion
-    source = f"{motion.source}; natural frequency of the robot folder's masses and springs"
-    return replace(request, settings=replace(request.settings, motion=motion._replace(frequency=lowest, source=source)))
+        return settings
+    source = f"{settings.motion.source}; natural frequency of the robot folder's masses and springs"
+    return replace(settings, motion=settings.motion._replace(frequency=lowest, source=source))
 
 
 def _greatest(shift: Array) -> float:

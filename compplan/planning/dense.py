@@ -235,7 +235,7 @@ def _find_hurried(task: PlanTask, q: Array, stations: NDArray[np.int_]) -> tuple
 
     A posture that was shaped together with the speed keeps both.
     """
-    if task.start is not None and task.start.bettered is not None:
+    if task.start is not None and task.start.program is not None:
         return ()
     rate = np.abs(np.diff(q, axis=0)) / np.maximum(task.step_time, 1e-9)[:, None]
     cut = task.cut[1:] & task.cut[:-1] & (task.nominal.steps > 0.0)

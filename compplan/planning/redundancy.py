@@ -31,8 +31,9 @@ from compplan.planning.posture.collision_scene import CollisionScene
 from compplan.planning.posture.follow import REACHED
 from compplan.planning.posture.lattice import orient_tool
 from compplan.planning.posture.motion import find_torn
+from compplan.planning.posture.settings import PostureProblem, PostureSettings
 from compplan.planning.posture.start import stand
-from compplan.planning.posture.summary import PostureRequest, PostureSummary, Start, summarise_costs
+from compplan.planning.posture.summary import PostureSummary, Start, summarise_costs
 from compplan.planning.problem import Cost, Limit, PlanningProblem
 from compplan.planning.task import PlanTask
 from compplan.robot import Array, Robot
@@ -128,13 +129,13 @@ def state_problem(
         torque: Whether joint torques have to stay within the robot's efforts.
     """
     rows, robot = free.rows, task.robot
-    k, request = len(rows), task.start.request if task.start is not None else None
+    k = len(rows)
     along = np.r_[0.0, np.cumsum(task.step_time)][rows]
     place = {row: number for number, row in enumerate(rows.tolist())}
     runs = tuple((place[a], place[b]) for a, b in task.runs
                  if a in place and b in place and place[b] - place[a] >= 2)  # fmt: skip
     room = np.minimum(
-        0.0 if request is None else robot.room(request.settings.limit_margin),
+        0.0 if task.start is None else robot.room(task.start.settings.limit_margin),
         np.minimum(task.q_start[rows] - robot.lower, robot.upper - task.q_start[rows]).min(axis=0),
     )
     room = np.maximum(room, 0.0)  # away from the limits by what the start keeps
@@ -166,18 +167,18 @@ def state_problem(
 
 def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> tuple[Start, Shaped] | None:
     """Solve the program of posture and speed around the start of a task; None where nothing is free or follows."""
-    posture_choice, request = start.posture_choice, start.request
-    if posture_choice is None or request is None or task.missed.any():
+    posture_choice, settings = start.posture_choice, start.settings
+    if posture_choice is None or task.missed.any():
         return None
     if (free := find_free(task, posture_choice, asked)) is None:
         return None
     band = read_band(task, asked.force, free.rows) if prices.band or np.isfinite(prices.most_band) else None
     problem = state_problem(task, free, prices, band, asked.time(task), torque=asked.feed_request.torque)
-    scene, clear = request.scene, problem.q_start
+    scene, clear = settings.scene, problem.q_start
     found, iterations = None, 0
     for _ in range(1 if scene is None else CLEARANCE_SOLVES):
         if scene is not None:
-            rows = linearise_clearance(scene, clear, request.wanted, RESERVE)
+            rows = linearise_clearance(scene, clear, settings.clearance, RESERVE)
             kept = tuple(limit for limit in problem.limits if limit.name != rows.name)
             problem = replace(problem, limits=(*kept, rows), guess=clear)
         solution = solve_problem(problem)
@@ -186,11 +187,11 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
                   solution.cpu, solution.band)  # fmt: skip
         if solution.violation > REACHED:
             return None
-        found = _follow(task, posture_choice, asked, free, solution, request)
-        if scene is None or found is None or _keeps_clear(scene, found.q, request.wanted):
+        found = _follow(task, posture_choice, asked, free, solution, settings)
+        if scene is None or found is None or _keeps_clear(scene, found.q, settings.clearance):
             break
         share, found = 1.0, None  # linearise anew on the way to the solution, as far as the arm keeps clear
-        while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), request.wanted):
+        while share > LEAST_SHARE and not _keeps_clear(scene, clear + share * (solution.q - clear), settings.clearance):
             share *= 0.5
         clear = clear + share * (solution.q - clear)
     return None if found is None else (found, Shaped(iterations, free.names))
@@ -198,7 +199,7 @@ def shape_start(task: PlanTask, start: Start, asked: Asked, prices: Prices) -> t
 
 def _follow(
     task: PlanTask, posture_choice: PostureSummary, asked: Asked, free: Free, solution: Solution,
-    request: PostureRequest,
+    settings: PostureSettings,
 ) -> Start | None:  # fmt: skip
     """Follow the free coordinates of a solution at every waypoint; None where that tears or leaves a joint's range."""
     robot, arm, nominal = task.robot, build_arm(task.robot), asked.nominal
@@ -237,9 +238,9 @@ def _follow(
         return None
     rows = posture_choice.map.waypoint
     picture = replace(posture_choice.map, chosen=turned["spin"][rows], held=q[rows][:, arm.held])
-    costs = summarise_costs(request.state(robot, nominal, asked.tool_x), q)
+    costs = summarise_costs(PostureProblem(robot, nominal, asked.tool_x, settings), q)
     better = replace(posture_choice, q=q, rotation=rotation, costs=costs, map=picture, **turned)
-    return replace(stand(better, path, request), aside=aside if aside.any() else None)
+    return replace(stand(better, path, settings), aside=aside if aside.any() else None)
 
 
 def _keeps_clear(scene: CollisionScene, q: Array, wanted: float) -> bool:
