@@ -115,12 +115,9 @@ def _refuse_inertia(found: Compensation) -> str:
 
 
 def _settle(
-    task: PlanTask,
-    strategy: str,
-    feed_request: FeedRequest,
-    output: OutputTable | None,
+    task: PlanTask, strategy: str, feed_request: FeedRequest, output: OutputTable | None,
     progress: Callable[[str], None],
-) -> Compensation:
+) -> Compensation:  # fmt: skip
     """Run the loop; arguments as of `compensate`.
 
     Where the loads depend on the motion, the run is that of the uncorrected motion, so that it does not follow the
@@ -259,9 +256,7 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
     rows = np.flatnonzero(task.compensated)
     biases = (None if each.bias is None else each.bias[rows] for each in (task, other))
     now, then = (
-        attain_pose(
-            task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows]
-        ).position
+        attain_pose(task.chain, q[rows], each.wrench[rows], slope=False, torque_bias=bias, theta=task.theta[rows])[0]
         for each, bias in zip((task, other), biases, strict=True)
     )
     return float(np.linalg.norm(now - then, axis=1).max(initial=0.0))
@@ -269,11 +264,9 @@ def _shift(task: PlanTask, other: PlanTask, q: Array) -> float:
 
 def _force_pieces(task: PlanTask) -> NDArray[np.int_]:
     """Tell into how many pieces moves have to be divided so that the deflection changes little in each."""
-    plain = replace(task, wrench=np.zeros_like(task.wrench))
-    every = np.arange(len(task))
-    bent = attain_rows(task, task.q_start, every, slope=False).position
-    bent = bent - attain_rows(plain, task.q_start, every, slope=False).position
-    change = np.linalg.norm(np.diff(bent, axis=0), axis=1)
+    still, every = replace(task, wrench=np.zeros_like(task.wrench)), np.arange(len(task))
+    loaded, plain = (attain_rows(each, task.q_start, every, slope=False).position for each in (task, still))
+    change = np.linalg.norm(np.diff(loaded - plain, axis=0), axis=1)
     change[task.nominal.rapid[1:] | task.lead[1:] | (task.nominal.steps < 1e-6)] = 0.0
     return np.maximum(np.ceil(change / (STEP_CHORDS * task.chord)), 1.0).astype(int)
 
@@ -317,10 +310,10 @@ def _missing_pieces(found: Compensation) -> tuple[Array, NDArray[np.int_]]:
     attained = attain_rows(task, q, np.arange(len(task)), slope=False).position
     off = np.linalg.norm(attained - task.position, axis=1)
     ends = np.maximum(off[:-1], off[1:])
-    between = Between(*(np.maximum(way - ends, 0.0) for way in _ways(ways)))
+    between = Between(*(np.maximum(way - ends, 0.0) for way in ways))
     if links is not None:
         crosses = find_crossings(found.command.q, links)
-        for way, whole in zip(_ways(between), (found.between.joint, found.between.cartesian), strict=False):
+        for way, whole in zip(between[:2], found.between, strict=False):
             way[crosses] = np.maximum(way, whole)[crosses]
     pieces = wanted_pieces(between, task.move_chord)
     pieces[task.nominal.steps < 1e-6] = 1
@@ -347,7 +340,3 @@ def _even_crossings(found: Compensation, pieces: NDArray[np.int_]) -> NDArray[np
         finer = np.ceil(step[near] / max(step[move], 1e-9) - 0.5).astype(int)
         more[near] = np.maximum(more[near], np.maximum(finer, 1))
     return pieces * more
-
-
-def _ways(between: Between) -> tuple[Array, Array, Array]:
-    return between.joint, between.cartesian, between.spline
