@@ -277,8 +277,8 @@ def _find_rest(design: Design, known: Uncertainty, covariance: Array) -> tuple[t
 
 def _scene_of(plan: Plan) -> CollisionScene:
     start = plan.task.start
-    if start is not None and start.request is not None and start.request.scene is not None:
-        return start.request.scene
+    if start is not None and start.settings.scene is not None:
+        return start.settings.scene
     return build_scene(plan.robot)
 
 

@@ -24,6 +24,7 @@ from compplan.learning.representable import Learned, Residual, list_learned, rea
 from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
+from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.kept_posture import read_lock
@@ -296,7 +297,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
         said = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
-        plan = replace(plan, notes=(said, *plan.notes))
+        plan = plan.add_checks(state_notes([said]), first=True)
     return nominal, plan
 
 

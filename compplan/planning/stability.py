@@ -14,7 +14,7 @@ from compplan.process.cutting import CuttingForce
 from compplan.process.engagement import Engagement
 from compplan.process.force_models.end_mill import EndMillProcess, ToolModeTable
 from compplan.process.materials import Coefficients
-from compplan.process.milling import THINNEST, edge_wrenches
+from compplan.process.milling import edge_wrenches
 from compplan.robot import Array
 from compplan.simulation.vibration import build_dynamics, find_modes
 from compplan.statics.chain import Chain, jacobian, load_elements, locate_frames
@@ -22,6 +22,8 @@ from compplan.statics.elastic import load_hessian, solve_equilibrium
 from compplan.toolpath.contact import path_axes
 from compplan.toolpath.toolpath import pick_even
 
+#: Chip thickness below which no Kienzle exponent is trusted: it is held there. [mm]
+THINNEST = 1e-4
 #: Waypoints that are looked at.
 TRIED = 400
 
@@ -100,18 +102,11 @@ SCALES = np.geomspace(0.02, 20.0, 120)
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a tool on its arm.
+    """Modes of a tool on its arm."""
 
-    Attributes:
-        omega: Angular frequencies, rising. Shape (m,). [rad/s]
-        shape: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
-        damping: Share of critical damping of each. Shape (m,).
-
-    """
-
-    omega: Array
-    shape: Array
-    damping: Array
+    omega: Array  #: Angular frequencies, rising. Shape (m,). [rad/s]
+    shape: Array  #: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
+    damping: Array  #: Share of critical damping of each. Shape (m,).
 
     def turn(self, axes: Array) -> Modes:
         """Return the same, seen in other axes (columns). Shape of `axes`: (3, 3)."""
@@ -209,9 +204,8 @@ def _compute_limits(
     """Return the limits of depth at some waypoints, shares of the depth that is cut. Shape (r,)."""
     process = cutting.process
     assert isinstance(process, EndMillProcess)
-    spindle = process.spindle()
-    feed = spindle.feed_per_tooth(task.nominal.feed[there])
-    mean = spindle.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
-    period, axes = 1.0 / (spindle.speed * spindle.teeth), path_axes(task.nominal)[there]
+    feed = process.feed_per_tooth(task.nominal.feed[there])
+    mean = process.teeth * compute_gains(cutting.engagement.take(rows), process.resistance, feed)
+    period, axes = 1.0 / (process.spindle_rpm / 60.0 * process.teeth), path_axes(task.nominal)[there]
     return np.array([compute_depth_limit(b, period, own.turn(way).join(process.tool_mode))
                      for b, own, way in zip(mean, modes, axes, strict=True)])  # fmt: skip

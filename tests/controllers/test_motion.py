@@ -23,7 +23,7 @@ from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript
 from compplan.controllers.shapes import MoveArc
-from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, urscript, write_program
+from compplan.controllers.writers import WRITERS, Program, build_program, kawasaki_as, write_program
 from compplan.controllers.writers.motion_table import MotionTable, read_motion
 from compplan.controllers.writers.zones import ZONES, find_zones, widest_zone
 from compplan.job.output import OutputTable
@@ -175,7 +175,6 @@ def test_zones_are_those_that_templates_say(language: str, says: str) -> None:
 def test_every_language_with_lines_has_its_zone() -> None:
     stated = {name for name, language in WRITERS.items() if hasattr(language, "ZONE")}
     assert set(WRITERS) - {"csv", "own"} == {*ZONES, *stated}
-    assert ZONES["urscript"].size == urscript.BLEND and ZONES["urscript"].share == urscript.BLEND_SHARE
     assert ZONES["kawasaki_as"].size == pytest.approx(1e-3 * kawasaki_as.ACCURACY)
     assert widest_zone(("krl", "rapid")) is ZONES["rapid"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from commandline import run_command
 
-from compplan.diagnosis.validation.options import WIDE
+from compplan.diagnosis.validation.mixture import WIDE
 from compplan.effects import joint_offset, link_geometry
 from compplan.errors import InputError
 from compplan.job.job import load_job

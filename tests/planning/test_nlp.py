@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from compplan.planning.dense import pick_stations, solve_path, state_problem
-from compplan.planning.limits import read_torques
+from compplan.planning.limits.torque import read_torques
 from compplan.planning.motion_limits import TorqueRules
 from compplan.planning.nlp import build_nlp, explain_conflict, solve_nlp, solve_problem
 from compplan.planning.strategies import command_path

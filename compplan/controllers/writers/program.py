@@ -368,12 +368,3 @@ def joint_percent(program: Program, rapid: float = 100.0, least: float = 1.0) ->
     """Return each move's share of the joint rates, `rapid` for rapid moves, 10 where unknown. Shape (n,). [%]"""
     shares = joint_shares(program)
     return np.clip(np.where(program.rapid, rapid, np.where(np.isfinite(shares), 100.0 * shares, 10.0)), least, 100.0)
-
-
-def describe_feeds(program: Program, written: Array, steps: str) -> list[str]:
-    """Return what must be said where a language writes feeds in steps and some [mm/s] are off by more than 1 %."""
-    wrong = ~program.rapid & (np.abs(written - program.feed) > 0.01 * program.feed)
-    if not wrong.any():
-        return []
-    count, slowest = int(np.count_nonzero(wrong)), program.feed[wrong].min()
-    return [f"feeds are written in steps of {steps}: {count} are off by more than 1 %, the slowest is {slowest:g} mm/s"]
