@@ -230,15 +230,14 @@ def check_generalisation(
 ) -> tuple[bool, str]:
     """Try an updated robot on copies of the path, moved along each base axis to where the arm reaches.
 
+    Returns whether it holds there, and what the copies say; "" where none is reached.
+
     Args:
         task: The task that was cut, with the robot of the folder before.
         taught: The updated robot, with the tool of the job.
         known: What was known of the robot.
         shares: What is told of the force, in standard deviations of level and turns. Shape (4,).
         spread: Uncertainty of the force before.
-
-    Returns:
-        Whether it holds there, and what the copies say; "" where none is reached.
     """
     rows = pick_rows(task.cut, ROWS)
     wrench, every = task.wrench[rows], np.ones(len(rows), bool)

@@ -95,9 +95,7 @@ class Observations:
     def gap(self, point: Array, places: Array) -> Array:
         """Return seen minus expected as a vector, along the direction where one number was seen; NaN for positions.
 
-        Args:
-            point: Measured point that a model expects, base frame. Shape (n, 3). [m]
-            places: Places of the contacts, base frame. Shape (contacts, 3). [m]
+        point: measured point that a model expects, (n, 3); places: of the contacts, (contacts, 3); base frame. [m]
         """
         away = self._away(point, places)
         along = self.directions(point, places)
@@ -124,8 +122,7 @@ class Observations:
     def start_places(self, point: Array) -> Array:
         """Find places to begin with: means of contacts, zeros of readings, centres of spheres. Shape (contacts, 3). [m]
 
-        Args:
-            point: Measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
+        point: measured point that a model expects, base frame, NaN where it is unknown. Shape (n, 3). [m]
         """
         places = np.zeros((len(self.names), 3))
         known = np.isfinite(point).all(axis=1)
