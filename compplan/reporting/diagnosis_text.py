@@ -51,11 +51,11 @@ def _describe_beside_names(split: Split) -> str:
         return ""
     named = {(c.place, kind_of(c.effect, loaded)) for c in split.shares.carriers for loaded in (False, True)}
     told = [
-        f"{g.kind} of {g.place} {format_percent(g.share.share)}"
-        for g in split.small_errors.groups
-        if (g.place, g.kind) not in named and (g.kind != WEIGHT or ("links", WEIGHT) not in named)
+        f"{kind} of {place} {format_percent(share.share)}"
+        for place, kind, share in split.small_errors.groups
+        if share.share >= 0.05 and (place, kind) not in named and (kind != WEIGHT or ("links", WEIGHT) not in named)
     ][:3]
-    return f"; both halves of the poses show {', '.join(told)}" if told else ""
+    return f"; {', '.join(told)} in the updated robot" if told else ""
 
 
 def _describe_places(errors: SmallErrors) -> str:
@@ -120,8 +120,8 @@ def describe_small_errors(errors: SmallErrors) -> str:
         if share.share >= 0.02 and kind != UNEXPLAINED
     ]
     text = f"Which: no single cause; small errors make the gap: {', '.join(kinds)}"
-    groups = [f"{group.kind} of {group.place}, {format_percent(group.share.share)}" for group in errors.groups[:3]]
-    return f"{text}. {'; '.join(groups)}: both halves of the poses show it." if groups else f"{text}."
+    groups = [f"{kind} of {place}, {format_percent(share.share)}" for place, kind, share in errors.groups[:3]]
+    return f"{text}. The largest: {'; '.join(groups)}." if groups else f"{text}."
 
 
 def describe_how_far(gap: Mapping[str, float | None]) -> str:
