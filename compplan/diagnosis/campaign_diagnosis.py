@@ -12,7 +12,7 @@ from compplan.diagnosis.results.delivery import deliver_robot
 from compplan.diagnosis.results.posterior import state_sizes
 from compplan.diagnosis.results.result import Candidate, Diagnosis, Gap
 from compplan.diagnosis.results.verdict import MOST_MARGIN, Finding, Verdict, check_calibration, reach_verdict, unname
-from compplan.diagnosis.search.fit import fit_effects, polish_fit
+from compplan.diagnosis.search.fit import fit_effects
 from compplan.diagnosis.search.search import TRIED, Claim, distinct_places
 from compplan.diagnosis.search.state import Fit, FitState, Problem, attain_state
 from compplan.diagnosis.validation.held_out import Folds, make_folds
@@ -64,7 +64,7 @@ def diagnose_campaign(
     problem = Problem(robot, campaign, parts, tuple(without), (*known, *conventions))
     registration, nominal = _register(replace(problem, fixed=known), campaign)
     started = _register(problem, campaign)[0] if conventions else registration
-    fit = polish_fit(fit_effects(problem, started, progress))
+    fit = fit_effects(problem, started, progress)
     progress("verdict")
     doubt = revise_probabilities(fit, progress)
     verdict = _with_conventions(reach_verdict(fit, doubt), problem, len(known))

@@ -15,7 +15,6 @@ from compplan.diagnosis.evidence.candidates import (
     CLASSES,
     REGISTRATION,
     build_prior,
-    in_background,
     key_of,
     log_priors,
     offered_signatures,
@@ -99,8 +98,13 @@ def fit_effects(
             break
     if best is None:
         # the exact model cannot bear the least step: the campaign stays as it is
-        return replace(fit, model=fit.search.model([], fit.search.start))
-    return best if settled else _fit_jointly(best, progress)
+        best = replace(fit, model=fit.search.model([], fit.search.start))
+    elif not settled:
+        best = _fit_jointly(best, progress)
+    last = register_again(best, best.state, best.state.use)
+    residual = position_residual(problem.campaign, *attain_state(problem, last))
+    outliers = find_outliers(problem.campaign, residual, last.scatter, known_approach(problem.campaign, last))
+    return replace(best, state=last, outliers=outliers)
 
 
 def _fit_jointly(fit: Fit, progress: Callable[[str], None]) -> Fit:
@@ -217,33 +221,6 @@ def _settled(fit: Fit, old: FitState, new: FitState) -> bool:
     return max(steps, default=0.0) < SETTLED
 
 
-#: The exact model has arrived when it leaves this little more than its linearization promises (assumed).
-ARRIVED = 1.02
-
-
-def polish_fit(fit: Fit) -> Fit:
-    """Refit the parameters of a finished fit exactly, its claims, noise and background held."""
-    vector = fit.model.posterior.values(fit.search.equations.p)
-    left = fit.search.equations.left(vector)[0] * fit.search.equations.source[0].sigma
-    expected = rms_length(left)
-    use = fit.state.use.copy()
-    best = register_again(fit, fit.state, use)
-    least = exact_rms(fit, best, use)
-    while least >= ARRIVED * expected:
-        state = _step(fit, best, use)
-        if not stands(fit.problem, state):
-            break
-        state = register_again(fit, state, use)
-        exact = exact_rms(fit, state, use)
-        if exact >= least:
-            break
-        best, least = state, exact
-    campaign = fit.problem.campaign
-    residual = position_residual(campaign, *attain_state(fit.problem, best))
-    outliers = find_outliers(campaign, residual, best.scatter, known_approach(campaign, best))
-    return replace(fit, state=best, outliers=outliers)
-
-
 def register_again(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
     """Fit the frames of a campaign to a state's exact model, where they are fitted at all and where that is closer."""
     problem = fit.problem
@@ -259,22 +236,6 @@ def exact_rms(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> float:
     """Return the root mean square distance that the exact model leaves on some rows. [m]"""
     campaign = fit.problem.campaign
     return rms_length(position_residual(campaign, *attain_state(fit.problem, state))[use & campaign.usable])
-
-
-def _step(fit: Fit, state: FitState, use: NDArray[np.bool_]) -> FitState:
-    """Linearize at a state and take the posterior mean of the claimed and background columns."""
-    problem, sizes = fit.problem, dict(state.claims)
-    at = linearize_state(problem, state)
-    channels = build_channels(at.scene, at.attained, use, fit.noises)
-    offered = offered_signatures(at, problem.register, problem.excluded)
-    offered += propose_again(at, proposed_signatures(fit.search.equations.signatures), set(sizes))
-    kept = [s for s in offered if key_of(s) in sizes or s.name == REGISTRATION or in_background(s)]
-    equations = build_normal_equations(channels, kept, state.values)
-    hyper = fit.model.posterior.hyper
-    search = _build_search(problem, equations, hyper)
-    claims = [Claim(n, sizes[key_of(s)]) for n, s in enumerate(kept) if key_of(s) in sizes]
-    model = search.model(claims, hyper, fit=False)
-    return advance_state(replace(fit, at=at, channels=channels, search=search, model=model, state=state))
 
 
 def descend(fit: Fit, full: FitState) -> tuple[FitState, float] | None:
