@@ -32,7 +32,6 @@ from compplan.reporting.gap_figures import (
     draw_gap_shares,
     draw_histogram,
     draw_residuals,
-    draw_together,
     draw_traces,
 )
 from compplan.reporting.provenance import describe_grade, describe_robot
@@ -278,10 +277,6 @@ def _show_where(diagnosis: Diagnosis, split: Split, rows: _UsedRows) -> page.Sec
             "a sloped line, lost motion two levels, a gear error a wave."
         )
         blocks.append(page.Chart(draw_traces(split.traces), caption, 60 + 250 * -(-len(split.traces) // 3)))
-    together = {place: own for place, own in shares.together.items() if any(s >= 0.005 for s in own.values())}
-    if together:
-        caption = "How much of the gap, in per cent, each place carries by each effect."
-        blocks.append(page.Chart(draw_together(together), caption, 120 + 30 * len(together)))
     blocks.append(page.Fold("By run, time, load, direction, approach and region", _list_splits(split)))
     return page.Section("Where it lies", blocks)
 
