@@ -190,7 +190,7 @@ def describe_depth_limit(task: PlanTask, q: Array) -> str:
              + ("tool and holder rigid (process.tool_mode states their mode)" if tool is None else
                 f"tool mode of {tool.frequency_Hz:g} Hz"))  # fmt: skip
     if not np.isfinite(limits[worst]):
-        return f"No chatter up to {SCALES[-1]:g} times the depth of cut by the zero-order solution ({known})."
+        return ""
     word = "Chatter is expected: the" if limits[worst] <= 1.0 else "The"
     return (f"{word} zero-order limit of depth is {1e3 * depth * limits[worst]:.2g} mm at waypoint "
             f"{int(there[worst])}, where {1e3 * depth:.2g} mm are cut ({known}).")  # fmt: skip
