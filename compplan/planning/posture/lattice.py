@@ -204,7 +204,7 @@ def fill_lattice(
     rows = np.nonzero(reason == USABLE)
     nodes = measure_nodes(
         problem.chain, q[rows], problem.wrench[stations][rows[0]], limits=arm.robot.arm_limits,
-        uncertainty=settings.known, measure=settings.measure, axes=settings.axes, margin=settings.limit_margin,
+        uncertainty=settings.known, axes=settings.axes, margin=settings.limit_margin,
     )  # fmt: skip
     for name, array in values.items():
         array[rows] = getattr(nodes, name)
