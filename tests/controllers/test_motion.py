@@ -14,11 +14,9 @@ from commandline import run_command
 from scipy.spatial.transform import Rotation
 
 import compplan.controllers.writers
-from compplan.controllers.motion.drives import follow_command, lag_command
 from compplan.controllers.motion.geometry import Nodes, build_path, locate_nodes
 from compplan.controllers.motion.instructions import Instructions, read_instructions
-from compplan.controllers.motion.run import execute_program
-from compplan.controllers.motion.timing import limit_speed
+from compplan.controllers.motion.run import execute_program, follow_command, lag_command, limit_speed
 from compplan.controllers.readback.fanuc_abb import read_fanuc, read_rapid
 from compplan.controllers.readback.kuka_staubli import read_krl, read_val3
 from compplan.controllers.readback.scripts import read_inform, read_kawasaki, read_sinumerik, read_urscript

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compplan.controllers.motion.drives import hold_direction, lag_command
-from compplan.controllers.motion.model import (
+from compplan.controllers.motion.run import hold_direction, lag_command
+from compplan.controllers.motion.windows import (
     CYCLE,
+    Window,
     WindowRun,
     drop_along,
     find_residual,
@@ -17,7 +18,6 @@ from compplan.controllers.motion.model import (
     read_run,
     run_window,
 )
-from compplan.controllers.motion.windows import Window
 from compplan.controllers.writers.motion_table import LONGEST_LAG, ServoMotion
 from compplan.robot import Array
 from compplan.statics.ik import Arm

@@ -16,13 +16,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
     CodeBlock,
     Move,
     kuka_pose,
+    mark_actions,
     nest_lines,
+    read_action,
     read_numbers,
     staubli_poses,
 )

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from compplan.controllers.readback.actions import mark_actions, read_action
 from compplan.controllers.readback.poses import (
     NUMBER,
     Move,
     Pose,
     fanuc_pose,
     kawasaki_pose,
+    mark_actions,
+    read_action,
     read_numbers,
     shift,
     turn,
