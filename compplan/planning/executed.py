@@ -74,7 +74,7 @@ class ExecutedPath:
         zone: How far before a corner programs let it leave; None where it follows the waypoints.
         duration: Time that it takes for the moves of the path, as far as its speed law is known. [s]
         smaller: Corners at which programs ask for a smaller zone than their language's.
-        pieces: Ends and kinds of the written moves, with arcs and without cubics, or None.
+        pieces: Ends and kinds of the written moves, with arcs, or None.
 
     """
 
@@ -132,10 +132,9 @@ def describe_floor(task: PlanTask, q: Array) -> str:
 
 def describe_unfollowed(output: OutputTable, *, carries: bool) -> list[str]:
     """Say which written moves the executed path leaves out; `carries`: whether joints carry the part."""
-    cubics = "Executed path: cubics (POLY) are replaced by lines and arcs of the same accuracy."
     carried = "Executed path: written moves are not followed where joints carry the part."
     moves = carries and output.form != "joint" and set(output.programs) - {"csv"}
-    return [cubics] * ("sinumerik" in output.programs and output.splines) + [carried] * bool(moves)
+    return [carried] * bool(moves)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ class Move(NamedTuple):
     seen from the base in force. A speed is mm/s along the path (`feed`) or a share of the axis rates (`percent`).
     `configuration` is as the language writes it; `load` is the tool's mass [kg] and its centre, flange frame [mm];
     `rate` that of the leading joint [deg/s]; with `flange_turn` a pose has the tool's tip and the flange's turn.
-    `via` is a pose that a move of kind "arc" goes through (of SINUMERIK its place alone); `bend` the derivatives of
-    one of kind "curve", a cubic, by its share at its start and end. Shape (2, 3).
+    `via` is a pose that a move of kind "arc" goes through (of SINUMERIK its place alone).
     With `carried` the base moves with the external axes that carry the part.
     `action` is what a program does beside motion; its `kind` is "act".
     """
@@ -44,7 +43,6 @@ class Move(NamedTuple):
     flange_turn: bool = False
     action: tuple[object, ...] = ()
     via: Pose | None = None
-    bend: Pose | None = None
     carried: bool = False
 
 
