@@ -23,21 +23,13 @@ WHOLE, CLEAR = 0.6, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Gathered:
-    """Measured points gathered at rows of the path; b rows.
+    """Measured points gathered at rows of the path; b rows."""
 
-    Attributes:
-        row: Row of `Slopes` that each stands at. Shape (b,).
-        deviation: Mean deviation in the directions that count. Shape (b, 3). [m]
-        counts: Projector on those. Shape (b, 3, 3).
-        variance: Variance of the mean per axis. Shape (b,). [m^2]
-        points: Points of each. Shape (b,).
-    """
-
-    row: NDArray[np.int_]
-    deviation: Array
-    counts: Array
-    variance: Array
-    points: NDArray[np.int_]
+    row: NDArray[np.int_]  #: Row of `Slopes` that each stands at. Shape (b,).
+    deviation: Array  #: Mean deviation in the directions that count. Shape (b, 3). [m]
+    counts: Array  #: Projector on those. Shape (b, 3, 3).
+    variance: Array  #: Variance of the mean per axis. Shape (b,). [m^2]
+    points: NDArray[np.int_]  #: Points of each. Shape (b,).
 
     def take(self, rows: NDArray[np.bool_]) -> Gathered:
         """Take some rows."""

@@ -20,11 +20,11 @@ from compplan.learning.gathered_points import Gathered, describe_whole, gather_p
 from compplan.learning.measured_path import MeasuredPath, match_points, read_measured_points
 from compplan.learning.model_update import ModelUpdate, Own, learn_part, possible_band
 from compplan.learning.plausibility import POSSIBLE, explain_points
-from compplan.learning.representable import Learned, list_learned
-from compplan.learning.residual import Residual, read_residual, residual_file
-from compplan.learning.surface import Surface
+from compplan.learning.representable import Learned, Residual, list_learned, read_residual, residual_file
+from compplan.learning.scan import Surface
 from compplan.learning.transfer import Others, Transfer, state_own, transfer_nothing, transfer_to_paths
 from compplan.measurement.distance import band_radius
+from compplan.planning.checks import state_notes
 from compplan.planning.plan import PlanOptions, build_task, plan_task, prepare_job
 from compplan.planning.posture.follow import reach_tip_and_axis, turn_about_axis
 from compplan.planning.posture.kept_posture import read_lock
@@ -40,7 +40,6 @@ from compplan.toolpath.toolpath import Toolpath, interpolate
 from compplan.uncertainty.assumed import robot_uncertainty
 from compplan.uncertainty.band import PATHS, SEED, Slopes, draw_columns, linearise_path, widen_to_path
 from compplan.uncertainty.motion import read_placement, shift_part
-from compplan.uncertainty.perturbation import vary_model
 from compplan.uncertainty.sensitivities import (
     ForceSpread,
     apply_wrench_to_model,
@@ -48,6 +47,7 @@ from compplan.uncertainty.sensitivities import (
     pick_rows,
     read_force_spread,
     tip_of,
+    vary_model,
 )
 from compplan.uncertainty.touch_off import TouchedPart, is_lasting, stage_touch
 
@@ -66,41 +66,23 @@ LONG_MOVE = 0.02
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedPart(Shown):
-    """A model update with the plans before and after it.
+    """A model update with the plans before and after it."""
 
-    Attributes:
-        job: The job.
-        robot: The robot of the folder before.
-        taught: The updated robot.
-        lesson: Force, robot and residual learned from the part.
-        measured: The measured points.
-        path: The wanted path, base frame.
-        slopes: The path to first order, as it was cut.
-        length: Length of the path at its rows. Shape (k,). [m]
-        before: The plan that was cut.
-        after: The plan that follows.
-        residual: What the next program takes off beside the robot's model.
-        learned: Parameters that moved most for their width.
-        notes: What a user has to know, one sentence each.
-        travel: What other paths are told.
-        force: What is known of the force of the process, or None.
-    """
-
-    job: Job
-    robot: Robot
-    taught: Robot
-    lesson: ModelUpdate
-    measured: MeasuredPath
-    path: Toolpath
-    slopes: Slopes
-    length: Array
-    before: Plan
-    after: Plan
-    residual: Residual
-    learned: tuple[Learned, ...]
-    notes: tuple[str, ...]
-    travel: Transfer
-    force: LearnedForce | None
+    job: Job  #: The job.
+    robot: Robot  #: The robot of the folder before.
+    taught: Robot  #: The updated robot.
+    lesson: ModelUpdate  #: Force, robot and residual learned from the part.
+    measured: MeasuredPath  #: The measured points.
+    path: Toolpath  #: The wanted path, base frame.
+    slopes: Slopes  #: The path to first order, as it was cut.
+    length: Array  #: Length of the path at its rows. Shape (k,). [m]
+    before: Plan  #: The plan that was cut.
+    after: Plan  #: The plan that follows.
+    residual: Residual  #: What the next program takes off beside the robot's model.
+    learned: tuple[Learned, ...]  #: Parameters that moved most for their width.
+    notes: tuple[str, ...]  #: What a user has to know, one sentence each.
+    travel: Transfer  #: What other paths are told.
+    force: LearnedForce | None  #: What is known of the force of the process, or None.
 
     @property
     def wanted(self) -> Array:
@@ -137,23 +119,15 @@ class LearnedPart(Shown):
 
 @dataclass(frozen=True, eq=False)
 class CutPath:
-    """A path as it was cut.
+    """A path as it was cut."""
 
-    Attributes:
-        scene: The robot on it.
-        known: What is known of the robot.
-        force: Uncertainty of the force, as far as all parts share it.
-        slopes: The path to first order, k rows.
-        length: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape
-            (n,). [m]
-        touched: The part as the robot found it by touching, or None where its frame is absolute.
-    """
-
-    scene: ForwardModel
-    known: Uncertainty
-    force: ForceSpread
-    slopes: Slopes
+    scene: ForwardModel  #: The robot on it.
+    known: Uncertainty  #: What is known of the robot.
+    force: ForceSpread  #: Uncertainty of the force, as far as all parts share it.
+    slopes: Slopes  #: The path to first order, k rows.
+    #: Length of the wanted path at every waypoint: the corrected path is a little longer or shorter. Shape (n,). [m]
     length: Array
+    #: The part as the robot found it by touching, or None where its frame is absolute.
     touched: TouchedPart | None = None
 
     def with_values(self, values: Array, force: Array) -> ForwardModel:
@@ -253,7 +227,7 @@ def leave_path(length: Array, lesson: ModelUpdate, q: Array) -> Residual:
 
     length, (k,) [m], and q, (k, nq) [rad or m]: at the rows of the update.
     """
-    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.size), q, lesson.open)
+    return Residual(length, np.zeros((len(length), 3)), np.full(len(length), lesson.model.size), q, lesson.open)
 
 
 def own_of(job: Job, slopes: Slopes, spread: ForceSpread, matched: MeasuredPath) -> Own:
@@ -320,7 +294,7 @@ def plan_learned(job: Job, robot: Robot, residual: Residual | None) -> tuple[Too
     if residual is not None:
         most = float(np.linalg.norm(residual.deviation, axis=1).max(initial=0.0)) * 1e3
         said = f"the path is shifted by up to {most:.3g} mm as learned from cut parts; deviations count from there"
-        plan = replace(plan, notes=(said, *plan.notes))
+        plan = plan.add_checks(state_notes([said]), first=True)
     return nominal, plan
 
 
@@ -372,7 +346,7 @@ def add_residual(old: Residual | None, lesson: ModelUpdate, cut: CutPath, task: 
         moved = cut.tip(lesson.values, lesson.force, rows)
         moved = moved + lesson.residual_at(task.position[rows], slopes.tip)
     moved = moved - cut.tip(others.held, others.shares, rows)
-    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.size, 1e-7)))
+    left = np.interp(length, at, np.minimum(lesson.band_after / 2.8, max(lesson.model.size, 1e-7)))
     return Residual(length, moved, left, task.q_start[rows], interpolate(length, at, lesson.open))
 
 

@@ -1,7 +1,7 @@
 """What a measurement log cannot hold: joints beyond any turn, forces of a rocket, clocks that run back, sigma of zero.
 
 One row in fifty may be a gross outlier: a few absurd rows are left out, with a note; more of them are a mistake of
-units, and refused with one sentence.
+units, and refused with one sentence. Rows that were pasted again measure nothing anew.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from compplan.errors import InputError
 from compplan.io.parsing import LEAST_SIGMA
 from compplan.io.tables import Table
 from compplan.measurement.campaign import Campaign
-from compplan.measurement.repeated_rows import find_pasted
 from compplan.robot import Array, Robot
 
 #: Beyond its limits a joint may read one turn [rad] or this way [m] more: zeros that are off, limits that were opened.
@@ -235,3 +234,34 @@ def list_notes(notes: Sequence[str], shown: int = 5) -> list[str]:
     """Return notes on a log as lines, the many in one."""
     lines = [f"note: {note}" for note in notes[:shown]]
     return lines if len(notes) <= shown else [*lines, f"note: and {len(notes) - shown} more of them"]
+
+
+def find_pasted(table: Table) -> NDArray[np.bool_]:
+    """Find the rows that say what an earlier row says, in every column.
+
+    Where the log has a clock, two rows that agree in time and in all that was read are one. Without a clock a repeated
+    measurement may agree by chance, as rounded readings do; then only a log that repeats itself whole counts as pasted.
+
+    Args:
+        table: The log as it was read.
+
+    Returns:
+        Shape (n,).
+    """
+    n = len(table)
+    columns = [table.values[key] for key in table.values] + [_number(table.text[key]) for key in table.text]
+    if n < 2 or not columns:
+        return np.zeros(n, bool)
+    rows = np.nan_to_num(np.column_stack(columns).astype(float), nan=np.inf)
+    pasted = np.ones(n, bool)
+    if "time" in table and np.ptp(table.values["time"]) > 0.0:
+        pasted[np.unique(rows, axis=0, return_index=True)[1]] = False
+        return pasted
+    periods = [n // times for times in range(n // 2, 1, -1) if n % times == 0 and n // times > 1]
+    whole = next((period for period in periods if (rows == np.tile(rows[:period], (n // period, 1))).all()), n)
+    pasted[:whole] = False
+    return pasted
+
+
+def _number(labels: NDArray[np.str_]) -> NDArray[np.int_]:
+    return np.unique(labels, return_inverse=True)[1]

@@ -113,7 +113,7 @@ def read_observations(table: Table, position: Array, instrument: InstrumentFile 
     origin = np.where((measured & (kind == READING))[:, None], position, origin)
     sights = Observations(
         kind=kind, contact=np.where(kind == POSITION, -1, contact), names=names, origin=origin,
-        direction=_read_directions(table, kind) @ turn.T,
+        direction=read_directions(table, kind == READING) @ turn.T,
         value=np.where(kind == DISTANCE, distance, np.where(kind == READING, reading, np.nan)),
     )  # fmt: skip
     if (kind == CONTACT).any() and not (kind != CONTACT)[kind != POSITION].any() and not measured.any():
@@ -210,9 +210,8 @@ def _count_least(rows: Observations) -> int:
     return 1 + int(np.linalg.matrix_rank(rows.direction)) if len(rows.kind) else 0
 
 
-def _read_directions(table: Table, kind: NDArray[np.int_]) -> Array:
-    """Return unit vectors of the readings, NaN elsewhere. Shape (n, 3)."""
-    rows = kind == READING
+def read_directions(table: Table, rows: NDArray[np.bool_]) -> Array:
+    """Return unit vectors of the readings in some rows, NaN elsewhere. Shape (n, 3)."""
     if not rows.any():
         return np.full((len(table), 3), np.nan)
     if "dir_i" not in table:

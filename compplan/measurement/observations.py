@@ -152,13 +152,19 @@ def _start_place(rows: Observations, point: Array) -> Array:
     """Find the place of one contact. Shape (3,). [m]"""
     point = point - rows.origin
     if (rows.kind == DISTANCE).any():
-        # |p|^2 - s^2 = 2 c^T p - |c|^2: linear in c and |c|^2; about the mean, so that far places lose nothing
-        middle = point.mean(axis=0)
-        near = point - middle
-        a = np.column_stack([2.0 * near, -np.ones(len(near))])
-        b = np.sum(near**2, axis=1) - rows.value**2
-        return np.asarray(middle + np.linalg.lstsq(a, b, rcond=1e-9)[0][:3])
+        return fit_sphere(point, rows.value)
     if (rows.kind == CONTACT).any():
         return np.asarray(np.median(point[rows.kind == CONTACT], axis=0))
     left = np.einsum("ni,ni->n", rows.direction, point) - rows.value
     return np.asarray(np.linalg.lstsq(rows.direction, left, rcond=1e-9)[0])
+
+
+def fit_sphere(point: Array, distance: Array, flat: float = 1e-9) -> Array:
+    """Find the centre that points, (n, 3), have distances from; thinner than `flat`, they leave it in their plane. [m]
+
+    |p|^2 - s^2 = 2 c^T p - |c|^2 is linear in c and |c|^2; about the mean, so that far places lose nothing.
+    """
+    middle = point.mean(axis=0)
+    near = point - middle
+    a = np.column_stack([2.0 * near, -np.ones(len(near))])
+    return np.asarray(middle + np.linalg.lstsq(a, np.sum(near**2, axis=1) - distance**2, rcond=flat)[0][:3])

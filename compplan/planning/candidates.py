@@ -24,8 +24,9 @@ from compplan.planning.feed import time_run
 from compplan.planning.limits.band import BAND_ROWS, spread_tip
 from compplan.planning.motion_limits import difference_motion
 from compplan.planning.posture.choose import choose_posture_path
+from compplan.planning.posture.settings import PostureProblem
 from compplan.planning.posture.start import find_plain, stand
-from compplan.planning.posture.summary import Bettered, Easing, PostureSummary, Start
+from compplan.planning.posture.summary import Easing, PostureSummary, Start
 from compplan.planning.redundancy import Asked, Prices, Shaped, shape_start
 from compplan.planning.task import PlanTask
 from compplan.planning.timing import INERTIA_WINDOWS, parameter_steps, time_rapids
@@ -62,6 +63,8 @@ LOWER, LEAST_ROOM = 0.86, 0.2
 GAIN, EASIER, SLOWER = 0.6, 0.9, 1.4
 #: A run that takes longer than another by more is followed by runs half way back, so many.
 TOO_LONG, BISECTIONS = 1.02, 2
+#: Postures that a program starts from, in words.
+ORIGINS = {"search": "the posture of the search", "programmed": "one configuration with x of the tool as programmed"}
 #: What the program weighs by preset; a preset that is not here keeps the posture of the search.
 PRICES = {
     "fast": Prices(most_band=np.inf),
@@ -72,26 +75,15 @@ PRICES = {
 
 
 class TimedStart(NamedTuple):
-    """A run of a start, nothing corrected.
+    """A run of a start, nothing corrected."""
 
-    Attributes:
-        start: The start, with its pace.
-        time: The whole run. [s]
-        band: Widest 95 % band along the cut. [m]
-        still: The same, vibration left out. [m]
-        quiet: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
-        origin: Where it comes from: "search" or "programmed".
-        shaped: What the program did, None for nothing.
-
-    """
-
-    start: Start
-    time: float
-    band: float
-    still: float
-    quiet: Array
-    origin: str = "search"
-    shaped: Shaped | None = None
+    start: Start  #: The start, with its pace.
+    time: float  #: The whole run. [s]
+    band: float  #: Widest 95 % band along the cut. [m]
+    still: float  #: The same, vibration left out. [m]
+    quiet: Array  #: Covariance of the tip at its rows of the cut, vibration left out. Shape (k, 3, 3). [m^2]
+    origin: str = "search"  #: Where it comes from: "search" or "programmed".
+    shaped: Shaped | None = None  #: What the program did, None for nothing.
 
 
 def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
@@ -102,7 +94,7 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
     finished postures are compared alone, and the program shapes none.
     """
     posture_choice = start.posture_choice
-    if posture_choice is None or start.request is None or posture_choice.settings.weights:
+    if posture_choice is None or posture_choice.settings.weights:
         return start
     if posture_choice.settings.compares:
         start = _compare_presets(start, asked)
@@ -139,14 +131,13 @@ def better_start(start: Start, asked: Asked, *, shape: bool = True) -> Start:
 
 def _compare_presets(start: Start, asked: Asked) -> Start:
     """Take the best of the finished postures of several presets, by the measure of the preset that was asked for."""
-    posture_choice, request = start.posture_choice, start.request
-    assert posture_choice is not None and request is not None
-    settings = posture_choice.settings
+    posture_choice, settings = start.posture_choice, start.settings
+    assert posture_choice is not None
     found: dict[str, PostureSummary] = {settings.preset: posture_choice}
     for other in BESIDE[settings.preset]:
         try:
-            other_request = replace(request, settings=replace(settings, preset=other))
-            found[other] = choose_posture_path(other_request.state(asked.robot, asked.nominal, asked.tool_x))
+            other_settings = replace(settings, preset=other)
+            found[other] = choose_posture_path(PostureProblem(asked.robot, asked.nominal, asked.tool_x, other_settings))
         except InfeasibleError:
             continue
     cost = LEAST[settings.preset]
@@ -154,7 +145,7 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     def measure(one: PostureSummary) -> float:
         if cost in one.costs:
             return one.costs[cost]
-        stood = stand(one, asked.nominal, request)
+        stood = stand(one, asked.nominal, settings)
         if cost == "driven_s":
             return asked.time(asked.state(stood))
         return next((1e3 * run.band for run in measure_runs(stood, asked)), np.inf)
@@ -163,7 +154,7 @@ def _compare_presets(start: Start, asked: Asked) -> Start:
     name = min(compared, key=lambda each: compared[each])
     best = found[name]
     return stand(replace(best, settings=settings, costs={**best.costs, cost: compared[name]}, compared=compared,
-                         compared_by=cost), asked.nominal, request)  # fmt: skip
+                         compared_by=cost), asked.nominal, settings)  # fmt: skip
 
 
 def _keeps_feed(task: PlanTask, asked: Asked) -> bool:
@@ -255,11 +246,15 @@ def _widen(use: Array, time: Array, reach: float) -> Array:
 
 def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Start:
     """Return the start of the candidate that was taken, with what it brings beside the first."""
-    posture_choice, chosen, request = start.posture_choice, run.start.posture_choice, start.request
-    assert posture_choice is not None and chosen is not None and request is not None
+    posture_choice, chosen, pace = start.posture_choice, run.start.posture_choice, run.start.pace
+    assert posture_choice is not None and chosen is not None
     shaped = run.shaped or Shaped(0, ())
-    gained = Bettered((first.time, run.time), (1e3 * first.band, 1e3 * run.band), least, run.origin,
-                      shaped.iterations, shaped.names)  # fmt: skip
+    program = {
+        "free": list(shaped.names), "start": run.origin, "steps": shaped.iterations,
+        "time_s": {"graph": first.time, "program": run.time},
+        "band_p95_max_mm": {"graph": 1e3 * first.band, "program": 1e3 * run.band},
+        "least_time_s": least,
+    }  # fmt: skip
     costs = {**chosen.costs, "driven_s": run.time, "band_mm": 1e3 * run.band}
     cost, compared = posture_choice.compared_by, dict(posture_choice.compared)
     if compared:
@@ -267,9 +262,16 @@ def _take(start: Start, first: TimedStart, run: TimedStart, least: float) -> Sta
     chosen = replace(chosen, settings=posture_choice.settings, costs=costs, compared=compared, compared_by=cost)
     upright = run.start.upright
     nominal = run.start.nominal if upright is None else replace(run.start.nominal, axis=upright)
-    stood = stand(chosen, nominal, request)
-    return replace(stood, bettered=gained, aside=run.start.aside, pace=run.start.pace,
-                   notes=(*stood.notes, gained.sentence(run.start.pace)))  # fmt: skip
+    stood = stand(chosen, nominal, start.settings)
+    most = 1.0 if pace is None else float(pace.slower.max(initial=1.0))
+    eased = "" if most == 1.0 else f"; the run is up to {most:.3g} times slower where the arm would ring most"
+    eased += "" if pace is None or pace.window == 1.0 else f"; smoothed over {pace.window:.0%} of the usual time"
+    head = f"Posture and speed are of one program ({', '.join(shaped.names)} free)"
+    if not shaped.iterations:
+        head = f"Posture and speed are chosen together ({ORIGINS[run.origin]})"
+    note = (f"{head}: run {first.time:.4g} -> {run.time:.4g} s (the programmed feed takes {least:.4g} s), widest 95 % "
+            f"band {1e3 * first.band:.3g} -> {1e3 * run.band:.3g} mm, before correction{eased}.")  # fmt: skip
+    return replace(stood, program=program, aside=run.start.aside, pace=pace, notes=(*stood.notes, note))
 
 
 def _choose_run(preset: str, first: TimedStart, runs: list[TimedStart], asked: Asked) -> TimedStart | None:

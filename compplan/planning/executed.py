@@ -44,7 +44,7 @@ from compplan.planning.timing import Timing
 from compplan.robot import Array
 from compplan.statics.chain import locate_frames
 from compplan.statics.ik import build_arm
-from compplan.statics.sensitivity import attain_pose
+from compplan.statics.stiffness import attain_pose
 from compplan.toolpath.corners import find_corner_shifts
 from compplan.toolpath.toolpath import interpolate
 
@@ -61,33 +61,20 @@ MOST_PLACES = 200_000
 
 @dataclass(frozen=True)
 class ExecutedPath:
-    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside.
+    """How far the controller leaves the loaded tip beside the path of a cut, the time along it aside."""
 
-    Attributes:
-        near: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
-        p95: 95th percentile of what is sent. [m]
-        most: Farthest of what is sent. [m]
-        plain: The last two of the command that leads by nothing. [m]
-        sent: Joint positions that programs hold. Shape (n, nq). [rad or m]
-        leads: Whether they lead by the lag.
-        source: Who says how the drives follow, or "assumed".
-        zone: How far before a corner programs let it leave; None where it follows the waypoints.
-        duration: Time that it takes for the moves of the path, as far as its speed law is known. [s]
-        smaller: Corners at which programs ask for a smaller zone than their language's.
-        pieces: Ends and kinds of the written moves, with arcs, or None.
-
-    """
-
-    near: Array
-    p95: float
-    most: float
-    plain: tuple[float, float]
-    sent: Array
-    leads: bool
-    source: str
+    near: Array  #: Farthest of what is sent, on the moves beside each waypoint. Shape (n,). [m]
+    p95: float  #: 95th percentile of what is sent. [m]
+    most: float  #: Farthest of what is sent. [m]
+    plain: tuple[float, float]  #: The last two of the command that leads by nothing. [m]
+    sent: Array  #: Joint positions that programs hold. Shape (n, nq). [rad or m]
+    leads: bool  #: Whether they lead by the lag.
+    source: str  #: Who says how the drives follow, or "assumed".
+    #: How far before a corner programs let it leave; None where it follows the waypoints.
     zone: BlendZone | None = None
-    duration: float = 0.0
-    smaller: int = 0
+    duration: float = 0.0  #: Time that it takes for the moves of the path, as far as its speed law is known. [s]
+    smaller: int = 0  #: Corners at which programs ask for a smaller zone than their language's.
+    #: Ends and kinds of the written moves, with arcs, or None.
     pieces: tuple[NDArray[np.int_], NDArray[np.int_]] | None = None
 
     @property

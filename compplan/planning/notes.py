@@ -19,7 +19,9 @@ from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
 from compplan.planning.deflection import Bending
-from compplan.planning.task import PlanTask
+from compplan.planning.motion_limits import describe_jerk
+from compplan.planning.stability import describe_depth_limit
+from compplan.planning.task import Command, PlanTask
 from compplan.planning.timing import Timing
 from compplan.robot import Robot, load_robot, robot_folders
 from compplan.robot.description import find_mesh
@@ -45,7 +47,7 @@ def describe_shrinkage(robot: Robot, share: float) -> str:
     )
 
 
-def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None) -> tuple[str, ...]:
+def list_notes(task: PlanTask, command: Command, timing: Timing, bending: Bending, job: Job | None) -> list[str]:
     """Say what the reader of the path noted, where the feed had to be lowered, where the arm swings over, and more."""
     notes = [*task.nominal.notes, *([task.law.note] if task.law is not None and task.law.note else [])]
     notes += [*describe_spindle(task, job), *describe_frames(task, job), *_describe_positioner(task.robot, job)]
@@ -59,7 +61,7 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
             f"The inertia of the motion bends the arm by up to {1e3 * bending.inertia:.2g} mm "
             f"(masses: {bending.masses}); the plan does not compensate it{said}."
         )
-    scene = task.start.request.scene if task.start is not None and task.start.request is not None else None
+    scene = None if task.start is None else task.start.settings.scene
     notes += scene.notes if scene is not None else ()
     notes += _describe_margin(task)
     slow = describe_causes(task, timing)
@@ -74,7 +76,11 @@ def list_notes(task: PlanTask, timing: Timing, bending: Bending, job: Job | None
         notes.append(f"{told[0].upper()}{told[1:]}.")
     if not np.isfinite(task.robot.acceleration_limits).any():
         notes.append("The robot folder states no acceleration limits: times follow from velocity limits alone.")
-    return tuple(notes)
+    if conflict := command.facts.get("nlp", {}).get("conflict"):
+        notes.append(f"The nonlinear program has no solution: {conflict}. The command is the best compromise.")
+    more = (describe_depth_limit(task, command.q),
+            describe_jerk(task.robot, None if job is None else job.limits.full_acceleration_after_s))  # fmt: skip
+    return [*notes, *filter(None, more)]
 
 
 def describe_spindle(task: PlanTask, job: Job | None) -> list[str]:

@@ -102,18 +102,11 @@ SCALES = np.geomspace(0.02, 20.0, 120)
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a tool on its arm.
+    """Modes of a tool on its arm."""
 
-    Attributes:
-        omega: Angular frequencies, rising. Shape (m,). [rad/s]
-        shape: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
-        damping: Share of critical damping of each. Shape (m,).
-
-    """
-
-    omega: Array
-    shape: Array
-    damping: Array
+    omega: Array  #: Angular frequencies, rising. Shape (m,). [rad/s]
+    shape: Array  #: Motion of the tip, scaled to a modal mass of 1 kg. Shape (3, m).
+    damping: Array  #: Share of critical damping of each. Shape (m,).
 
     def turn(self, axes: Array) -> Modes:
         """Return the same, seen in other axes (columns). Shape of `axes`: (3, 3)."""

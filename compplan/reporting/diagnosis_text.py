@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from compplan.diagnosis.data.conventions import name_counting
-from compplan.diagnosis.evidence.unmodelled import describe_unmodelled, names_alike
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Share
-from compplan.diagnosis.results.small_errors import WEIGHT, SmallErrors, kind_of
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, WEIGHT, Share, SmallErrors, kind_of
 from compplan.diagnosis.results.verdict import CALIBRATED, FLOORS_LEFT, Finding
+from compplan.diagnosis.validation.unmodelled import describe_unmodelled, names_alike
 from compplan.io.quantities import format_length, format_number, format_percent
 from compplan.reporting.effect_text import describe_change, describe_effect, name_effect
 

@@ -23,7 +23,7 @@ from compplan.robot import Array, Robot
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.shares import Share
-    from compplan.diagnosis.results.traces import Trace
+    from compplan.diagnosis.results.where import Trace
 
 #: Residual vectors and dots that a chart draws at most.
 VECTORS, DOTS = 900, 1500

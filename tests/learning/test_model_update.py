@@ -16,8 +16,7 @@ from compplan.learning.gathered_points import Gathered
 from compplan.learning.measured_path import match_points, read_measured_points
 from compplan.learning.model_update import learn_part
 from compplan.learning.part import LearnedPart, build_learned, plan_learned
-from compplan.learning.representable import fit_representable
-from compplan.learning.residual import Residual, read_residual, residual_file
+from compplan.learning.representable import Residual, fit_representable, read_residual, residual_file
 from compplan.learning.transfer import state_own
 from compplan.process.learned_force import read_learned_force
 from compplan.robot import Robot, load_robot

@@ -215,7 +215,7 @@ def test_the_zone_of_the_tip_that_may_touch_is_given_in_mm(monkeypatch: pytest.M
     job = SimpleNamespace(
         collision=CollisionTable(tip_zone_mm=45.0), file=Path("job.toml"), T_base_part=np.eye(4), tool=None,
     )  # fmt: skip
-    collision_scene.compute_model_loads(job, robot)  # type: ignore[arg-type]
+    collision_scene.read_scene(job, robot)  # type: ignore[arg-type]
     assert asked["tip"] == pytest.approx(0.045)
 
 

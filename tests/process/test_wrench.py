@@ -16,7 +16,7 @@ from compplan.process.force_models.isf import IsfProcess
 from compplan.process.force_models.milling import MillingProcess, milling_wrench
 from compplan.robot.pose import build_pose
 from compplan.toolpath.contact import path_axes
-from compplan.toolpath.generators import Pace, generate_circle, generate_cone
+from compplan.toolpath.generators import CircleTable, ConeTable
 from compplan.toolpath.toolpath import Toolpath, place_toolpath
 
 
@@ -25,7 +25,7 @@ def predict_wrench(process, nominal: Toolpath, turn: np.ndarray = np.eye(3), fol
 
 
 def circle(approach: float = 0.0) -> Toolpath:
-    return generate_circle(0.1, Pace(feed=0.05, waypoints=400), approach=approach)
+    return CircleTable(radius_mm=100, feed_mm_s=50, waypoints=400, approach_mm=1e3 * approach).generate()
 
 
 def milling(**changes: object) -> MillingProcess:
@@ -88,7 +88,8 @@ def test_a_dead_weight_also_hangs_on_the_tool_in_rapid_moves() -> None:
 
 
 def test_the_formed_sheet_pushes_the_tool_up_and_towards_the_axis_of_the_cone() -> None:
-    cone = generate_cone(0.04, 0.015, np.radians(45), 0.001, Pace(feed=0.02, step=0.0005), approach=0.01)
+    keys = {"diameter_mm": 40, "depth_mm": 15, "wall_angle_deg": 45, "pitch_mm": 1, "feed_mm_s": 20, "step_mm": 0.5}
+    cone = ConeTable(approach_mm=10, **keys).generate()
     process = IsfProcess(model="isf", axial_N=1200.0, lateral_N=400.0, start_share=0.4, ramp_mm=5.0)
     wrench = predict_wrench(process, cone)
     outward = cone.position[:, :2] / np.linalg.norm(cone.position[:, :2], axis=1, keepdims=True)

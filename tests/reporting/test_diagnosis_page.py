@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from compplan.diagnosis.results.intervals import state_change
-from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Share, Shares
-from compplan.diagnosis.results.small_errors import Group, SmallErrors
+from compplan.diagnosis.results.posterior import state_change
+from compplan.diagnosis.results.shares import CALIBRATION, UNEXPLAINED, Carrier, Group, Share, Shares, SmallErrors
 from compplan.diagnosis.results.where import Split, spread_gap
 from compplan.effects import EFFECTS
 from compplan.effects.signature import Effect
@@ -60,8 +59,7 @@ def diagnosed() -> tuple[Any, Split]:
     diagnosis = SimpleNamespace(
         robot=robot, residual_before=before, residual_after=noise, registration=None, outliers=np.zeros(0, int),
         fit=SimpleNamespace(problem=SimpleNamespace(campaign=replace(campaign, position=point), register=())),
-        deliveries=[SimpleNamespace(kind="causes")], noise="the log",
-        points=point, gap=SimpleNamespace(generic=2e-4, wrong=3e-4),
+        delivery=SimpleNamespace(kind="calibrated"), noise="the log", points=point,
         verdict=SimpleNamespace(structure=SimpleNamespace(left=False), findings=[]),
     )  # fmt: skip
     return diagnosis, Split(make_shares(0.94), spread_gap(robot, campaign, before, noise, np.ones(120, bool)), {})

@@ -34,7 +34,7 @@ from compplan.job.commented_job import (
     write_job_text,
 )
 from compplan.job.profile import write_profile_text
-from compplan.measurement.template import write_log_text
+from compplan.measurement.reading import write_log_text
 from compplan.robot import Robot, load_robot, read_robot_folder
 from compplan.robot.brands import CONTROLLERS
 from compplan.robot.folder_template import TURNS, Skeleton, build_skeleton

@@ -1,22 +1,24 @@
 """Shares: the motion that a diagnosis gives to each of its causes, as parts of the mean square gap.
 
-The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from,
-so that a place carries what is named there and nothing else. With the gap y (frames that are fitted anyway taken out),
-the motion m_g of each part and what all parts leave, r = y - sum m_g, the squares that come back where one part alone
-is taken out are
+The causes are the findings of the verdict and the small errors everywhere, with the posterior that the names come from.
+With the gap y (frames that are fitted anyway taken out), the motion m_g of each part and what all parts leave,
+r = y - sum m_g, the squares that come back where one part alone is taken out are
 
     d_g = |r + m_g|^2 - |r|^2 = m_g . (m_g + 2 r)
 
 and the parts divide what they explain together, |y|^2 - |r|^2, in proportion to them: parts that cancel each other keep
 their weight. Intervals draw the parameters from the posterior, the pose groups anew, and whether a finding is present
 from its probability: one that the campaign cannot tell from a rival elsewhere sits there half of the time.
+
+The small errors of a robot that was not calibrated are divided in the same way by joint and kind, with the posterior of
+the robot that goes out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +26,13 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import combine_channels, posterior_mean
+from compplan.diagnosis.evidence.normal_equations import select_rows
 from compplan.diagnosis.results.verdict import CLAIMED, Finding
 from compplan.diagnosis.search.state import FitState, attain_state
+from compplan.diagnosis.validation.held_out import make_folds
 from compplan.effects import driver_of, locate_effect, robot_effects
+from compplan.effects.signature import Signature
 from compplan.measurement.campaign import Campaign
 from compplan.robot import Array
 
@@ -156,13 +162,7 @@ def _collect_motions(parts: Sequence[Part], shares: Sequence[float]) -> dict[str
 
 
 class PosteriorMotion:
-    """The gap of a diagnosis and the motion of its posterior at the rows that were fitted.
-
-    Args:
-        diagnosis: The diagnosis.
-        rng: Draws parameters, pose groups and presence.
-        fitted: Whose posterior; that of the doubt, which the names come from, where left out.
-    """
+    """The gap of a diagnosis and the motion of a posterior at the rows that were fitted; the doubt's where left out."""
 
     def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
         model = fitted or diagnosis.doubt
@@ -345,13 +345,8 @@ def add_up(
 ) -> dict[str, Share]:  # fmt: skip
     """Add up the shares of parts by name; what no part explains comes last.
 
-    Args:
-        names: All names.
-        homes: Name of each part, and of each of its rivals.
-        stated: Share of each part, 0 where it is too improbable to be named.
-        drawn: Drawn shares of each part. Shape (SAMPLE,) each.
-        fate: Which of its names a part has in each draw, -1 for none. Shape (SAMPLE,) each.
-        noise: Share that noise explains.
+    `homes` are the name of each part and of its rivals, `fate` tells which of these it has in each draw, -1 for none.
+    Shapes of `drawn` and `fate`: (SAMPLE,) each.
     """
     draws = {name: np.zeros(SAMPLE) for name in names}
     shares = dict.fromkeys(names, 0.0)
@@ -369,3 +364,119 @@ def _scale_to(values: Array, explained: Array) -> Array:
     positive = np.maximum(values, 0.0)
     whole = np.maximum(positive.sum(axis=0), 1e-300)
     return np.asarray(positive / whole * np.clip(explained, 0.0, 1.0))
+
+
+#: Kinds of errors by what they follow; those that follow the load are the robot's own weight where it does not vary.
+GEOMETRY, GEARS, WEIGHT, LOAD, OTHER = "geometry", "gears", "own weight", "load", "other"
+KINDS = {
+    "posture": GEOMETRY, "joint angle": GEARS, "direction of approach": GEARS, "gravity": WEIGHT, "load": LOAD,
+}  # fmt: skip
+#: Halves of the poses tell a group alike where their motions have this cosine at least, and a group is listed from this
+#: share of the gap on (assumed: half of the way; a twentieth).
+ALIKE, LISTED = 0.5, 0.05
+
+
+@dataclass(frozen=True)
+class Group:
+    """Errors of one kind at a place; `repeats`: cosine between the motions that two halves of the poses lead to."""
+
+    place: str
+    kind: str
+    share: Share
+    repeats: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the group as diagnosis.json holds it."""
+        return {"place": self.place, "kind": self.kind, **self.share.to_json(), "halves_alike": round(self.repeats, 3)}
+
+
+@dataclass(frozen=True)
+class SmallErrors:
+    """A gap divided among the errors of a calibration, by place, by kind, and by groups that both halves tell."""
+
+    by_place: dict[str, Share]
+    by_kind: dict[str, Share]
+    groups: tuple[Group, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what stands under `where` in diagnosis.json."""
+        return {
+            "by_joint": {name: share.to_json() for name, share in self.by_place.items()},
+            "by_kind": {name: share.to_json() for name, share in self.by_kind.items()},
+            "groups": [group.to_json() for group in self.groups],
+        }
+
+
+def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
+    """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
+    fitted = diagnosis.delivery.fitted
+    if fitted is None:
+        return None
+    motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), fitted)
+    homes, parts = [], []
+    for (place, kind), columns in group_columns(fitted, diagnosis.fit.problem.campaign.load_varies).items():
+        own = motion.at(columns)
+        if len(own):
+            homes.append((place, kind))
+            parts.append(Part(place, kind, kind, 1.0, (), motion.design[:, own] @ motion.mean[own], own))
+    point, drawn = motion.divide(parts, [])
+    noise = min(motion.noise, max(1.0 - sum(point), 0.0))
+    here = [np.zeros(len(values), int) for values in drawn]
+    halves = fit_halves(fitted)
+    groups = []
+    for home, part, share, values in zip(homes, parts, point, drawn, strict=True):
+        if share >= LISTED:
+            alike = compare_halves(motion, part, halves)
+            if alike >= ALIKE:
+                groups.append(Group(*home, find_interval(share, values), alike))
+
+    def total(side: int) -> dict[str, Share]:
+        names = list(dict.fromkeys(home[side] for home in homes))
+        return add_up(names, [(home[side],) for home in homes], point, drawn, here, noise)
+
+    return SmallErrors(total(0), total(1), tuple(sorted(groups, key=lambda group: -rank_number(group.share.share))))
+
+
+def kind_of(name: str, loaded: bool) -> str:
+    """Return the kind of an effect's error; `loaded`: whether the load varies."""
+    kind = KINDS.get(driver_of(name), OTHER)
+    return kind if loaded or kind != LOAD else WEIGHT
+
+
+def group_columns(fitted: Fit, loaded: bool) -> dict[tuple[str, str], NDArray[np.int_]]:
+    """Return the columns of each place and kind of error, each column once."""
+    equations, found = fitted.search.equations, dict[tuple[str, str], list[int]]()
+    taken: set[int] = set()
+    for number, signature in enumerate(equations.signatures):
+        if signature.name == REGISTRATION:
+            continue
+        for column, place in zip(equations.columns(number).tolist(), _places(signature), strict=True):
+            if column not in taken:
+                taken.add(column)
+                found.setdefault((place, kind_of(signature.name, loaded)), []).append(column)
+    return {home: np.array(sorted(columns)) for home, columns in found.items()}
+
+
+def _places(signature: Signature) -> Sequence[str]:
+    """Return where each parameter of a signature sits: bending under own weight has one for each joint."""
+    joints = signature.fixed.get("joints", ())
+    if len(joints) == len(signature.keys):
+        return [str(joint) for joint in joints]
+    return [locate_effect(signature.name, signature.joint)] * len(signature.keys)
+
+
+def fit_halves(fitted: Fit) -> list[Array]:
+    """Return the values of the posterior's columns that two halves of the poses lead to, prior and noise held."""
+    posterior, half = fitted.model.posterior, make_folds(fitted.problem.campaign, 2)
+    variance = fitted.search.prior_of(fitted.model.claims).variance(posterior.hyper.log_tau)[posterior.columns]
+    products = [
+        combine_channels(select_rows(fitted.search.equations, half == k, posterior.columns), posterior.hyper)
+        for k in range(2)
+    ]
+    return [posterior_mean(gram, against, variance) for gram, against, _, _ in products]
+
+
+def compare_halves(motion: PosteriorMotion, part: Part, halves: Sequence[Array]) -> float:
+    """Return the cosine between the motions that two halves of the poses give a part."""
+    first, second = (motion.design[:, part.columns] @ values[part.columns] for values in halves)
+    return float(first @ second / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-300))

@@ -12,14 +12,17 @@ from compplan.diagnosis.data.shared import ROUNDING, STEPS, SURE, beats_chance, 
 from compplan.diagnosis.evidence.candidates import REGISTRATION
 from compplan.diagnosis.evidence.likelihood import Hyper
 from compplan.diagnosis.evidence.normal_equations import representable_forms
-from compplan.diagnosis.evidence.unmodelled import UNMODELLED
 from compplan.diagnosis.search.search import TRIED, Claim, Search, distinct_places
 from compplan.diagnosis.search.state import Fit
 from compplan.diagnosis.validation.ambiguity import BELOW_NOISE, AlternativeEffect, find_alternatives
 from compplan.diagnosis.validation.bounds import find_breach
-from compplan.diagnosis.validation.calibrated_probability import Evidence, calibrate_probability, rate_similarities
-from compplan.diagnosis.validation.spurious_fit import rate_spurious_fits
-from compplan.diagnosis.validation.unmodelled_causes import RevisedProbabilities
+from compplan.diagnosis.validation.probability import (
+    Evidence,
+    calibrate_probability,
+    rate_similarities,
+    rate_spurious_fits,
+)
+from compplan.diagnosis.validation.unmodelled import UNMODELLED, RevisedProbabilities
 from compplan.effects.linearization import Place
 from compplan.effects.signature import Effect
 from compplan.robot import Array
@@ -77,16 +80,16 @@ class Finding:
 
 @dataclass(frozen=True)
 class Structure:
-    """What no effect explains.
+    """What no effect explains; root mean squares are of 3D distances [m].
 
     Attributes:
         gain: Log evidence that errors without a name gain over noise and small errors alone.
-        rms: Root mean square of what is left beyond the noise floor, 3D. [m]
-        gap: Root mean square gap of the model without effects, 3D. [m]
-        background: Root mean square motion that small errors everywhere explain, 3D. [m]
-        explained: Root mean square motion that all named effects together explain, 3D. [m]
+        rms: What is left beyond the noise floor.
+        gap: Gap of the model without effects.
+        background: Motion that small errors everywhere explain.
+        explained: Motion that all named effects together explain.
         left: Whether it counts as structure.
-        floor: Noise floor, 3D. [m]
+        floor: Noise floor.
         dependences: What an error that no effect explains depends on, largest first.
     """
 
@@ -102,15 +105,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The answer.
-
-    Attributes:
-        status: "none", "calibrated", "explained", "partly_explained" or "unknown".
-        findings: Named effects, largest share of the gap first.
-        doubtful: Effects that were considered and are too improbable to be named.
-        minor: Effects that are there and too small to be a cause of the gap.
-        structure: What is left.
-    """
+    """The answer: status of contracts.md, named effects (largest share first), too improbable ones, too small ones."""
 
     status: str
     findings: tuple[Finding, ...]
@@ -155,10 +150,7 @@ def unname(verdict: Verdict, sized: Callable[[Finding], bool]) -> Verdict:
 def check_calibration(verdict: Verdict, before: float, after: float) -> Verdict:
     """Call a gap without a named cause that of a robot that was not calibrated, where lawful small errors explain it.
 
-    Args:
-        verdict: The verdict.
-        before: What the nominal robot leaves on poses left out. [m]
-        after: What lawful small errors leave on them. [m]
+    `before` is what the nominal robot leaves on poses left out, `after` what lawful small errors leave. [m]
     """
     least = max(FLOORS_LEFT * verdict.structure.floor, CALIBRATED_SHARE * before)
     return replace(verdict, status=CALIBRATED) if verdict.status == "unknown" and after <= least else verdict
@@ -197,10 +189,10 @@ def evaluate_claim(
 
 
 def margin_of(search: Search, claims: Sequence[Claim], hyper: Hyper, claim: Claim, alike: set[Place]) -> float:
-    """Return the log posterior odds of a set of claims against the best set without one of them.
+    """Return the log posterior odds of a set of claims against the best set without one of them; noise is held.
 
-    Noise and the sizes of all classes are held. A form that holds the claim as a special case (a law of deflection with
-    a linear part holds a joint's stiffness) is the same with more parameters and says nothing against it.
+    A form that holds the claim as a special case (a law of deflection with a linear part holds a joint's stiffness) is
+    the same with more parameters and says nothing against it.
     """
     rest = search.without(claims, claim)
     whole = search.model(claims, hyper, fit=False)

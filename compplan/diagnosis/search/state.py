@@ -42,8 +42,7 @@ class Problem:
         register: Frames that are fitted in every model.
         without: Effects that are left out of the candidates.
         fixed: Effects that are taken for granted (a convention of counting that was found beforehand).
-        latest: The effects that were solved last and what they came to: the same state is asked for again and again,
-            with other frames of the campaign at most.
+        latest: The state that was solved last: it is asked for again and again, with other frames at most.
     """
 
     robot: Robot
@@ -72,8 +71,8 @@ class FitState:
         registration: Frames of the campaign, or None.
         use: Rows that are not outliers and whose approach is known. Shape (n,).
         claims: Place and form of the claims, and their sizes.
-        most: Most effects that may be claimed.
         scatter: Standard deviation that the model leaves per axis of position; 0 before there is a model. [m]
+        most: Most effects that may be claimed.
     """
 
     effects: tuple[Effect, ...]
@@ -92,13 +91,12 @@ class Fit:
     Attributes:
         problem: What was diagnosed.
         state: Effects, frames and rows.
-        at: Linearization at the fitted model.
+        at: Linearization, taken at `base` where `state` has gone on.
         channels: Observations minus what the fitted model expects.
         search: The last search, with all the models it looked at.
         model: The best of them.
         noises: Noise of each channel.
         outliers: Rows reported as outliers.
-        base: State that the linearization was taken at, where `state` has gone on.
         exact: Root mean square distance that the exact model leaves on the rows used. [m]
         score: Log posterior with the squares that the exact model leaves.
     """

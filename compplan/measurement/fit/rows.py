@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compplan.errors import InputError
-from compplan.measurement.campaign import Campaign, number_rows
-from compplan.measurement.fit.robust import check_loss
-from compplan.measurement.from_arrays import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION
+from compplan.measurement.campaign import ASSUMED_SIGMA_POSITION, ASSUMED_SIGMA_ROTATION, Campaign, number_rows
+from compplan.measurement.fit.least_squares import check_loss
 from compplan.measurement.registration import Registration
 from compplan.robot import Array
 

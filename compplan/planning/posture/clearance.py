@@ -28,25 +28,15 @@ BEYOND, HIDDEN = 0.05, 4e-3
 
 @dataclass(frozen=True)
 class ClearanceProfile:
-    """Clearance along a path.
+    """Clearance along a path."""
 
-    Attributes:
-        distance: Distance of arm and tool from part and fixture at each waypoint, linear between computed ones.
-            Shape (n,). [m]
-        computed: Waypoints where it was computed. Shape (c,).
-        contacts: The nearest pair at each of these. Length c.
-        own: The nearest pair of arm or tool with the arm, where it is least along the path.
-        own_waypoint: Waypoint where that is.
-        wanted: Clearance that was asked for. [m]
-
-    """
-
+    #: Distance of arm and tool from part and fixture at each waypoint, linear between computed ones. Shape (n,). [m]
     distance: Array
-    computed: NDArray[np.int_]
-    contacts: tuple[Contact, ...]
-    own: Contact
-    own_waypoint: int
-    wanted: float
+    computed: NDArray[np.int_]  #: Waypoints where it was computed. Shape (c,).
+    contacts: tuple[Contact, ...]  #: The nearest pair at each of these. Length c.
+    own: Contact  #: The nearest pair of arm or tool with the arm, where it is least along the path.
+    own_waypoint: int  #: Waypoint where that is.
+    wanted: float  #: Clearance that was asked for. [m]
 
     @property
     def least(self) -> tuple[int, Contact]:

@@ -6,6 +6,7 @@ starts from what it returns and may rotate about the tool axis from there.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -29,48 +30,24 @@ SAMPLES = 400
 LARGEST_STEP = 0.8
 
 
-class Preference(NamedTuple):
-    """What a job says about the posture.
-
-    Attributes:
-        shoulder: "front", "back" or None for either.
-        elbow: "up", "down" or None.
-        wrist: "noflip", "flip" or None.
-        start: Joint positions to start near, or None. Shape (nq,). [rad or m]
-
-    """
-
-    shoulder: str | None = None
-    elbow: str | None = None
-    wrist: str | None = None
-    start: Array | None = None
-
-    def allows(self, configuration: dict[str, str]) -> bool:
-        """Tell whether a configuration is among those that are wanted."""
-        wanted = {"shoulder": self.shoulder, "elbow": self.elbow, "wrist": self.wrist}
-        return all(word is None or word == configuration[key] for key, word in wanted.items())
-
-
 class Posture(NamedTuple):
-    """Where a plan starts.
+    """Where a plan starts."""
 
-    Attributes:
-        q: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
-        configuration: Shoulder, elbow and wrist.
-        missed: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest
-            that was found. Shape (n,).
-        cost: Cost of the choice, smaller is better.
-
-    """
-
-    q: Array
-    configuration: dict[str, str]
+    q: Array  #: Joint positions that put the unloaded tool on the path. Shape (n, nq). [rad or m]
+    configuration: dict[str, str]  #: Shoulder, elbow and wrist.
+    #: Waypoints that the arm does not reach in this configuration within its limits; q is then the nearest that was
+    #: found. Shape (n,).
     missed: NDArray[np.bool_]
-    cost: float
+    cost: float  #: Cost of the choice, smaller is better.
 
 
-def choose_posture(robot: Robot, position: Array, rotation: Array, preference: Preference | None = None) -> Posture:
+def choose_posture(
+    robot: Robot, position: Array, rotation: Array, *, words: Mapping[str, str] | None = None,
+    start: Array | None = None,
+) -> Posture:  # fmt: skip
     """Choose one configuration for a whole path (n, 3), (n, 3, 3) and solve it at every waypoint.
+
+    `words` are those that it has to have, such as {"elbow": "up"}; `start` (nq,) [rad or m] is where it starts near.
 
     Of the configurations (and full turns of joints with more than one) that reach the most waypoints, the one is taken
     that keeps farthest from joint limits and singularities, or that is nearest to the start that the job gives.
@@ -78,20 +55,19 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, preference: P
     Raises:
         InputError: If the wanted start lies outside the joint limits, or if no waypoint is reached at all.
     """
-    preference = preference or Preference()
-    check_start(robot, preference.start)
-    arm, n = build_arm(robot), len(position)
-    held = _hold_extra_axes(arm, position, preference)
+    check_start(robot, start)
+    arm, n, words = build_arm(robot), len(position), words or {}
+    held = _hold_extra_axes(arm, position, start)
     sample = pick_even(np.arange(n), SAMPLES)
     branches = solve_branches(arm, position[sample], rotation[sample], held[sample])
-    candidates = _rank_candidates(arm, branches, preference)
+    candidates = _rank_candidates(arm, branches, words, start)
     if not candidates:
-        raise InputError(_explain_reach(arm, position, rotation, held, preference))
+        raise InputError(_explain_reach(arm, position, rotation, held, words))
     cost, slot, turns = candidates[0]
     q = branches[:, slot] if n == len(sample) else solve_branches(arm, position, rotation, held)[:, slot]
     reached = np.isfinite(q[:, 0])
     if not reached.any():
-        raise InputError(_explain_reach(arm, position, rotation, held, preference))
+        raise InputError(_explain_reach(arm, position, rotation, held, words))
     q = _unwrap(arm, q)
     q = q + _whole_turns(arm, q, turns, branches[:, slot])
     q = _fill_missed(arm, q, reached, position, rotation)
@@ -99,28 +75,31 @@ def choose_posture(robot: Robot, position: Array, rotation: Array, preference: P
     return Posture(q, CONFIGURATIONS[slot], ~(reached & inside), cost)
 
 
-def _rank_candidates(arm: Arm, branches: Array, preference: Preference) -> list[tuple[float, int, Array]]:
+def _rank_candidates(
+    arm: Arm, branches: Array, words: Mapping[str, str], start: Array | None
+) -> list[tuple[float, int, Array]]:
     """List cost, slot and whole turns of every configuration that is wanted, best first."""
     ranked = []
     for slot, configuration in enumerate(CONFIGURATIONS):
         q = branches[:, slot]
         reached = np.isfinite(q[:, 0])
-        if not preference.allows(configuration) or not reached.any():
+        wanted = all(configuration[key] == word for key, word in words.items())
+        if not wanted or not reached.any():
             continue
         path = _unwrap(arm, q)[reached]
         for turns in _turn_variants(arm, path):
-            ranked.append((_rate(arm, path + turns, reached.mean(), preference), slot, turns))
+            ranked.append((_rate(arm, path + turns, reached.mean(), start), slot, turns))
     return sorted(ranked, key=lambda entry: entry[0])
 
 
-def _rate(arm: Arm, q: Array, share: float, preference: Preference) -> float:
+def _rate(arm: Arm, q: Array, share: float, start: Array | None) -> float:
     """Rate one way to stand; what is missed or torn outweighs everything else."""
     robot = arm.robot
     outside = np.maximum(robot.lower - q, q - robot.upper).max(axis=1) > 1e-9
     torn = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0) > LARGEST_STEP if len(q) > 1 else np.zeros(0)
     penalty = 1e6 * (1.0 - share * (1.0 - outside.mean())) + 1e3 * float(np.sum(torn))
-    if preference.start is not None:
-        return penalty + float(np.linalg.norm(q[0] - preference.start))
+    if start is not None:
+        return penalty + float(np.linalg.norm(q[0] - start))
     reach = robot.upper - robot.lower
     span = np.where(np.isfinite(reach) & (reach > 0.0), reach, np.inf)  # a joint that is held uses none of its own
     usage = (2 * np.abs(q - middle_of_limits(robot)) / span).max()
@@ -187,11 +166,11 @@ def find_nearest_rows(rows: NDArray[np.int_], wanted: NDArray[np.int_]) -> NDArr
     return np.where(np.abs(wanted - before) <= np.abs(rows[after] - wanted), before, rows[after])
 
 
-def _hold_extra_axes(arm: Arm, position: Array, preference: Preference) -> Array:
+def _hold_extra_axes(arm: Arm, position: Array, start: Array | None) -> Array:
     """Place the joints before the arm: where the job starts, or so that the path lies well within the arm's reach."""
     rest = middle_of_limits(arm.robot)
-    if preference.start is not None:
-        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), preference.start, rest)
+    if start is not None:
+        rest = np.where(np.isin(np.arange(arm.chain.nq), arm.held), start, rest)
     elif len(arm.held) and arm.robot.prismatic[arm.held].all():
         rest = _slide_to_path(arm, rest, position)
     return np.tile(rest[arm.held], (len(position), 1))
@@ -235,12 +214,12 @@ def check_start(robot: Robot, start: Array | None) -> None:
         raise InputError(message, where="plan.start_deg")
 
 
-def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, preference: Preference) -> str:
+def _explain_reach(arm: Arm, position: Array, rotation: Array, held: Array, words: Mapping[str, str]) -> str:
     """Say why no waypoint is reached."""
-    wanted = [word for word in (preference.shoulder, preference.elbow, preference.wrist) if word]
     sample = pick_even(np.arange(len(position)), 20)
-    if wanted and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
-        return f"configuration {', '.join(wanted)} reaches no waypoint, other configurations do; leave it to 'auto'"
+    if words and np.isfinite(solve_branches(arm, position[sample], rotation[sample], held[sample])).any():
+        wanted = ", ".join(words.values())
+        return f"configuration {wanted} reaches no waypoint, other configurations do; leave it to 'auto'"
     q = np.zeros((len(sample), arm.chain.nq))
     q[:, arm.held] = held[sample]
     first = locate_frames(arm.chain, q).origin[:, arm.chain.joint_elements[arm.arm[0]]]
@@ -260,10 +239,9 @@ def solve_default_posture(problem: PostureProblem, posture_choice: PostureSummar
     """
     settings, nominal, margin = posture_choice.settings, problem.nominal, problem.margin
     rotation = tool_axes(nominal, problem.tool_x)
-    start = None if settings.start is None else np.array(settings.start)
     try:
-        preference = Preference(**settings.configuration, start=start)
-        plain = choose_posture(problem.robot, nominal.position, rotation, preference)
+        plain = choose_posture(problem.robot, nominal.position, rotation, words=settings.configuration,
+                               start=settings.start)  # fmt: skip
     except InputError:
         return None
     if plain.missed.any() or find_torn(plain.q, nominal, settings.most_step).any():

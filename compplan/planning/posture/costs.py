@@ -32,18 +32,11 @@ Measure = Literal["expected", "p95"]
 
 @dataclass(frozen=True)
 class ModelScatter:
-    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal.
+    """How well the inputs of a plan are known: one standard deviation each, all errors independent and normal."""
 
-    Attributes:
-        wrench: Relative error of each component of the wrench, part axes.
-        compliance: Relative error of each elastic coordinate.
-        joint_zero: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
-
-    """
-
-    wrench: float = 0.1
-    compliance: float = 0.1
-    joint_zero: float = 0.0
+    wrench: float = 0.1  #: Relative error of each component of the wrench, part axes.
+    compliance: float = 0.1  #: Relative error of each elastic coordinate.
+    joint_zero: float = 0.0  #: Error of each revolute joint's zero (geometry); the place of a rail is the part's. [rad]
 
 
 class ErrorModel(Protocol):
@@ -64,31 +57,21 @@ class ErrorModel(Protocol):
 
 @dataclass(frozen=True)
 class Weights:
-    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search.
+    """What each criterion is worth in mm^2 of squared sensitivity, the currency of the search."""
 
-    Attributes:
-        sensitivity: Per mm^2 of remaining deviation, mean square along the cut (or squared 95 % value).
-        deviation: Per mm^2 of deviation before compensation, mean square along the cut.
-        limits: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
-        dexterity: Per unit of (0.1 / inverse condition number)^2, mean along the path.
-        singularity: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along
-            the path.
-        motion: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
-        time: Per second of motion.
-        rate: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
-        travel: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
-
-    """
-
-    sensitivity: float = 1.0
-    deviation: float = 0.0
+    sensitivity: float = 1.0  #: Per mm^2 of remaining deviation, mean square along the cut (or squared 95 % value).
+    deviation: float = 0.0  #: Per mm^2 of deviation before compensation, mean square along the cut.
+    #: Per unit of nearness to joint limits: 1 at a limit, 0 from the margin on, squared, summed over joints.
     limits: float = 0.0
-    dexterity: float = 0.0
+    dexterity: float = 0.0  #: Per unit of (0.1 / inverse condition number)^2, mean along the path.
+    #: Per unit of (margin / inverse condition number - 1)^2 below the singularity margin, mean along the path.
     singularity: float = 0.0
+    #: Per (rad per 100 mm of path)^2 of joint motion, mean along the path; 1 m of a rail counts as 1 rad.
     motion: float = 0.0
-    time: float = 0.0
+    time: float = 0.0  #: Per second of motion.
+    #: Per share of the programmed time that joints at half their velocity limits need beyond it, over the cut.
     rate: float = 0.0
-    travel: float = 1.0
+    travel: float = 1.0  #: Per mm^2 of error that the motion of the joints makes, mean square along the cut.
 
 
 #: Presets: least remaining deviation, least band, least joint motion, shortest cycle; what else a preset counts decides
@@ -106,19 +89,12 @@ RELATIVE = ("limits", "dexterity", "singularity", "motion", "time", "rate")
 
 
 class NodeCosts(NamedTuple):
-    """What n postures are like.
+    """What n postures are like."""
 
-    Attributes:
-        sensitivity: Expected (root mean square) or 95 % remaining deviation of the tool tip. Shape (n,). [m]
-        deviation: Deviation of the tool tip before compensation. Shape (n,). [m]
-        limits: Nearness to joint limits, see `measure_limits`. Shape (n,).
-        dexterity: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
-
-    """
-
-    sensitivity: Array
-    deviation: Array
-    limits: Array
+    sensitivity: Array  #: Expected (root mean square) or 95 % remaining deviation of the tool tip. Shape (n,). [m]
+    deviation: Array  #: Deviation of the tool tip before compensation. Shape (n,). [m]
+    limits: Array  #: Nearness to joint limits, see `measure_limits`. Shape (n,).
+    #: Inverse Frobenius condition number of the length-normalised Jacobian, 0 singular to 1. Shape (n,).
     dexterity: Array
 
 

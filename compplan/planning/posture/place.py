@@ -23,8 +23,7 @@ from compplan.planning.posture.choose import choose_posture_path
 from compplan.planning.posture.costs import ErrorModel, measure_nodes
 from compplan.planning.posture.lattice import build_options, orient_options, pick_stations
 from compplan.planning.posture.search import measure_rungs
-from compplan.planning.posture.settings import PostureProblem, PostureSettings
-from compplan.planning.posture.start import read_request
+from compplan.planning.posture.settings import PostureProblem, PostureSettings, read_settings
 from compplan.planning.posture.summary import PostureSummary
 from compplan.robot import Array, Robot
 from compplan.statics.chain import Chain, build_chain
@@ -43,42 +42,25 @@ TRIED = 6
 
 @dataclass(frozen=True)
 class Ratings:
-    """Lower bounds of the remaining deviation over the grid of one turn of the part.
+    """Lower bounds of the remaining deviation over the grid of one turn of the part."""
 
-    Attributes:
-        turn: Turn about the vertical through the part's origin. [rad]
-        axes: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
-        bound: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
-
-    """
-
-    turn: float
+    turn: float  #: Turn about the vertical through the part's origin. [rad]
+    #: Grid values of x, y and z of the part's origin, base frame at no extra height. Three arrays. [m]
     axes: tuple[Array, Array, Array]
-    bound: Array
+    bound: Array  #: Root mean square over the cut, NaN where a station is out of reach. Shape (nx, ny, nz). [m]
 
 
 @dataclass(frozen=True)
 class PlaceResult:
-    """Where the part should stand.
+    """Where the part should stand."""
 
-    Attributes:
-        position: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
-        turn: Turn about the vertical through it, on top of the job's rotation. [rad]
-        base_height: How far the base has to be raised for that. [m]
-        posture_choice: Posture along the path there.
-        before: Posture at the job's own place, or None where none leads along the path.
-        ratings: Grids, one a turn.
-        here: The job's own place. Shape (3,). [m]
-
-    """
-
-    position: Array
-    turn: float
-    base_height: float
-    posture_choice: PostureSummary
-    before: PostureSummary | None
-    ratings: tuple[Ratings, ...]
-    here: Array
+    position: Array  #: Origin of the part, base frame: as [part] of a job counts it. Shape (3,). [m]
+    turn: float  #: Turn about the vertical through it, on top of the job's rotation. [rad]
+    base_height: float  #: How far the base has to be raised for that. [m]
+    posture_choice: PostureSummary  #: Posture along the path there.
+    before: PostureSummary | None  #: Posture at the job's own place, or None where none leads along the path.
+    ratings: tuple[Ratings, ...]  #: Grids, one a turn.
+    here: Array  #: The job's own place. Shape (3,). [m]
 
     @property
     def ratio(self) -> float:
@@ -104,7 +86,7 @@ def place_part(
         raise InputError(message, file=job.file, where="place.base_height_mm")
     axes = _grid_axes(job)
     here = job.T_base_part[:3, 3]
-    settings = read_request(job, robot, errors).settings
+    settings = read_settings(job, robot, errors)
     rater = Rater(robot, settings)
     ratings = []
     for turn_deg in job.place.turn_deg:
@@ -183,7 +165,7 @@ class Rater:
 
         NaN where a station is out of reach; tool_x and axes as of `PostureProblem`.
         """
-        problem = PostureProblem(self.robot, nominal, tool_x, self.settings, axes)
+        problem = PostureProblem(self.robot, nominal, tool_x, replace(self.settings, axes=axes))
         stations = pick_stations(nominal, STATIONS)
         share = measure_rungs(nominal, stations, most_step=1.0, reconfigure=False).cut_share
         stations, share = stations[share > 0], share[share > 0]
@@ -278,9 +260,9 @@ def _search_posture(
 ) -> PostureSummary | None:
     """Search the posture with the part at a place; None where nothing leads along the path."""
     moved = _move_job(job, place, turn)
-    request = read_request(moved, robot, errors)
+    settings = read_settings(moved, robot, errors)
     try:
-        return choose_posture_path(request.state(robot, load_nominal(moved), moved.tool_x_base))
+        return choose_posture_path(PostureProblem(robot, load_nominal(moved), moved.tool_x_base, settings))
     except InfeasibleError:
         return None
 
@@ -345,16 +327,10 @@ ROUND = 0.01
 
 @dataclass(frozen=True)
 class FirstPlace:
-    """A place, and whether the arm was tried there.
+    """A place, and whether the arm was tried there."""
 
-    Attributes:
-        position: Origin of the part, base frame. Shape (3,). [m]
-        tried: Whether the arm was found to reach stations of the path there.
-
-    """
-
-    position: Array
-    tried: bool
+    position: Array  #: Origin of the part, base frame. Shape (3,). [m]
+    tried: bool  #: Whether the arm was found to reach stations of the path there.
 
 
 def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
@@ -369,7 +345,7 @@ def find_first_place(job: Job, robot: Robot) -> FirstPlace | None:
     cut = nominal.position[~nominal.rapid]
     middle = 0.5 * (cut.min(axis=0) + cut.max(axis=0))
     here = job.T_base_part[:3, 3]
-    rater = Rater(robot, read_request(job, robot).settings)
+    rater = Rater(robot, read_settings(job, robot))
     if rater.arm.solver is None:
         return FirstPlace(_round(here + ASSUMED * robot.longest_reach - middle), tried=False)
     out, up = (robot.longest_reach * shares for shares in (OUT, UP))

@@ -45,47 +45,28 @@ TIE = 1e-12
 
 @dataclass(frozen=True)
 class Rungs:
-    """What lies between and on the stations, apart from the nodes themselves.
+    """What lies between and on the stations, apart from the nodes themselves."""
 
-    Attributes:
-        cut_share: Share of the cut that a station stands for. Shape (k,).
-        path_share: Share of the path that it stands for. Shape (k,).
-        sigma: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
-        feed_time: Programmed time of each edge. Shape (k - 1,). [s]
-        most_motion: Greatest motion of a joint on each edge; infinite where the arm may change its configuration.
-            Shape (k - 1,). [rad]
-        cut_edge: Share of the cut that each edge is. Shape (k - 1,).
-        settle: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
-        price: What motion of joints costs in accuracy, or None.
-
-    """
-
-    cut_share: Array
-    path_share: Array
-    sigma: Array
-    feed_time: Array
+    cut_share: Array  #: Share of the cut that a station stands for. Shape (k,).
+    path_share: Array  #: Share of the path that it stands for. Shape (k,).
+    sigma: Array  #: Share of the path of each edge, at least a little, times (L / l)^2. Shape (k - 1,).
+    feed_time: Array  #: Programmed time of each edge. Shape (k - 1,). [s]
+    #: Greatest motion of a joint on each edge; infinite where the arm may change its configuration. Shape (k - 1,).
+    #: [rad]
     most_motion: Array
-    cut_edge: Array
-    settle: Array
-    price: MotionPrice | None = None
+    cut_edge: Array  #: Share of the cut that each edge is. Shape (k - 1,).
+    settle: Array  #: Time in which the feed of each edge goes 100 mm. Shape (k - 1,). [s]
+    price: MotionPrice | None = None  #: What motion of joints costs in accuracy, or None.
 
 
 @dataclass(frozen=True)
 class Line:
-    """A way through the graph.
+    """A way through the graph."""
 
-    Attributes:
-        option: Option at each station. Shape (k,).
-        slot: Slot at each station. Shape (k,).
-        q: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
-        cost: Total cost. [mm^2]
-
-    """
-
-    option: NDArray[np.int_]
-    slot: NDArray[np.int_]
-    q: Array
-    cost: float
+    option: NDArray[np.int_]  #: Option at each station. Shape (k,).
+    slot: NDArray[np.int_]  #: Slot at each station. Shape (k,).
+    q: Array  #: Joint positions at each station, full turns counted. Shape (k, nq). [rad or m]
+    cost: float  #: Total cost. [mm^2]
 
 
 def measure_rungs(nominal: Toolpath, stations: NDArray[np.int_], *, most_step: float, reconfigure: bool) -> Rungs:
