@@ -20,8 +20,8 @@ OF_ROBOT = (
 REMOVED = {
     "coupling": "the force is that of the tool on its path; delete it",
     "stability": "state [process] tool_mode, a plan notes the limit of depth",
-    "posture.weights": "choose a preset; delete it",
-    "posture.measure": "postures are measured by their expected deviation; delete it",
+    "posture.weights.stability": "delete it",
+    "output.splines": "programs are lines and arcs; delete it",
     "surface": CAM,
     "tool_beam": CAM,
     "process.part": CAM,
