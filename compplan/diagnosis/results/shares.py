@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from compplan.diagnosis.data.channels import position_residual
 from compplan.diagnosis.data.shared import ENOUGH_ROWS, LEVEL, LISTED, SAMPLE, SEED, rank_number
 from compplan.diagnosis.evidence.candidates import REGISTRATION
+from compplan.diagnosis.evidence.evidence import Posterior
+from compplan.diagnosis.evidence.normal_equations import NormalEquations
 from compplan.diagnosis.results.verdict import CLAIMED, Finding
 from compplan.diagnosis.search.state import FitState, attain_state
 from compplan.effects import driver_of, locate_effect, robot_effects
@@ -34,7 +36,6 @@ from compplan.robot import Array
 
 if TYPE_CHECKING:
     from compplan.diagnosis.results.result import Diagnosis
-    from compplan.diagnosis.search.state import Fit
 
 CALIBRATION, UNEXPLAINED = "small errors everywhere", "not explained"
 
@@ -145,9 +146,14 @@ def divide_gap(diagnosis: Diagnosis, seed: int = SEED) -> Shares:
 class PosteriorMotion:
     """The gap of a diagnosis and the motion of a posterior at the rows that were fitted; the doubt's where left out."""
 
-    def __init__(self, diagnosis: Diagnosis, rng: np.random.Generator, fitted: Fit | None = None) -> None:
-        model = fitted or diagnosis.doubt
-        equations, posterior = model.search.equations, model.model.posterior
+    def __init__(
+        self, diagnosis: Diagnosis, rng: np.random.Generator, equations: NormalEquations | None = None,
+        posterior: Posterior | None = None,
+    ) -> None:  # fmt: skip
+        equations, posterior = (
+            equations or diagnosis.doubt.search.equations,
+            posterior or diagnosis.doubt.model.posterior,
+        )
         source = equations.source[0]
         chosen = np.arange(len(source.rows))[:: -(-len(source.rows) // SAMPLE)]
         self.rows, self.rng, self.diagnosis = source.rows[chosen], rng, diagnosis
@@ -350,10 +356,11 @@ class SmallErrors:
 
 def divide_small_errors(diagnosis: Diagnosis, seed: int = SEED) -> SmallErrors | None:
     """Divide a gap among the errors of the robot that goes out; None where the nominal one does."""
-    fitted, loaded = diagnosis.delivery.fitted, diagnosis.fit.problem.campaign.load_varies
-    if fitted is None:
+    posterior, equations = diagnosis.delivery.posterior, diagnosis.equations
+    if posterior is None:
         return None
-    motion, equations = PosteriorMotion(diagnosis, np.random.default_rng(seed), fitted), fitted.search.equations
+    motion = PosteriorMotion(diagnosis, np.random.default_rng(seed), equations, posterior)
+    loaded = diagnosis.fit.problem.campaign.load_varies
     taken, found = set[int](), dict[tuple[str, str], list[int]]()
     for number, signature in enumerate(equations.signatures):
         if signature.name == REGISTRATION:
