@@ -17,7 +17,7 @@ from compplan.controllers.writers.pendant import locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job
-from compplan.planning.checks import REMARK, SETTLE, Check, state_notes
+from compplan.planning.checks import REMARK, SETTLE, Check
 from compplan.planning.deflection import Bending
 from compplan.planning.motion_limits import describe_jerk
 from compplan.planning.stability import describe_depth_limit
