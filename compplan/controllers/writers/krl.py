@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import MainForm, Part, ProgramForm, WrittenMove, change
+from compplan.controllers.writers.language import MainForm, ProgramForm, ProgramPart, WrittenMove, change
 from compplan.controllers.writers.machine import Phrases
 from compplan.controllers.writers.post import CellWords, check_cell, render_own, render_post
 from compplan.controllers.writers.program import Program, head_lines, joint_percent, order_joints
@@ -73,7 +73,7 @@ def turn_bits(arm: Sequence[float]) -> int:
     return sum(1 << axis for axis, value in enumerate(arm) if value < 0.0)
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     """Return a part: lines of motion, or loops over the points of a .dat file, cut where something happens."""
     program, comments = part.program, head_lines(part.program)
     if part.linear:
@@ -90,7 +90,7 @@ def _format_part(part: Part) -> dict[str, str]:
     return {f"{part.name}{ending}": render_own(f"krl_joints{ending}", words) for ending in (".dat", ".src")}
 
 
-def _format_moves(part: Part) -> list[str]:
+def _format_moves(part: ProgramPart) -> list[str]:
     """Return the lines of motion of a part, each with what sets its speed and zone where they change."""
     program, stands, lines = part.program, {"zone": WIDE}, []
     columns = order_joints(program, ARM, "KRL")
@@ -169,7 +169,7 @@ def _place(values: list[float]) -> str:
     return f"X {x:.5f},Y {y:.5f},Z {z:.5f},A {a:.6f},B {b:.6f},C {c:.6f}"
 
 
-def _format_calls(part: Part) -> dict[str, str]:
+def _format_calls(part: ProgramPart) -> dict[str, str]:
     """Return the .src file that sets base, tool and approximation, and calls the parts."""
     program, load = part.program, None
     if program.mass is not None:

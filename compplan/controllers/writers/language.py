@@ -1,11 +1,11 @@
-"""What the file of a language offers, and what all of them share: kinds of programs, parts, moves row by row."""
+"""What the files of all languages share: kinds of programs, their parts, moves row by row."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,19 +17,6 @@ from compplan.controllers.writers.text import legal_name
 from compplan.controllers.writers.zones import OTHER, ZONES, find_zones
 from compplan.errors import InputError
 from compplan.io.tables import Array, write_text
-
-
-class Language(Protocol):
-    """What the file of a language offers; MAIN, a `MainForm`, too where it has calls."""
-
-    name: str
-
-    def write(self, program: Program, folder: Path, most: int | None = None) -> list[Path]:
-        """Write a program into a folder, at most `most` points in a file (left out: what controllers take).
-
-        Raises:
-            InputError: If the robot's joints, or what is known of them, do not fit the language.
-        """
 
 
 @dataclass(frozen=True)
@@ -61,7 +48,7 @@ class WrittenMove(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part:
+class ProgramPart:
     """The moves of one file."""
 
     program: Program  #: The whole program; where the tool is moved, at the ends of its moves.
@@ -121,8 +108,8 @@ class ProgramForm:
     percents: tuple[float, float] = (100.0, 1.0)  #: Share of the joint rates in rapid moves, and least one. [%]
 
     def write(
-        self, program: Program, folder: Path, most: int | None, format_part: Callable[[Part], dict[str, str]],
-        format_main: Callable[[Part], dict[str, str]] | None, *, can: bool,
+        self, program: Program, folder: Path, most: int | None, format_part: Callable[[ProgramPart], dict[str, str]],
+        format_main: Callable[[ProgramPart], dict[str, str]] | None, *, can: bool,
         adjust: Callable[[Program], Program] = lambda program: program,
     ) -> list[Path]:  # fmt: skip
         """Write the joint program and, where the language `can`, the linear one; return the files.
@@ -147,8 +134,8 @@ class ProgramForm:
         return self.letters(legal_name(own, self.longest - room, reserved=self.reserved))
 
     def format_kind(
-        self, program: Program, name: str, most: int, format_part: Callable[[Part], dict[str, str]],
-        format_main: Callable[[Part], dict[str, str]] | None, *, linear: bool,
+        self, program: Program, name: str, most: int, format_part: Callable[[ProgramPart], dict[str, str]],
+        format_main: Callable[[ProgramPart], dict[str, str]] | None, *, linear: bool,
     ) -> dict[str, str]:  # fmt: skip
         """Return the files of a program of joint moves, or of lines, by their names."""
         ending = self.endings[linear]
@@ -158,9 +145,9 @@ class ProgramForm:
         events = phrase_events(program.events, program.wiring, self.phrases, self.title)
         texts: dict[str, str] = {}
         for part, rows in parts.items():
-            texts |= format_part(Part(program, whole, part, parts, rows, linear, moves, events))
+            texts |= format_part(ProgramPart(program, whole, part, parts, rows, linear, moves, events))
         if format_main and (len(parts) > 1 or not self.single):
-            texts |= format_main(Part(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
+            texts |= format_main(ProgramPart(program, whole, whole, parts, slice(0, 0), linear, moves, {}))
         return texts
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from compplan.controllers.writers.frames import place_numbers, place_table
-from compplan.controllers.writers.language import Part, ProgramForm, change
+from compplan.controllers.writers.language import ProgramForm, ProgramPart, change
 from compplan.controllers.writers.machine import Phrases, Signal, name_signal
 from compplan.controllers.writers.post import CellWords, check_cell, render_own, render_post
 from compplan.controllers.writers.program import Program, head_lines
@@ -75,7 +75,7 @@ def write(program: Program, folder: Path, most: int | None = None) -> list[Path]
     return FORM.write(program, folder, most, _format_part, _format_project, can=program.tcp is not None)
 
 
-def _format_part(part: Part) -> dict[str, str]:
+def _format_part(part: ProgramPart) -> dict[str, str]:
     number = [*part.parts].index(part.name) + 1
     events = {row: _wait_for(lines) if part.linear or row >= 0 else lines for row, lines in part.events.items()}
     part = replace(part, events=events)
@@ -88,7 +88,7 @@ def _format_part(part: Part) -> dict[str, str]:
     return {f"{part.whole}/part{number}.pgx": _format_program(f"part{number}", code)}
 
 
-def _format_project(part: Part) -> dict[str, str]:
+def _format_project(part: ProgramPart) -> dict[str, str]:
     """Return what a project holds beside its parts: list of programs, data, and the programs that start and stop it."""
     names = [f"part{number}" for number in range(1, len(part.parts) + 1)]
     words = {"name": part.whole, "parts": names}
@@ -112,7 +112,7 @@ def _remarks(program: Program, linear: bool) -> list[str]:
     return [*head_lines(program), *load, *notes]
 
 
-def _format_moves(part: Part, number: int) -> list[list[str]]:
+def _format_moves(part: ProgramPart, number: int) -> list[list[str]]:
     """Return plain motion lines of a part: lines and arcs of the tool, joint moves where they stand alone."""
     usual = f"{1e3 * ZONES['val3'].size:g}"
     stands, lines, quick, through = {"leave": f"mPath.leave={usual}", "reach": f"mPath.reach={usual}"}, [], 0, 0
@@ -148,7 +148,7 @@ def _list_signals(program: Program) -> list[tuple[str, str, list[str]]]:
     return [(name, "dio", ['link=""']) for name in dict.fromkeys(names) if program.events]
 
 
-def _list_data(part: Part) -> list[tuple[str, str, list[str]]]:
+def _list_data(part: ProgramPart) -> list[tuple[str, str, list[str]]]:
     """Return name, type and values of the data of a project: points, feeds, tool, part frame, motion descriptors."""
     program, limits = part.program, 'tmax="99999" rmax="99999"'
     tool, base = (
