@@ -51,9 +51,8 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
     for kind, columns in (("J", 6), ("L", 8)):
         rows = []
         for part in (1, 2, 3):
-            ending, point = ("dat", r"^PT\[\d+\]=\{(.*)\}") if kind == "J" else ("src", r"^LIN \{(.*)\}")
-            text = (tmp_path / f"{legal_name(program.name, 21)}_{kind}{part}.{ending}").read_text()
-            points = re.findall(point, text, re.M)
+            text = (tmp_path / f"{legal_name(program.name, 21)}_{kind}{part}.src").read_text()
+            points = re.findall(r"^(?:LIN|PTP) \{(.*)\}" if kind == "J" else r"^LIN \{(.*)\}", text, re.M)
             assert len(points) <= 20
             rows += [read_krl(point)[:columns] for point in points]
         table, kept = np.array(rows), np.full(N, True) if kind == "J" else ~program.alone(linear=True)
@@ -75,7 +74,7 @@ def test_krl_programs_hold_joints_and_poses(tmp_path: Path) -> None:
 def test_krl_programs_of_a_rail_move_the_external_axis(tmp_path: Path) -> None:
     program = make_program("kuka_kr240_rail")
     write_program(program, "krl", tmp_path)
-    text = next(tmp_path.glob("*_J1.dat")).read_text()
+    text = next(tmp_path.glob("*_J1.src")).read_text()
     rail = [float(value) for value in re.findall(rf"E1 ({NUMBER})", text)][:N]
     assert rail == pytest.approx(program.joints[:, 0], abs=1e-4)
 
@@ -89,14 +88,14 @@ def test_val3_projects_hold_joints_feeds_and_the_tool(tmp_path: Path) -> None:
     space = {"v": "http://www.staubli.com/robotics/VAL3/Data/2"}
     root = ElementTree.fromstring(next(project.glob("*.dtx")).read_text())
     data = {element.get("name"): element for element in root.iterfind(".//v:Data", space)}
-    joints, feeds = [], []
+    joints = []
     for part in (1, 2, 3):
         points = data[f"jPath{part}"].findall("v:Value", space)
         assert int(data[f"jPath{part}"].get("size", 0)) == len(points) <= 20
         joints += [[float(point.get(f"j{index}", "nan")) for index in range(1, 7)] for point in points]
-        feeds += [float(value.get("value", "nan")) for value in data[f"nFeed{part}"].findall("v:Value", space)]
     assert np.abs(np.array(joints) - program.joints).max() <= 0.5e-6
-    assert np.array(feeds) == pytest.approx(np.where(program.rapid, 0, 20))
+    feeds = {move.feed for move in read_val3(project) if move.percent is None}
+    assert feeds == {20.0}
     tool = data["tTool"].find("v:Value", space)
     assert tool is not None and float(tool.get("z", "nan")) == pytest.approx(275.7)
     listed = re.findall(r'<Program file="(.*?)"', next(project.glob("*.pjx")).read_text())
