@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
 from compplan.io.notes import Stop
 from compplan.io.tables import Array
 from compplan.job.job import Job

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compplan.controllers.writers.frames import flange_turn, place_numbers, rotation_vectors
-from compplan.controllers.writers.joint_convention import load_controller
-from compplan.controllers.writers.pendant import locate_pendant
+from compplan.controllers.writers.joint_convention import load_controller, locate_pendant
 from compplan.io.notes import list_stops
 from compplan.io.quantities import (
     format_length,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -65,24 +65,12 @@ class ProgramPart:
         """The moves of this file."""
         return self.every[self.rows]
 
-    @property
-    def before(self) -> list[str]:
-        """Lines of what happens before the first move."""
-        return self.events.get(-1, []) if self.rows.start == 0 else []
-
     def weave(self, lines: Sequence[Sequence[str]], indent: str = "") -> list[str]:
         """Return the lines of each move with those of what happens behind it."""
-        woven = list(self.before)
+        woven = list(self.events.get(-1, [])) if self.rows.start == 0 else []
         for move, own in zip(self.moves, lines, strict=True):
             woven += [*own, *self.events.get(move.row, [])]
         return [indent + line for line in woven]
-
-    def loops(self) -> Iterator[tuple[int, int, list[str]]]:
-        """Yield stretches of moves that nothing happens within: first and last move, and the lines behind them."""
-        first, start, stop = 0, self.rows.start, self.rows.stop
-        for row in [*sorted(row for row in self.events if start <= row < stop - 1), stop - 1]:
-            yield first, row - start, self.events.get(row, [])
-            first = row - start + 1
 
 
 @dataclass(frozen=True)
